@@ -10,15 +10,14 @@ import os
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.cases.case import toml_key, toml_text
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["draft", "guessed_roles"]
 
-Floats = NDArray[np.float64]
 
 _SYMMETRY = ("sym",)
 _FAR = ("far", "inlet", "outlet", "inflow", "outflow", "outer")

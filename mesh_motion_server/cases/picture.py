@@ -41,11 +41,8 @@ def write_picture(
 
     Parameters
     ----------
-    path : path
-    title : str
     before, after : Snapshot
         The mesh at opening and after its worst step.
-    steps : sequence of StepRecord
     metric : str
         The quality metric of the steps' predictions.
     last : str

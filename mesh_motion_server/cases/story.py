@@ -29,7 +29,6 @@ class Story:
 
     Attributes
     ----------
-    step : int
     outcome : {"committed", "lost", "open"}
         Lost: a crash reset the session to an earlier step (durability ``relaxed``), and the step was not begun again.
     why : list of str

@@ -17,6 +17,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.packages import reason_of
 from mesh_motion_server.files.replace import replacing
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["read_archive", "read_npz", "read_points", "write_npz"]
 
@@ -57,7 +58,7 @@ def write_npz(path: Path | str, mesh: MeshFile) -> None:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
-def read_points(path: Path, shape: tuple[int, ...]) -> NDArray[np.float64]:
+def read_points(path: Path, shape: tuple[int, ...]) -> Floats:
     """Coordinates of a ``.npy`` file, such as ``points.npy`` of a run.
 
     Raises

@@ -50,8 +50,6 @@ class Inspection:
 
     Attributes
     ----------
-    folder, session, label : str
-    dimension, partitions, nodes : int
     durability : str
         The session's level.
     settings : dict
@@ -64,8 +62,6 @@ class Inspection:
         State digest of the last committed step, hexadecimal; empty at step 0.
     state : {"whole", "unfinished", "damaged", "unbuilt"}
         ``unfinished``: a crash left something that the next RESUME completes or drops without loss.
-    records : tuple of RecordLine
-    checks : tuple of Check
     """
 
     folder: str

@@ -40,8 +40,6 @@ class StoredSession:
 
     Attributes
     ----------
-    session, label : str
-    dimension, partitions, step : int
     state : State
         READY, or FAILED when its files do not verify.
     owner : str
@@ -100,12 +98,7 @@ def _settled(stamp: Stamp) -> bool:
 
 
 class Listing:
-    """Describes sessions by their folders.
-
-    Parameters
-    ----------
-    files : FileSystem
-    """
+    """Describes sessions by their folders."""
 
     def __init__(self, files: FileSystem) -> None:
         self._files = files

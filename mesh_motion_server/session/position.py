@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.errors import SessionError
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.model import Model, checked_warnings
 from mesh_motion_server.session.partitions.meshes import MergedMesh
@@ -19,7 +17,6 @@ from mesh_motion_server.session.values import Built, CurrentState
 
 __all__ = ["WRITING", "Position"]
 
-Floats = NDArray[np.float64]
 
 WRITING = (State.READY, State.TRIAL, State.SUSPENDED)
 """States that a disk which failed unasked turns into FROZEN."""

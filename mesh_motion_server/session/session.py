@@ -17,11 +17,11 @@ from functools import cache, partial
 
 import numpy as np
 from mesh_motion_protocol.digests import state_digest
-from numpy.typing import NDArray
 
 from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.errors import JournalError, SessionError
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.finite_volume import face_measures
 from mesh_motion_server.numerics.motion.acceptance import quality_warnings, refuse_unacceptable
 from mesh_motion_server.numerics.quality.quality_summary import QualitySummary
@@ -44,8 +44,6 @@ from mesh_motion_server.settings import ServerSettings
 
 __all__ = ["Session"]
 
-Floats = NDArray[np.float64]
-
 
 class Session(Position):
     """A session and its folder.
@@ -54,8 +52,6 @@ class Session(Position):
     ----------
     folder : SessionFolder
         Held by this process.
-    limits : ServerSettings
-    build_model : callable
 
     Attributes
     ----------

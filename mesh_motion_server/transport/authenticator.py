@@ -34,8 +34,6 @@ class Authenticator:
 
     Parameters
     ----------
-    context : zmq.Context
-    allow_list : AllowList
     handshakes : str
         ipc endpoint for the workers.
 

@@ -49,8 +49,6 @@ class Control:
 
     Parameters
     ----------
-    registry : Registry
-    settings : ServerSettings
     start : callable
         Order for a worker → the child process that executes it.
     send : callable

@@ -50,7 +50,6 @@ class GatewayLine:
     ----------
     endpoint : str
         Where it listens, after the start: port 0 is replaced by the actual port.
-    child : Child or None
     answered_at : float
         When its loop last answered, on the monotonic clock.
     """

@@ -124,12 +124,7 @@ class RequestBook:
 
 
 class Registry:
-    """The live sessions, and the store for all others.
-
-    Parameters
-    ----------
-    store : SessionStore
-    """
+    """The live sessions, and the store for all others."""
 
     def __init__(self, store: Any) -> None:
         self._store = store

@@ -50,8 +50,6 @@ class Supervisor:
 
     Parameters
     ----------
-    settings : ServerSettings
-    hosting : Hosting
     level : str
         Log level, handed to the children.
     protection : Protection, optional

@@ -61,7 +61,6 @@ class _Line(logging.Formatter):
         self._json = json_lines
 
     def format(self, record: logging.LogRecord) -> str:
-        """See :class:`logging.Formatter`."""
         raised = places_of_exception(record.exc_info[1]) if record.exc_info else {}
         values = _NAMES | getattr(record, "values", {}) | raised
         at, event = datetime.fromtimestamp(record.created, UTC).isoformat().replace("+00:00", "Z"), record.getMessage()

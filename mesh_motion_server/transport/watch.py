@@ -45,10 +45,8 @@ class Watch:
 
     Parameters
     ----------
-    settings : ServerSettings
     level : str
         Log level, handed to the attendants.
-    manager : ServiceManager
     disk : DiskWatch
         Of the state folder.
 

@@ -83,8 +83,6 @@ class Worker:
         To the supervisor.
     socket : zmq.Socket
         Bound ROUTER.
-    host : SessionHost
-    settings : ServerSettings
     rights : Rights
         Which requests each user may make to this session.
     """

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.mesh_file import FloatArray, IntArray
 from mesh_motion_server.files.packages import load_h5py, reason_of
+from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["Node", "open_cgns"]
 
@@ -107,11 +107,11 @@ class Node:
         """The array as characters."""
         return self._array("iuS").tobytes().decode("utf-8", errors="replace").rstrip("\0 ") if self._has_data else ""
 
-    def integers(self) -> IntArray:
+    def integers(self) -> Integers:
         """(k,) the array, in the order of the file."""
         return self._array("iu").astype(np.int64).ravel()
 
-    def reals(self) -> FloatArray:
+    def reals(self) -> Floats:
         """(k,) the array as real numbers."""
         return self._array("f").astype(np.float64).ravel()
 

@@ -29,7 +29,6 @@ class RequestId:
     ----------
     client : bytes
         16-byte UUID of the client.
-    sequence : int
     content : bytes
         sha256 of all that the request says, except its epoch: a repeat after RESUME is the same request.
     """

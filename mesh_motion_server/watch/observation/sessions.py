@@ -46,9 +46,6 @@ class SessionView:
 
     Attributes
     ----------
-    session, label, durability : str
-    folder : str
-    dimension, partitions : int
     step : int
         The last committed step in the journal, or in the history if that is later (``relaxed``) and not lost in a crash
         (a process still holds the session).

@@ -56,7 +56,6 @@ class Recent:
         Unix time of the latest event; 0 if there is none.
     iteration : int
         Iteration of the current trial; 0 if there is none.
-    threshold : float or None
     commits : deque of (at, step, minimum)
         The latest commits, oldest first.
     final_step : int
@@ -187,7 +186,6 @@ def verdict(recent: Recent, now: float, *, worker: str = "alive") -> Verdict:
 
     Parameters
     ----------
-    recent : Recent
     now : float
         Unix time.
     worker : str

@@ -44,16 +44,10 @@ class Page:
 
     Parameters
     ----------
-    state_folder : Path
     build : dict
         Versions.
     insecure : bool
         Whether other addresses than the loopback may reach it.
-
-    Attributes
-    ----------
-    app : ASGI application
-    live : Live
     """
 
     def __init__(self, state_folder: Path, build: dict[str, str], *, insecure: bool = False) -> None:

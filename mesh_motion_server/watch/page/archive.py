@@ -45,10 +45,6 @@ Value = TypeVar("Value")
 class Archive:
     """The data of a state folder.
 
-    Parameters
-    ----------
-    state_folder : Path
-
     Attributes
     ----------
     lists, histories, meshes : ThreadPoolExecutor

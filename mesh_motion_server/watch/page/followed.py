@@ -8,8 +8,8 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.watch.observation.series import PHASES, Series
 
 __all__ = ["MOST_POINTS", "Followed", "plain_column"]
@@ -121,7 +121,7 @@ class Followed:
         return {"of": "uploaded", "step": 0, "cells": quality.get("worst", [])}
 
 
-def plain_column(column: NDArray[np.float64]) -> list[float | None]:
+def plain_column(column: Floats) -> list[float | None]:
     """Numbers (n,) with as many digits as a chart shows; None for NaN and infinity."""
     finite = np.isfinite(column)
     safe = np.where(finite, column, 0.0)

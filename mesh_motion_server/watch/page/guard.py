@@ -39,7 +39,6 @@ class Guard:
 
     Parameters
     ----------
-    app : ASGI application
     insecure : bool
         Whether addresses outside the loopback are accepted as names of this server.
     """

@@ -20,12 +20,7 @@ _NOBODY = ("", "none")
 
 
 class Overview:
-    """Makes the list.
-
-    Parameters
-    ----------
-    state_folder : Path
-    """
+    """Makes the list."""
 
     def __init__(self, state_folder: Path) -> None:
         self._sessions = Sessions(state_folder)

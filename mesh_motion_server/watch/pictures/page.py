@@ -46,7 +46,6 @@ class Page:
         mm.
     height : float or None
         mm; None: the height of the content.
-    theme : Theme
     points : float
         Size of the type.
     dpi : int

@@ -22,7 +22,6 @@ def read_runs(folders: Sequence[Path], metric: str | None = None) -> list[Run]:
 
     Parameters
     ----------
-    folders : sequence of path
     metric : str, optional
         One of :data:`~.runs.METRICS`.
 

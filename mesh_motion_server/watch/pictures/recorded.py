@@ -35,7 +35,6 @@ def read_recorded(folder: Path, metric: str | None = None) -> Run:
 
     Parameters
     ----------
-    folder : path
     metric : str, optional
         One of :data:`~.runs.METRICS`; None: the session's own.
 
@@ -68,7 +67,6 @@ def recorded_pair(
 
     Parameters
     ----------
-    folder : path
     metric : str, optional
         None: the session's own.
     first, last : int, optional
