@@ -5,8 +5,6 @@ estimates from the counts of nodes and control points, good to a factor of two o
 rates were measured on (2 cores).
 """
 
-from __future__ import annotations
-
 import time
 from contextlib import suppress
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Compare a recorded session with its replays: one column each, and whether the states are bitwise equal."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

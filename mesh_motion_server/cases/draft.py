@@ -4,8 +4,6 @@ Roles are guesses. The name of a patch can tell that it is a symmetry plane or a
 the mesh, which does not reach the sides of the box around all nodes, is a moving body, and all other patches are fixed.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

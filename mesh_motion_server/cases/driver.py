@@ -3,8 +3,6 @@
 Tests replace :class:`Driver` by a test double; all other code talks to a server over the wire.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field

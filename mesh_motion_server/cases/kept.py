@@ -4,8 +4,6 @@ The folder ``.session`` in the results has the session's credentials, a private 
 each step, and the coordinates after the worst step.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass

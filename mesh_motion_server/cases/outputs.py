@@ -6,8 +6,6 @@ A refused case leaves the results of the steps before, with ``accepted.npy`` (th
 first, so a folder only has results of the last case.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

@@ -4,8 +4,6 @@ A 3D mesh is cut by a plane through its moving boundary, across the axis along w
 matplotlib is an extra (``plot``); it is imported when something is drawn.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ Each step has several coupling iterations: Moves that start from the same commit
 displacement, as a relaxed fixed-point iteration does. The last one is committed.
 """
 
-from __future__ import annotations
-
 import resource
 import sys
 import time

@@ -1,7 +1,5 @@
 """Read what a replay needs from a stored session's folder: mesh, settings, boundary motion and results."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path

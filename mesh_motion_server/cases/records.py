@@ -1,7 +1,5 @@
 """The results of each step of a played case: computed from coordinates, or reported by the server."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields

@@ -1,7 +1,5 @@
 """Write the mesh of a refused step for inspection: refused.vtu, and its worst cells."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -5,8 +5,6 @@ trials that were rolled back and restarts do not affect the committed state: wit
 on the same machine, the state digests are equal, bit for bit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Describe what happened at a step and why: turns the events of a history into lines of text."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The numbers of one section of a Gmsh file, ASCII or binary, in the order of the format."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Protocol
 

@@ -4,8 +4,6 @@
 ``patch_<name>`` (p,) int64 node ids, 0-based. Other arrays are refused. Narrower floats and integers are widened.
 """
 
-from __future__ import annotations
-
 import zipfile
 from pathlib import Path
 from typing import TypeVar

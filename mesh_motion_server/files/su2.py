@@ -6,8 +6,6 @@ without blanks or empty, rows with or without their number at the end, two count
 https://su2code.github.io/docs_v7/Mesh-File/
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -9,8 +9,6 @@ These formats have no patches. They are taken from arrays with agreed names:
 On cells, only cells of lower dimension than the mesh count: the faces of a 3D mesh, the edges of a 2D mesh.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import tempfile

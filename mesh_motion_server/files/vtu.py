@@ -6,8 +6,6 @@ for this order, also for wedges (older VTK documents say otherwise; a test check
 https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from html import escape  # xml.sax.saxutils has the same and imports the web
 from pathlib import Path

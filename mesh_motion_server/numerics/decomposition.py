@@ -11,8 +11,6 @@ G. Irving, J. Teran, R. Fedkiw, Invertible finite elements for robust simulation
 singular values).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ It changes nothing and takes no lock: it may be used on a live session. A commit
 unfinished.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass

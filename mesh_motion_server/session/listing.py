@@ -4,8 +4,6 @@ Every program that watches a server asks for a list every few seconds, but the s
 content read from a file is cached as long as the file is the same: its inode, size, and times.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections import OrderedDict

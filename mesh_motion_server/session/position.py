@@ -1,7 +1,5 @@
 """Where a session is: its state, its steps and its mesh, and which requests fit there."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

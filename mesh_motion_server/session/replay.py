@@ -7,8 +7,6 @@ iterations before the committed one do not matter; of a cluster's size this is n
 what computed it, and a session that was closed needs no recomputation (``journal.durability``).
 """
 
-from __future__ import annotations
-
 import platform
 import time
 from collections.abc import Callable, Sequence

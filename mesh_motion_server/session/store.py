@@ -13,8 +13,6 @@ The digests of ``spec.json`` and ``mesh.bin`` are in the journal's first record.
 built: it is not durable, cannot be resumed, and its folder is removed when nobody holds it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import re

@@ -3,8 +3,6 @@
 No sockets and no processes: the supervisor passes in the functions that start workers and send replies.
 """
 
-from __future__ import annotations
-
 import contextlib
 import secrets
 import time

@@ -3,8 +3,6 @@
 Values only: no process, no socket. The supervisor uses them.
 """
 
-from __future__ import annotations
-
 import hmac
 from bisect import bisect_right
 from collections import OrderedDict, deque

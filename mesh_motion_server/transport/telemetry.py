@@ -3,8 +3,6 @@
 Limits of frequency, length and exceptions: :mod:`.log_bounds`; streams that accept no line: :mod:`.log_stream`.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import sys

@@ -4,8 +4,6 @@ It forks a worker for each line that the supervisor hands over. The worker gets 
 one from its journal; then it listens and serves (:mod:`.worker`).
 """
 
-from __future__ import annotations
-
 import gc
 import importlib
 import os

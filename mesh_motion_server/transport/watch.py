@@ -3,8 +3,6 @@
 The supervisor's loop calls :meth:`Watch.beat`, so each report also shows that the loop runs.
 """
 
-from __future__ import annotations
-
 import platform
 import time
 from collections import Counter

@@ -7,8 +7,6 @@ The lease holds while any connection is open. ``lease_seconds`` after the last o
 ``idle_seconds`` the process ends; the session stays resumable. A session without a mesh ends with its lease.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """The boundary conditions of a CGNS zone: the patch of each, and the nodes or elements that it lists."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ Element numbers continue through all sections. Before version 4 (in fact 3.4) MI
 https://cgns.github.io/CGNS_docs_current/sids/conv.html#unstructgrid
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Polyhedral zones of CGNS as meshes by faces: NGON_n sections are the faces, NFACE_n or their parents the cells."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ names; for polyhedra, these are the NGON_n sections that have no face between tw
 https://cgns.github.io/CGNS_docs_current/sids/index.html
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path

@@ -5,8 +5,6 @@ nodes, and its faces are the cells. A point of the other plane belongs to the no
 of more than four points becomes triangles around a node in its middle.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ layer of cells between empty patches becomes a mesh in the plane (:mod:`.plane`)
 the same. Patches keep their names; empty patches and patches without faces are dropped.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

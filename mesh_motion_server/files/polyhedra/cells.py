@@ -5,8 +5,6 @@ the other ends of the edges that leave the base's nodes. The cell has the candid
 :data:`~mesh_motion_server.numerics.mesh.local_facets.LOCAL_FACETS`; otherwise it is a polyhedron, like all other cells.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 Each face has an owner cell, which its normal points out of. Inner faces come first and also have a neighbour cell.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path

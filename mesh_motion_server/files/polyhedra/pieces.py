@@ -7,8 +7,6 @@ edge. The cell on the other side of such a face is divided in the same way, even
 fit. So is a simple cell with an inverted corner. The mesh's own points keep their numbers; middles and centres follow.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

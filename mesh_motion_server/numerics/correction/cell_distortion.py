@@ -14,8 +14,6 @@ there, as in the metric: otherwise a cell that was poor at rest could compensate
 The derivatives use the corners' Jacobians, see kernels/src/correction/cells.h.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

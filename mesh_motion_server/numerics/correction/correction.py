@@ -20,8 +20,6 @@ only: :mod:`.smooth_in_time`).
 threshold in less time than the setup of an enrichment takes, at every measured size, and end at a better quality.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

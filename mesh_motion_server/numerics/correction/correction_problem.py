@@ -1,7 +1,5 @@
 """The input of a correction: a predicted motion, which correction to use, and how far to raise the quality."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

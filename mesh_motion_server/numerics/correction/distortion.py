@@ -23,8 +23,6 @@ J. M. Escobar et al., Simultaneous untangling and smoothing of tetrahedral meshe
 V. Garanzha et al., Foldover-free maps in 50 lines of code, ACM Trans. Graph. 40 (2021).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mesh_motion_kernels as kernels

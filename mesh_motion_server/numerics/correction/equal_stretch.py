@@ -4,8 +4,6 @@ The cells between two held nodes together absorb the change of their distance, s
 when all τ are equal.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats, Integers

@@ -5,8 +5,6 @@ not on the mesh. Scatters from corners to nodes are gathers over fixed lists: no
 order for any number of threads.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

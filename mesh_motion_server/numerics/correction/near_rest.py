@@ -12,8 +12,6 @@ A flow solver takes every displacement of a node for a velocity. So no node move
 :data:`_FURTHEST` times the boundary: a large step is raised, a short time step of a coupled run is left as it is.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

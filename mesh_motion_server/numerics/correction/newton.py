@@ -8,8 +8,6 @@ Newton method needs no more accuracy (Dembo, Eisenstat & Steihaug, SIAM J. Numer
 A :class:`QuadraticTerm` may be added to the distortion, and :class:`Accuracy` says where to stop.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

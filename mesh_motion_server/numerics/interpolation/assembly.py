@@ -1,7 +1,5 @@
 """Entries of the interpolation matrix: dense blocks, and sparse rows found through the cells of centres."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import mesh_motion_kernels as kernels

@@ -1,7 +1,5 @@
 """Checks that the points that an interpolation starts from are distinct."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree

@@ -7,8 +7,6 @@ centres.
 (a far-field grid, workers of an engine that have the points) is an :class:`Evaluator` too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable

@@ -1,7 +1,5 @@
 """The source of a motion's factorizations: made each time here, taken from a cache in a session."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass

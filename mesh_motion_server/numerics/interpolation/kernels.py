@@ -12,8 +12,6 @@ supported radial functions of minimal degree", Adv. Comput. Math. 4 (1995) 389â€
 scattered data", Constr. Approx. 2 (1986) 11â€“22. The thesis reproduces de Boer's tables as 2.1 and 2.2.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal

@@ -13,8 +13,6 @@ If control points are so close to each other or to an image that the matrix woul
 them, as on other boundaries (:mod:`.two_scale.factorization`).
 """
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 

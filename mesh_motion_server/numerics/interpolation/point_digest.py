@@ -5,8 +5,6 @@ hashed on all threads by four lanes of multiplications and rotations each (the r
 by SHA-256. It is one pass over the coordinates at memory speed; SHA-256 over all of them would take ten times as long.
 """
 
-from __future__ import annotations
-
 import hashlib
 
 import mesh_motion_kernels as kernels

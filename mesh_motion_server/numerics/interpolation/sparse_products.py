@@ -1,7 +1,5 @@
 """Products of a sparse matrix with few columns at once, compiled: each row is one thread's sum, in stored order."""
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
 from scipy.sparse import csr_array

@@ -23,8 +23,6 @@ What is best for one motion of a mesh is not for another: bodies that are presse
 channel want a radius near the width of the gap, which ruins large motions of the same bodies (docs/beyond.md).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial import cKDTree
 

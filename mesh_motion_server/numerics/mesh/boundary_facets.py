@@ -1,7 +1,5 @@
 """The boundary of a mesh: facets that belong to exactly one cell."""
 
-from __future__ import annotations
-
 from weakref import WeakKeyDictionary
 
 import numpy as np

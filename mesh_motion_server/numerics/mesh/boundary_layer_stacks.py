@@ -5,8 +5,6 @@ share the wall node at the foot of their column, even if the column leans over a
 bisector of a concave corner.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Integers, Marks

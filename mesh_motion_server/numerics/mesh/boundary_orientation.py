@@ -6,8 +6,6 @@ positive for an outer boundary and negative for a hole, and keeps its sign as lo
 of a baffle are a hole without volume; when they separate, V becomes negative.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -5,8 +5,6 @@ centroid plus the largest facet's radius. Among those candidates the closest poi
 lowest is taken.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import mesh_motion_kernels as kernels

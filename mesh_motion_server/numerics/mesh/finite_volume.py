@@ -18,8 +18,6 @@ OpenFOAM v1912, src/OpenFOAM/meshes: ``primitiveMeshFaceCentresAndAreas``, ``pri
 ``primitiveMeshTools::faceOrthogonality``, ``::faceSkewness``, ``::boundaryFaceSkewness``, ``polyMeshTools::volRatio``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any

@@ -5,8 +5,6 @@ References
 G. M. Morton, A computer oriented geodetic data base and a new technique in file sequencing, IBM (1966).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Checks that the patches of a mesh are usable and cover its boundary."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import combinations
 

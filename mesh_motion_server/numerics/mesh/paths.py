@@ -11,8 +11,6 @@ W. Kabsch, "A solution for the best rotation to relate two sets of vectors", Act
 Murray, Z. Li, S. S. Sastry, *A Mathematical Introduction to Robotic Manipulation*, CRC 1994, §2.3 (twists).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

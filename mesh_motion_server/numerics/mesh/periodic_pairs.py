@@ -7,8 +7,6 @@ along it. In both cases every node must then have an image among the other patch
 spacing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Points of one, two or three coordinates: padded to three coordinates, and their bounding box."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats

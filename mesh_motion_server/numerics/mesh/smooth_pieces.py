@@ -4,8 +4,6 @@ A patch may be one side of a box, all of its sides, or a pipe with its ends: nod
 not round a sharp edge. Facets that share a side and whose normals differ by less than 40° belong to one piece.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The distance between neighbouring points."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial import cKDTree
 

@@ -1,7 +1,5 @@
 """What a method accepts: what it refuses or warns of, which part of a refused motion it takes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -18,8 +18,6 @@ around each other
     two bodies that exchange their places do not meet half way
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

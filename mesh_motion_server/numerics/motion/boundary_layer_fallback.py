@@ -5,8 +5,6 @@ valid mesh is found with the rest, the layer gives way near the worst cells, and
 also gives way if the mesh is nearly inverted and its minimum quality at least doubles without the layer.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The field is that of :class:`.standard_motion.StandardMotion` from the reference
 depends on the nodes with a role and on the box of the mesh only, so it is bitwise that of the whole mesh.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self

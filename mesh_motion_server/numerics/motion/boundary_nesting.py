@@ -9,8 +9,6 @@ References
 A. Van Oosterom, J. Strackee, "The solid angle of a plane triangle", IEEE Trans. Biomed. Eng. 30 (1983) 125–126.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -4,8 +4,6 @@ The arrays are as large as the mesh, so each is written once or, where only few 
 summed, so the results are the same for any number of threads.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import mesh_motion_kernels as kernels

@@ -6,8 +6,6 @@ and none was given. Conditionally definite functions are usable only with the li
 points must determine.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

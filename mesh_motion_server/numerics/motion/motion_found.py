@@ -1,7 +1,5 @@
 """The result of one motion of a mesh: positions, qualities, what the correction did, and what it cost."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from mesh_motion_server.numerics.arrays import Floats, Integers

@@ -1,7 +1,5 @@
 """The data that every motion of a session needs and none changes: the reference mesh, its roles, and derived data."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -6,8 +6,6 @@ way (:mod:`.body_paths`). The length of a leg adapts: after a leg whose plain in
 doubled, until a leg fails; a leg that fails is halved. No choice depends on computing time or on earlier motions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple

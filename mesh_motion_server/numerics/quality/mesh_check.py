@@ -8,8 +8,6 @@ Boundary nodes in no patch are allowed: they follow the interpolation like inter
 them; those behind fixed nodes do not move. That is rarely wanted at a wall, hence the warning.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple, NoReturn
 

@@ -10,8 +10,6 @@ the range of its nodes' displacements is 45 times the true distortion; without t
 much as evaluating all cells.
 """
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray

@@ -6,8 +6,6 @@ neighbours lie on the same side of a facet, which
 :func:`~mesh_motion_server.numerics.mesh.boundary_facets.boundary_facets` detects.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ One algorithm per module, all called ``reduce(problem) -> Reduced``; :data:`REDU
 remains at the boundary nodes is in ``Reduced.error``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import wraps
 

@@ -9,8 +9,6 @@ References
 C. Li, Q. Xu, D. Xu et al., the thesis' [30]; described in thesis §2.2.3 with (2.11), (2.12) and Fig 2.7.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 from mesh_motion_server.numerics.arrays import Floats, Integers

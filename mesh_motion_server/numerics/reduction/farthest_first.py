@@ -6,8 +6,6 @@ Gonzalez, Theoret. Comput. Sci. 38 (1985) 293–306). The nested, well separated
 of Kedward's refinement points are prefixes of it.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import mesh_motion_kernels as kernels

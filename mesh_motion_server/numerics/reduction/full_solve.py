@@ -1,7 +1,5 @@
 """Weights of a selected set by a fresh Cholesky factorization: φ_cc γ = d_c, thesis (2.4) without a polynomial."""
 
-from __future__ import annotations
-
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation.factorizations.dense import PanelCholesky
 from mesh_motion_server.numerics.reduction.problem import ReductionProblem

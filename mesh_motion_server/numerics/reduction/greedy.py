@@ -11,8 +11,6 @@ T. C. S. Rendall, C. B. Allen, "Efficient mesh motion using radial basis functio
 J. Comput. Phys. 228 (2009) 6231–6249.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

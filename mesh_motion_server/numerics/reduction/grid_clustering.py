@@ -12,8 +12,6 @@ deformation", Adv. Eng. Softw. 107 (2017) 13–37; thesis [43]. There clusters g
 grid needs none.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks

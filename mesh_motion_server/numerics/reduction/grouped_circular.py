@@ -11,8 +11,6 @@ H. Fang et al., "Efficient mesh deformation using radial basis functions with a 
 algorithm", J. Comput. Phys. 433 (2021); thesis [20].
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Integers

@@ -1,7 +1,5 @@
 """A matrix of many rows that grows by columns, in blocks: nothing is copied when it grows."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -5,8 +5,6 @@ With ``φ_cc = L Lᵀ`` the weights are ``γ = L⁻ᵀ y, y = L⁻¹ d``. A furt
 only gains a term, and no substitution is ever repeated.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats, Integers

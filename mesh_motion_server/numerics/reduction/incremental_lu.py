@@ -14,8 +14,6 @@ References
 M. M. Selim, R. P. Koomullil, the thesis' [41]; described in thesis §2.2.3.
 """
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
 

@@ -1,7 +1,5 @@
 """A sum of interpolants, each of the error of those before it; shared by the algorithms that work in levels."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput

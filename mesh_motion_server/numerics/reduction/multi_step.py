@@ -13,8 +13,6 @@ M. S. Floater, A. Iske, "Multistep scattered data interpolation using compactly 
 J. Comput. Appl. Math. 73 (1996) 65–78; thesis [21].
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mesh_motion_server.numerics.reduction.farthest_first import farthest_first

@@ -18,8 +18,6 @@ using radial basis functions", AIAA J. 53 (2015) 1016–1025; thesis [45]. G. Wa
 thesis [44].
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg import solve_triangular
 

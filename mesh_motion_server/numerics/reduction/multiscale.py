@@ -24,8 +24,6 @@ L. Kedward, C. B. Allen, T. C. S. Rendall, "Efficient and exact mesh deformation
 J. Comput. Phys. 345 (2017) 732–751; thesis [28].
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 

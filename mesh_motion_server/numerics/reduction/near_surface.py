@@ -29,8 +29,6 @@ L. Kedward, C. B. Allen, T. C. S. Rendall, J. Comput. Phys. 345 (2017) 732–751
 nodes exact by functions of small support.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats

@@ -16,8 +16,6 @@ T. C. S. Rendall, C. B. Allen, "Reduced surface point selection options for effi
 basis functions", J. Comput. Phys. 229 (2010) 2810–2820.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import mesh_motion_kernels as kernels

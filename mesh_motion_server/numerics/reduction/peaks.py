@@ -1,7 +1,5 @@
 """Local maxima of the error over a boundary, with neighbours taken by distance."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial import cKDTree
 

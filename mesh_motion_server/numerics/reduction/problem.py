@@ -4,8 +4,6 @@ A reduction interpolates the displacement of all boundary nodes from few of them
 convention, ``reduce(problem) -> Reduced``, so that they can be exchanged by name and compared on one footing.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

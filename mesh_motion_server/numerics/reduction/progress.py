@@ -1,7 +1,5 @@
 """What the reductions share: the loop of the greedy ones, errors so far, counted cost, and whether to go on."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import mesh_motion_kernels as kernels

@@ -22,8 +22,6 @@ H. Fang, C. Gong, C. Yu et al., the thesis' [18]; described in thesis §2.2.3. S
 for kernel spaces", J. Approx. Theory 161 (2009) 645–655: the columns of V.
 """
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
 

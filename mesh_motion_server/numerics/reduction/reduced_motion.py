@@ -4,8 +4,6 @@ Joins the point reductions (:mod:`.reduction`) to the standard motion: the metho
 add up on the other.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -17,8 +17,6 @@ the later steps of the log. An input is written before its commit and the outcom
 its input, and the last input of a step is the valid one.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 import zlib

@@ -14,8 +14,6 @@
     answered and is behind the durable step may be lost.
 """
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Callable, Iterator

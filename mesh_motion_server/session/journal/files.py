@@ -1,7 +1,5 @@
 """Reads the journal's files and verifies them; :mod:`.journal` writes them."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from pathlib import Path
 

@@ -4,8 +4,6 @@ The journal and the store do their input and output through :class:`FileSystem` 
 that loses power between any two operations, or one whose operations fail: the code under test is then the real one.
 """
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os

@@ -1,7 +1,5 @@
 """What every level of durability does for a session; each level implements it in its own way."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 

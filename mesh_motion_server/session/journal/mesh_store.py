@@ -7,8 +7,6 @@ then per partition, little-endian and row by row: coordinates (doubles), global 
 (64-bit integers). Its sha256 stands in the journal's first record.
 """
 
-from __future__ import annotations
-
 import hashlib
 import struct
 from collections.abc import Iterator, Sequence

@@ -5,8 +5,6 @@ The thread stores one state at a time, always the newest, with the replies to al
 committed during the last two writes. A crash of the process loses as much as a loss of power.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 

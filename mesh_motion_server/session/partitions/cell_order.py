@@ -1,7 +1,5 @@
 """Cells in the lexicographic order of their nodes: one bucket for each first node, each sorted by the other nodes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -6,8 +6,6 @@ several partitions hold must have the same coordinates in each to 1e-10 of the d
 lowest partition's are taken.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

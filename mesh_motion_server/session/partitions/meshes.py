@@ -5,8 +5,6 @@ The numerics see the one mesh only, so that 1 and n partitions give identical ar
 displacement by each to 1e-12 of the largest one; the lowest partition's value is taken.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -5,8 +5,6 @@ count through the types in the order of :data:`.cells.CELL_TYPES`, within a type
 partitions as uploaded.
 """
 
-from __future__ import annotations
-
 import copy
 import re
 from collections.abc import Mapping

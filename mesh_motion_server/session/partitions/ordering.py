@@ -5,8 +5,6 @@ many becomes the same arrays, hence bitwise the same answers. Near nodes are nea
 kernels need.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats, Integers

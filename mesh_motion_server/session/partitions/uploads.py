@@ -1,7 +1,5 @@
 """The mesh of a session while it comes in: parts per partition, item and name, checked on arrival and counted."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

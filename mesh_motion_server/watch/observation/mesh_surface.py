@@ -3,8 +3,6 @@
 All arrays have numbers of nodes and cells, so they stay valid when coordinates and colours change.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

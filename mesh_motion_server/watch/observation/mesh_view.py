@@ -8,8 +8,6 @@ Of a mesh of more than :data:`MOST_CELLS` cells only the surroundings of its wor
 always the boundary and the worst cells. Quality is computed for all cells.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

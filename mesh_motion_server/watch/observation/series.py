@@ -1,7 +1,5 @@
 """A session's history as columns by step, for charts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """The sessions of a state folder and their states, from their folders alone."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any

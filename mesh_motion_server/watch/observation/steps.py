@@ -1,7 +1,5 @@
 """Summarize the steps of a history, and list all events of one step."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, dataclass
 from pathlib import Path

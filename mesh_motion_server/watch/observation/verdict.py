@@ -1,7 +1,5 @@
 """One line on the state of a session, from the end of its history: the same in the list, the page and the terminal."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections import deque

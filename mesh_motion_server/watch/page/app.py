@@ -1,7 +1,5 @@
 """The web application: the page and its files, its data requests, and the stream of changes."""
 
-from __future__ import annotations
-
 import asyncio
 import gzip
 import mimetypes

@@ -1,7 +1,5 @@
 """The state of a session, collected from its events."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable, Mapping
 from contextlib import suppress

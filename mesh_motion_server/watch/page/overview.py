@@ -1,7 +1,5 @@
 """The list of the server's sessions with a few figures each, from their folders and the list of workers."""
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import asdict

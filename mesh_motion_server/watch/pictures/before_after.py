@@ -4,8 +4,6 @@ A 2D mesh is drawn as it is, a 3D mesh clipped by a plane through its worst cell
 mesh is a cut through that cell.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -5,8 +5,6 @@ looks distorted); before and after it are the same cells. Of these, the outer fa
 in parallel and drawn from far to near: the painter's algorithm, which is exact enough for facets of like size.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

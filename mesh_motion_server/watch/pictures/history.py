@@ -6,8 +6,6 @@ correction, the threshold, and a mark where a motion was refused. For several ru
 colour and dash per run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A mesh in matplotlib axes: its cells, or those of a cut, coloured by quality, and a mark on the worst one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Read the stored meshes for pictures before and after."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from xml.etree import ElementTree as Xml

@@ -1,7 +1,5 @@
 """Read runs and meshes from a session folder, or from a folder that ``mesh-motion play`` wrote."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace

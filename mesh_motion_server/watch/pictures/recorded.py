@@ -1,7 +1,5 @@
 """Runs and meshes of stored sessions: their history, and the last stored state."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Plane polygons of a mesh for drawing: the cells of a 2D mesh, or a 3D mesh's cells cut by a plane."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

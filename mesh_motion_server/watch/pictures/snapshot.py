@@ -1,7 +1,5 @@
 """A mesh at one time for a picture, and the part of it that a picture shows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The terminal's sources of sessions: the folders of a server (without a server), or the list of a running server."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections import deque

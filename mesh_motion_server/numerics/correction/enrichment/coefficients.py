@@ -10,8 +10,6 @@ On a large mesh only a working set of cells is used: the worst cells and a sampl
 all cells, and cells that are worse than the working set join it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, lstsq

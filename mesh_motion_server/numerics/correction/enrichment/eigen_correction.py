@@ -9,8 +9,6 @@ directions, which is the real part of V Λ_new V⁻¹. (Nearly) equal eigenvalue
 would need an unbounded change; they are treated as a complex pair, of which they are the limit.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats

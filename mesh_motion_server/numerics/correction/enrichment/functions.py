@@ -10,8 +10,6 @@ All vanish at their point and beyond R_l. (4.7) as printed has ρ² for ρ and R
 Table 4.1 of the thesis use the forms given here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -10,8 +10,6 @@ for the weights γ and the enrichment's coefficients β, thesis (4.2), (4.3), (4
 and the displacement anywhere is ``[φ  H] [γ; β]``, thesis (4.4), (4.10).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -8,8 +8,6 @@ ways to keep them apart:
 - :func:`local_minima`: the cells below the threshold that are no better than any of their neighbours, thesis (4.11).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

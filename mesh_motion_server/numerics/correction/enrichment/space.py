@@ -8,8 +8,6 @@ vanishes on the boundary nodes: it is thesis (5.16) as a function, or the bounda
 A motion plus these functions keeps its boundary condition for any coefficients.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ Each keeps the data to solve again for other displacements: the coupling iterati
 *linear solver* gives weights; :class:`.conditional.NullSpaceCholesky` gives weights and the polynomial of its basis.
 """
 
-from __future__ import annotations
-
 from typing import Protocol
 
 from mesh_motion_server.numerics.arrays import Floats

@@ -20,8 +20,6 @@ of a step and the enrichment's many columns, so a direct solver is preferred if 
 larger than :data:`~.memory_bound.FACTOR_BYTES` is refused.
 """
 
-from __future__ import annotations
-
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.interpolation.assembly import dense_block, mean_row_entries, sparse_matrix

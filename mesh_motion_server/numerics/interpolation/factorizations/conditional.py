@@ -10,8 +10,6 @@ G. H. Golub, C. F. Van Loan, *Matrix Computations*, 4th ed., §5.2.3 (block refl
 Functions*, Cambridge 2003, ch. 5 (conditional definiteness).
 """
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
 from scipy.linalg import solve_triangular

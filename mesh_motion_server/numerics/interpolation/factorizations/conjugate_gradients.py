@@ -4,8 +4,6 @@ Each iteration applies the matrix once for all of them; each has its own steps. 
 blocks: bitwise the same for any number of threads.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

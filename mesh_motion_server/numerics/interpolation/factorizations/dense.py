@@ -5,8 +5,6 @@ of its diagonal block. Only panels are stored, together half of the square matri
 allocated. LAPACK's factorization of orders near 18 000 can crash a process; here it gets blocks of a few hundred rows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -8,8 +8,6 @@ Because of rounding the recurrences' residual drifts from the true one. So the t
 the system is solved for it again as long as that helps.
 """
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
 

@@ -11,8 +11,6 @@ Appl. 14 (1993) 45–58. F. Schäfer, M. Katzfuss, H. Owhadi, "Sparse Cholesky f
 minimization", SIAM J. Sci. Comput. 43 (2021) A2019–A2046: the coarse-to-fine order for kernel matrices.
 """
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
 from scipy.sparse import csr_array

@@ -4,8 +4,6 @@ SuperLU in symmetric mode: minimum-degree ordering of the matrix' own graph and 
 positive definite matrix allows.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import splu

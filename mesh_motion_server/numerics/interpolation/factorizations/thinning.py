@@ -4,8 +4,6 @@ Nested thinning by grids whose cells halve: a level takes the first point of eve
 Deterministic, O(n log n) per level; the number of levels is the range of the points' spacings in powers of two.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial import cKDTree
 

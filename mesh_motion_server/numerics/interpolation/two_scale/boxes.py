@@ -5,8 +5,6 @@ grid spacing ``h₀ / 2^l`` and covers, a margin wide, the coarse points that ar
 before resolves. Points near each other share a box; the boxes of a level are disjoint.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

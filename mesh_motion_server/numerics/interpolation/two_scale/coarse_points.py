@@ -6,8 +6,6 @@ put many nodes where detail matters, so a small body in a wide domain gets as la
 the nodes, and no part of any surface is left out.
 """
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
 from scipy.spatial import cKDTree

@@ -10,8 +10,6 @@ References
 W. Fong, E. Darve, "The black-box fast multipole method", J. Comput. Phys. 228 (2009) 8712–8725.
 """
 
-from __future__ import annotations
-
 import math
 
 import mesh_motion_kernels as kernels

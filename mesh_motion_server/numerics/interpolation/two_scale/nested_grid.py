@@ -9,8 +9,6 @@ References
 C. de Boor, *A Practical Guide to Splines*, Springer 2001, ch. XII (quasi-interpolants), ch. IX (subdivision).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
