@@ -32,13 +32,18 @@ _Level = Literal["full", "replay", "relaxed"]
 #: Durability levels that a server offers unless it is told otherwise, the default first.
 DURABILITY_LEVELS: tuple[_Level, ...] = ("full", "replay", "relaxed")
 
-#: What the motion of a boundary must be so that its field is all that the volume needs.
-_WITHOUT_VOLUME: dict[str, str | float] = {
-    "displacement": "absolute",
-    "correction": "none",
-    "sub_steps": "never",
-    "boundary_layer_thickness": 0.0,
-    "reduction": "none",
+#: What the motion of a boundary must be so that its field, and regions of bad cells, are all that the volume needs.
+_WITHOUT_VOLUME: dict[str, tuple[str | float, ...]] = {
+    "displacement": ("absolute",),
+    "correction": ("none", "optimised"),
+    "sub_steps": ("never",),
+    "boundary_layer_thickness": (0.0,),
+    "reduction": ("none",),
+}
+#: And with a correction: the best possible mesh frees all nodes.
+_WITH_REGIONS: dict[str, tuple[str | float, ...]] = {
+    "correction_target": ("threshold",),
+    "correction_in_time": ("independent",),
 }
 
 _Length = Annotated[float, Field(gt=0)]
@@ -209,14 +214,17 @@ def check_evaluation(evaluation: str, settings: MethodSettings) -> None:
     InvalidInput
         INVALID_ARGUMENT.SETTINGS, naming the first setting that takes the volume.
     """
-    for key, expected in _WITHOUT_VOLUME.items() if evaluation == "client" else ():
+    if evaluation != "client":
+        return
+    for key, admitted in (_WITHOUT_VOLUME | (_WITH_REGIONS if settings.correction != "none" else {})).items():
         got = getattr(settings, key)
-        if got != expected:
+        if got not in admitted:
+            expected = " or ".join(repr(value) for value in admitted)
             raise InvalidInput(
-                f"evaluation = 'client': expected {key} = {expected!r}, got {got!r}",
+                f"evaluation = 'client': expected {key} = {expected}, got {got!r}",
                 code="INVALID_ARGUMENT.SETTINGS",
-                hint=f"set {key} = {expected!r}, or open the session with evaluation = 'server'",
-                details={"setting": key, "value": got, "expected": expected},
+                hint=f"set {key} = {expected}, or open the session with evaluation = 'server'",
+                details={"setting": key, "value": got, "expected": list(admitted)},
             )
 
 

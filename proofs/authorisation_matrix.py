@@ -37,7 +37,7 @@ __all__ = ["CHECK", "Stage", "one_round"]
 _TIMED = 40
 _JUNK = b"x" * 32
 #: Requests that a session which is built refuses by itself, which shows that they were taken.
-_TOO_LATE = {"UPLOAD", "BUILD", "JUDGE"}
+_TOO_LATE = {"UPLOAD", "BUILD", "JUDGE", "CORRECT"}
 _NEED_TOKEN = ("PROBE", "RESUME", "JOIN")
 
 

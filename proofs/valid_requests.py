@@ -14,7 +14,7 @@ from proofs.ranks import shared_mesh, uploads_of
 __all__ = ["CONTROL", "DATA", "Known", "Request", "upload_of", "valid_request"]
 
 CONTROL = ("HELLO", "OPEN", "RESUME", "LIST", "PROBE", "PING")
-DATA = ("JOIN", "UPLOAD", "BUILD", "MOVE", "JUDGE", "COMMIT", "ROLLBACK", "FETCH", "STATUS", "CLOSE", "PING")
+DATA = ("JOIN", "UPLOAD", "BUILD", "MOVE", "JUDGE", "CORRECT", "COMMIT", "ROLLBACK", "FETCH", "STATUS", "CLOSE", "PING")
 _SETTINGS: tuple[dict[str, Any], ...] = (
     {}, {"basis": "wendland-c4"}, {"correction": "none", "quality_threshold": 0.1}, {"support_radius": 2.5},
     {"reduction": "greedy", "max_control_points": 20},
@@ -128,6 +128,15 @@ def _judge(request: Request, known: Known, _partition: int, _random: Random) -> 
     return {"step": known.step + 1, "part": part, "questions": [{"metric": "size", "way": []}]}
 
 
+def _correct(request: Request, known: Known, _partition: int, random: Random) -> dict[str, Any]:
+    _array(request, "nodes", np.array([[0, 1], [1, 0], [2, 1]]))
+    for name in ("points", "positions"):
+        _array(request, name, np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    _array(request, "corners", np.array([[0], [1], [2]]))
+    region = {"metric": "size", "below": 0.2, "rings": 4, "cells": {"triangle": 1}, "interior": 0, "least": [1.0, 1.0]}
+    return {"step": known.step + 1, "what": random.choice(("trial", "committed")), "part": region}
+
+
 _More = Callable[[Request, Known, int, Random], dict[str, Any]]
 #: Fields beside the address, by type.
 _MORE: Mapping[str, _More] = {
@@ -140,6 +149,7 @@ _MORE: Mapping[str, _More] = {
     "UPLOAD": _upload,
     "MOVE": _move,
     "JUDGE": _judge,
+    "CORRECT": _correct,
     "COMMIT": lambda _r, known, _p, _: {"step": known.step + 1},
     "ROLLBACK": lambda _r, known, _p, _: {"step": known.step + 1},
     "FETCH": lambda _r, _k, _p, random: {"what": random.choice(("committed", "reference"))},

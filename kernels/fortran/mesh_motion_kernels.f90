@@ -36,6 +36,14 @@ module mesh_motion_kernels
       real(c_double) :: worst(9, mesh_motion_worst)
    end type
 
+   type, bind(c) :: mesh_motion_region
+      integer(c_int64_t) :: cells(7)
+      type(c_ptr) :: names(7)
+      integer(c_int64_t) :: nodes, corners
+      type(c_ptr) :: indices, whole, rows
+      real(c_double) :: least_skew, least_size
+   end type
+
    interface
       integer(c_int) function mesh_motion_available_threads() bind(c)
          import
@@ -243,6 +251,22 @@ module mesh_motion_kernels
          integer(c_int64_t), intent(out) :: counts(*), repeated(*), different
          real(c_double), intent(out) :: values(*)
       end function
+
+      ! region: of type mesh_motion_region, by c_f_pointer
+      integer(c_int) function mesh_motion_region_create(tally, n, points, below, rings, around, nodes, region) bind(c)
+         import
+         type(c_ptr), value :: tally
+         integer(c_int64_t), value :: n, rings, around
+         real(c_double), intent(in) :: points(*)
+         real(c_double), value :: below
+         integer(c_int64_t), intent(in) :: nodes(*)
+         type(c_ptr), intent(out) :: region
+      end function
+
+      subroutine mesh_motion_region_free(region) bind(c)
+         import
+         type(c_ptr), value :: region
+      end subroutine
    end interface
 
 contains

@@ -224,6 +224,25 @@ MESH_MOTION_API int mesh_motion_tally_bin(const mesh_motion_tally *tally, const 
                                           const double *way, int64_t *counts, int64_t most, double *values,
                                           int64_t *repeated, int64_t *different);
 
+/* The bad cells of a rank and those about them, which CORRECT of the protocol tells: section 23. */
+typedef struct {
+    int64_t cells[7];     /* how many are told, by type in the list above … */
+    const char *names[7]; /* … which are these */
+    int64_t nodes, corners;
+    const int64_t *indices, *whole; /* (nodes): of their nodes, and 1 where all cells at it are told, else 0 */
+    const int64_t *rows;            /* (corners): of each cell, type after type, the places of its nodes in indices */
+    double least_skew, least_size;  /* of all other cells, relative to them at rest; 1 without any */
+} mesh_motion_region;
+
+/* Cells of the tally whose metric, with nodes at points (n, d), is less than `below`, or that are inverted; and all
+ * within so many rings of cells about these, or about further nodes (around).
+ */
+MESH_MOTION_API int mesh_motion_region_create(const mesh_motion_tally *tally, int64_t n, const double *points,
+                                              double below, int64_t rings, int64_t around, const int64_t *nodes,
+                                              const mesh_motion_region **region);
+/* NULL is admitted. */
+MESH_MOTION_API void mesh_motion_region_free(const mesh_motion_region *region);
+
 #ifdef __cplusplus
 }
 #endif

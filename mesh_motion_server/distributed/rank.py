@@ -15,12 +15,13 @@ from mesh_motion_server.distributed.counted_cells import CountedCells
 from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.distributed.judging import first_questions, read_questions, told
 from mesh_motion_server.distributed.order_statistics import WHOLE
+from mesh_motion_server.distributed.region import Extent, Region, region_told
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator, Prepared
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.mesh_check import checked_cells
-from mesh_motion_server.numerics.quality.metrics import cells_at_rest
+from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
 
 __all__ = ["Rank"]
 
@@ -53,7 +54,8 @@ class Rank:
     """
 
     def __init__(self, points: Floats, cells: Mapping[str, NDArray[np.integer]], patch_nodes: Ints) -> None:
-        read = checked_cells(points, CellTable.from_arrays(cells))
+        self._given = CellTable.from_arrays(cells)
+        read = checked_cells(points, self._given)
         self._points, self._cells = points, read.cells
         self._at_rest = cells_at_rest(points, read.cells, read.sizes)
         spanning = np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])
@@ -65,12 +67,27 @@ class Rank:
 
     def displacement(self, field: Field, known: Floats) -> Floats:
         """(n, d) displacement from the reference mesh: by a field, and ``known`` (b, d) of :attr:`nodes`."""
-        points = self._points
-        interpolant, prepared = self._prepared(field)
-        found = self._evaluator.displacement(interpolant, points, prepared)
-        found += points
-        found -= points
+        found = self._positions(field)
+        found -= self._points
         found[self.nodes] = known
+        return found
+
+    def region(self, field: Field, known: Floats, extent: Extent, around: Ints) -> Region:
+        """The cells that are bad after the displacement by a field and ``known`` (b, d), and those about them.
+
+        Ids are indices of this rank's nodes; ``around`` (k,) nodes there may be more.
+        """
+        positions = self._positions(field)
+        positions[self.nodes] = self._points[self.nodes] + known
+        quality = cell_quality(positions, self._cells, self._at_rest)
+        interior = len(self._points) - len(self.nodes)
+        return region_told(self._points, positions, self._given, quality, extent, around, interior=interior)
+
+    def _positions(self, field: Field) -> Floats:
+        """(n, d) positions to which a field takes the nodes, except :attr:`nodes`."""
+        interpolant, prepared = self._prepared(field)
+        found = self._evaluator.displacement(interpolant, self._points, prepared)
+        found += self._points
         return found
 
     def _prepared(self, field: Field) -> tuple[AnyInterpolant, Prepared | None]:

@@ -39,7 +39,8 @@ def run(session: Session, requests: Sequence[CommitRequest], request_ids: Sequen
             quality=summary_report(outcome.quality, session.mesh),
         )
         final_step = max(request.final_step for request in requests)
-        packed: bytes = msgpack.packb(content | ({"final_step": final_step} if final_step else {}))
+        noted = {"final_step": final_step, "corrected": outcome.corrected}
+        packed: bytes = msgpack.packb(content | {name: value for name, value in noted.items() if value})
         return packed
 
     session.commit(request_ids, receipt)
@@ -50,5 +51,6 @@ def run(session: Session, requests: Sequence[CommitRequest], request_ids: Sequen
 def replies_of(commit: Commit) -> list[tuple[RequestId, Committed]]:
     """The replies to a journaled commit, with the request that each one answers."""
     content = msgpack.unpackb(commit.receipt)
-    content.pop("final_step", 0)  # no part of the reply
+    for name in ("final_step", "corrected"):  # no part of the reply
+        content.pop(name, None)
     return [(r, Committed(client=r.client, sequence=r.sequence, **content)) for r in commit.requests]

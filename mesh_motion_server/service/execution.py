@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import DeadlineExceeded, MeshMotionError, SessionError
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.service import build, commit, fetch, judge, move, rollback, upload
+from mesh_motion_server.service import build, commit, correct, fetch, judge, move, rollback, upload
 from mesh_motion_server.service.commands import Collective, Single
 from mesh_motion_server.service.counting import count_executed
 from mesh_motion_server.service.envelope import Envelope
@@ -33,6 +33,7 @@ COMMANDS: dict[str, Single | Collective] = {
     "BUILD": Collective(build.check, build.run),
     "MOVE": Collective(move.check, move.run),
     "JUDGE": Collective(judge.check, judge.run),
+    "CORRECT": Collective(correct.check, correct.run),
     "COMMIT": Collective(commit.check, commit.run),
     "ROLLBACK": Collective(rollback.check, rollback.run),
 }

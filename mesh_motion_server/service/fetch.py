@@ -30,11 +30,12 @@ def answer(session: Session, request: Fetch) -> Fetched:
             details={"what": str(request.what)},
         )
     points = session.mesh.scatter(session.coordinates(request.what), request.partition)
-    field = session.field(request.what)
+    field, extent = session.field(request.what), session.region(request.what)
     return Fetched(
         client=request.client,
         sequence=request.sequence,
         step=session.step,
         points=points,
+        region={} if extent is None else extent.as_plain(),
         **({} if field is None else vars(field)),
     )

@@ -23,8 +23,10 @@ class Arrival:
 
 
 def agreement(request: SessionMessage) -> tuple[tuple[str, object], ...]:
-    """What the requests of all partitions must have in common: type, and step, frame and questions where they exist."""
-    named = ((name, getattr(request, name)) for name in ("step", "frame", "questions") if hasattr(request, name))
+    """What the requests of all partitions must have in common: type, and step, frame, questions, what if they exist."""
+    named = (
+        (name, getattr(request, name)) for name in ("step", "frame", "questions", "what") if hasattr(request, name)
+    )
     return (("type", request.type), *named)
 
 

@@ -9,7 +9,12 @@ from typing import Any
 from mesh_motion_protocol.messages import Judge, Judged
 
 from mesh_motion_server.distributed.judging import Unanswered, as_plain, heard, summary_of
-from mesh_motion_server.service.reports import quality_frame, shortened, summary_report
+from mesh_motion_server.service.reports import (
+    quality_frame,
+    region_correction_report,
+    shortened,
+    summary_report,
+)
 from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
@@ -44,8 +49,11 @@ def run(session: Session, requests: Sequence[Judge], request_ids: Sequence[Reque
     except Unanswered as unknown:
         reply["questions"] = as_plain(unknown.questions)
     else:
-        warnings = session.judge(found)
-        summary = summary_report(found, mesh)
-        reply["quality"] = quality_frame(method) | {"standard": summary, "corrected": summary}
-        reply |= {"reached": found.metric.min >= method.quality_threshold, "warnings": shortened(warnings)}
+        verdict = session.judge(found)
+        standard, corrected = (summary_report(each, mesh) for each in (verdict.standard, found))
+        reply["quality"] = quality_frame(method) | {"standard": standard, "corrected": corrected}
+        reply |= {"reached": found.metric.min >= method.quality_threshold, "warnings": shortened(verdict.warnings)}
+        done = verdict.correction
+        reply["correction"] = {} if done is None else region_correction_report(done, session)
+        reply["region"] = {} if verdict.extent is None else verdict.extent.as_plain()
     return [Judged(client=one.client, sequence=one.sequence, step=one.step, **reply) for one in requests]

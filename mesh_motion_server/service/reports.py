@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures
 from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.method import Method
@@ -12,6 +14,7 @@ from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.session import Session
 
 if TYPE_CHECKING:
+    from mesh_motion_server.numerics.correction.correction import Correction
     from mesh_motion_server.numerics.motion.motion_found import Motion
     from mesh_motion_server.numerics.quality.quality_summary import Judgement
 
@@ -21,6 +24,7 @@ __all__ = [
     "mesh_report",
     "move_quality",
     "quality_frame",
+    "region_correction_report",
     "summary_report",
     "worst_places",
 ]
@@ -93,16 +97,30 @@ def faces_report(faces: tuple[FaceMeasures, ...], mesh: MergedMesh) -> dict[str,
 
 def correction_report(motion: Motion) -> dict[str, Any]:
     """What the correction did, as sent."""
-    correction = motion.correction
+    return _what_was_done(motion.correction, motion.reached) | {
+        "control_points": len(motion.control_points),
+        "support_radius": float(motion.support_radius),
+        "sub_steps": int(motion.sub_steps),
+    }
+
+
+def region_correction_report(correction: Correction, session: Session) -> dict[str, Any]:
+    """What the correction of a region did, as sent."""
+    radius = session.model.method.support_radius
+    return _what_was_done(correction, correction.reached) | {
+        "control_points": len(np.unique(np.concatenate([p.nodes for p in session.mesh.patches.values()]))),
+        "support_radius": float(radius or 0.0),
+        "sub_steps": 1,
+    }
+
+
+def _what_was_done(correction: Correction, reached: bool) -> dict[str, Any]:
     return {
         "method": str(correction.method),
         "enrichment_points": len(correction.enrichment_points),
         "freed_nodes": int(correction.freed_nodes),
         "iterations": int(correction.iterations),
-        "reached": bool(motion.reached),
-        "control_points": len(motion.control_points),
-        "support_radius": float(motion.support_radius),
-        "sub_steps": int(motion.sub_steps),
+        "reached": bool(reached),
     }
 
 

@@ -90,8 +90,10 @@ class Teller:
             else:
                 self._tell("moved", **moved)
         elif isinstance(reply, Judged):
-            if reply.quality and self._unjudged:
-                self._tell("moved", **self._unjudged | {"quality": reply.quality, "warnings": reply.warnings})
+            if reply.quality and not reply.region and self._unjudged:
+                judged = {"quality": reply.quality, "warnings": reply.warnings}
+                done = {"correction": reply.correction} if reply.correction else {}
+                self._tell("moved", **self._unjudged | judged | done)
                 self._unjudged = {}
         elif isinstance(reply, Committed):
             self._committed(self._session.commits[-1], seconds_total=seconds)

@@ -4,13 +4,15 @@ from dataclasses import replace
 from typing import Any
 
 from mesh_motion_server.distributed.field import Field
+from mesh_motion_server.distributed.region import Extent
 from mesh_motion_server.errors import SessionError
 from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.session.corrections import first_extent
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.model import Model, checked_warnings
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.spec import StoredSpec
-from mesh_motion_server.session.state import Operation, State, admit
+from mesh_motion_server.session.state import Operation, State, Trial, admit
 from mesh_motion_server.session.values import Built, CurrentState
 
 __all__ = ["WRITING", "Position"]
@@ -91,7 +93,7 @@ class Position:
             As the state table says; ABORTED.TRIAL_LOST for a Judge or a Commit whose trial a restart dropped; for a
             Commit of a trial that the client evaluates, if it was not judged.
         """
-        needs_trial = operation in (Operation.JUDGE, Operation.COMMIT)
+        needs_trial = operation in (Operation.JUDGE, Operation.CORRECT, Operation.COMMIT)
         if needs_trial and self.state is State.READY and self._now.trial_lost:
             raise SessionError(
                 f"a trial of step {self.step + 1} from before the session was resumed is lost",
@@ -162,6 +164,18 @@ class Position:
         if rest is None or frame == "reference" or committed is None or committed.coefficients is None:
             return rest
         return replace(rest, coefficients=committed.coefficients)
+
+    def region(self, frame: str) -> Extent | None:
+        """The region to be corrected where the field leads to "committed" coordinates, if it was."""
+        committed = self._now.committed
+        corrected = frame == "committed" and committed is not None and committed.corrected
+        return first_extent(self.model.method, self.spec.dimension) if corrected else None
+
+    @property
+    def _open_trial(self) -> Trial:
+        if self._now.trial is None:
+            raise SessionError("there is no trial", hint="send MOVE first")
+        return self._now.trial
 
     def _swap(self, **changes: Any) -> None:
         self._now = replace(self._now, **changes)

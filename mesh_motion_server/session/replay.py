@@ -10,10 +10,12 @@ what computed it, and a session that was closed needs no recomputation (``journa
 import platform
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from importlib import metadata
 from pathlib import Path
 
+import msgpack
 import numpy as np
 from mesh_motion_protocol.digests import state_digest
 
@@ -79,7 +81,12 @@ def restore(
     found = recompute(model, mesh, factors, stored, journal.ledger.logged, progress)
     if time.monotonic() - began > _LONG_SECONDS:
         journal.snapshot(durable_rows(mesh, found))
-    return found
+    return found if field is None else replace(found, corrected=_was_corrected(journal.ledger.commits))
+
+
+def _was_corrected(commits: Sequence[Commit]) -> bool:
+    """Whether the answer to the last commit says so."""
+    return bool(commits) and bool(msgpack.unpackb(commits[-1].receipt).get("corrected", False))
 
 
 def _check_field(stored: CommittedState, model: Model, mesh: MergedMesh, factors: FactorCache) -> None:

@@ -19,12 +19,14 @@ import numpy as np
 from mesh_motion_protocol.digests import state_digest
 
 from mesh_motion_server.distributed.field import Field
+from mesh_motion_server.distributed.region import Region
 from mesh_motion_server.errors import JournalError, SessionError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.finite_volume import face_measures
 from mesh_motion_server.numerics.motion.acceptance import quality_warnings, refuse_unacceptable
 from mesh_motion_server.numerics.quality.quality_summary import QualitySummary
+from mesh_motion_server.session.corrections import CorrectOutcome, correct, first_extent, is_good
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.history import History
 from mesh_motion_server.session.journal.durability import keeper_of, logged_failure
@@ -39,7 +41,7 @@ from mesh_motion_server.session.position import WRITING, Position
 from mesh_motion_server.session.replay import Progress, boundary_input, restore, silent
 from mesh_motion_server.session.state import CommittedState, MoveInput, Operation, State, Trial, durable_rows
 from mesh_motion_server.session.store import SessionFolder
-from mesh_motion_server.session.values import Built, CommitOutcome, CurrentState, MoveOutcome
+from mesh_motion_server.session.values import Built, CommitOutcome, CurrentState, MoveOutcome, Verdict
 from mesh_motion_server.settings import ServerSettings
 
 __all__ = ["Session"]
@@ -171,8 +173,8 @@ class Session(Position):
         self._swap(state=state, trial=trial)
         return MoveOutcome(trial.step, trial.iteration, computed.motion, computed.displacements, faces, field)
 
-    def judge(self, quality: QualitySummary) -> list[str]:
-        """Take the quality of the trial's cells, which are with the client; returns warnings about it.
+    def judge(self, quality: QualitySummary) -> Verdict:
+        """Take the quality of the trial's cells, which are with the client.
 
         Raises
         ------
@@ -180,13 +182,41 @@ class Session(Position):
             If the quality is not acceptable; the trial stays, and cannot be committed.
         """
         self.require_client_evaluation()
-        state, model, trial = self.admit(Operation.JUDGE), self.model, self._now.trial
-        if trial is None:
-            raise SessionError("there is no trial to judge", hint="send MOVE first")
-        reached = quality.metric.min >= model.method.quality_threshold
-        refuse_unacceptable(model.method, quality, reached)
+        state, method, trial = self.admit(Operation.JUDGE), self.model.method, self._open_trial
+        if trial.correction is None and not is_good(method, quality):
+            self._swap(state=state, trial=replace(trial, standard=quality))
+            return Verdict(quality, first_extent(method, self.spec.dimension))
+        reached = quality.metric.min >= method.quality_threshold
+        refuse_unacceptable(method, quality, reached)
         self._swap(state=state, trial=replace(trial, quality=quality))
-        return quality_warnings(model.method, quality, reached)
+        warnings = quality_warnings(method, quality, reached)
+        return Verdict(trial.standard or quality, None, warnings, trial.correction)
+
+    def correct(self, what: str, told: Sequence[Region]) -> CorrectOutcome:
+        """Correct the region that the ranks tell of.
+
+        Parameters
+        ----------
+        what : {"trial", "committed"}
+            Committed coordinates that were corrected are so again, and bitwise the same.
+        told : sequence of Region
+            One of each partition; ids are global.
+
+        Raises
+        ------
+        NumericalError
+            If no valid mesh was found; the trial stays, and cannot be committed.
+        """
+        self.require_client_evaluation()
+        state, built = self.admit(Operation.CORRECT if what == "trial" else Operation.FETCH), self._require_built()
+        of: Trial | CommittedState | None = self._open_trial if what == "trial" else self._now.committed
+        if built.field is None or of is None or of.coefficients is None:
+            raise SessionError("nothing is committed yet", hint="send MOVE first")
+        field = replace(built.field, coefficients=of.coefficients)
+        found = correct(built.mesh, built.model.method, of.points, field, told)
+        if isinstance(of, Trial) and found.extent is None:
+            self._swap(state=state, trial=replace(of, correction=found.correction, quality=None))
+        return found
 
     def commit(self, requests: Sequence[RequestId], receipt: Callable[[CommitOutcome], bytes]) -> CommitOutcome:
         """Make the trial the committed state, durably as the session's level says.
@@ -204,17 +234,19 @@ class Session(Position):
             If the disk failed; the session is then FROZEN at its last committed step.
         """
         state = self.admit(Operation.COMMIT)
-        built, trial = self._require_built(), self._now.trial
-        if trial is None:
-            raise SessionError("there is no trial to commit", hint="send MOVE first")
+        built, trial = self._require_built(), self._open_trial
         failpoint("session.commit.start")
         durable = durable_rows(built.mesh, trial)
         self._write(lambda: built.keeper.prepare(durable), self._now)  # the disk works while the state is judged
         digest = state_digest(trial.step, durable)
         quality = built.model.summary(trial.points) if trial.quality is None else trial.quality
-        outcome = CommitOutcome(trial.step, built.keeper.durable_after(trial.step), digest, quality)
+        outcome = CommitOutcome(
+            trial.step, built.keeper.durable_after(trial.step), digest, quality, trial.correction is not None
+        )
         entry = Commit(trial.step, digest, tuple(requests), receipt(outcome))
-        after = CurrentState(state, CommittedState(trial.step, trial.points, trial.coefficients))
+        after = CurrentState(
+            state, CommittedState(trial.step, trial.points, trial.coefficients, trial.correction is not None)
+        )
         boundary = cache(partial(boundary_input, built.mesh, trial.input))  # for history and journal
         self.history.tell_input(trial.step, boundary, self.spec.dimension)  # first: no answered step may lack it
 

@@ -24,7 +24,8 @@ from mesh_motion_server.errors import SessionError
 from mesh_motion_server.numerics.arrays import Floats
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.quality.quality_summary import Judgement
+    from mesh_motion_server.numerics.correction.correction import Correction
+    from mesh_motion_server.numerics.quality.quality_summary import Judgement, QualitySummary
     from mesh_motion_server.session.partitions.meshes import MergedMesh
 
 __all__ = ["TABLE", "CommittedState", "MoveInput", "Operation", "Refusal", "State", "Trial", "admit", "durable_rows"]
@@ -52,6 +53,7 @@ class Operation(StrEnum):
     BUILD = "BUILD"
     MOVE = "MOVE"
     JUDGE = "JUDGE"
+    CORRECT = "CORRECT"
     COMMIT = "COMMIT"
     ROLLBACK = "ROLLBACK"
     FETCH = "FETCH"
@@ -120,11 +122,11 @@ TABLE: Mapping[State, Row] = MappingProxyType(
             _BUILT,
             _staying(_S.READY, _O.JOIN, _O.STATUS, _O.FETCH, _O.ROLLBACK, _O.RESUME)
             | {_O.MOVE: _S.TRIAL, _O.CLOSE: _S.CLOSED, _O.LEASE_END: _S.SUSPENDED},
-            {_O.JUDGE: _NOT_MOVED, _O.COMMIT: _NO_TRIAL},
+            {_O.JUDGE: _NOT_MOVED, _O.CORRECT: _NOT_MOVED, _O.COMMIT: _NO_TRIAL},
         ),
         _S.TRIAL: _row(
             _BUILT,
-            _staying(_S.TRIAL, _O.JOIN, _O.STATUS, _O.FETCH, _O.MOVE, _O.JUDGE)
+            _staying(_S.TRIAL, _O.JOIN, _O.STATUS, _O.FETCH, _O.MOVE, _O.JUDGE, _O.CORRECT)
             | _staying(_S.READY, _O.COMMIT, _O.ROLLBACK, _O.RESUME)
             | {_O.CLOSE: _S.CLOSED, _O.LEASE_END: _S.SUSPENDED},
         ),
@@ -179,11 +181,14 @@ class CommittedState:
         Coordinates in the session's canonical node order; read-only.
     coefficients : (r, d) array, optional
         Of the field, if the client evaluates it.
+    corrected : bool
+        Whether the client's nodes were corrected from where these lead.
     """
 
     step: int
     points: Floats
     coefficients: Floats | None = None
+    corrected: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,6 +220,10 @@ class Trial:
         Of ``points``, where the Move or a Judge has judged these very coordinates.
     coefficients : (r, d) array, optional
         Of the field, if the client evaluates it.
+    standard : QualitySummary or None
+        Of the client's mesh before it was corrected.
+    correction : Correction or None
+        What was done there, without coordinates; ``points`` stay what they were.
     """
 
     step: int
@@ -223,6 +232,8 @@ class Trial:
     quality: Judgement | None
     input: MoveInput
     coefficients: Floats | None = None
+    standard: QualitySummary | None = None
+    correction: Correction | None = None
 
 
 def durable_rows(mesh: MergedMesh, state: CommittedState | Trial) -> Floats:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 from mesh_motion_server.distributed.field import Field
+from mesh_motion_server.distributed.region import Extent
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, face_measures
 from mesh_motion_server.session.journal.keeper import Keeper
@@ -15,10 +16,11 @@ from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.state import CommittedState, State, Trial
 
 if TYPE_CHECKING:
+    from mesh_motion_server.numerics.correction.correction import Correction
     from mesh_motion_server.numerics.motion.motion_found import Motion
-    from mesh_motion_server.numerics.quality.quality_summary import Judgement
+    from mesh_motion_server.numerics.quality.quality_summary import Judgement, QualitySummary
 
-__all__ = ["Built", "CommitOutcome", "CurrentState", "MoveOutcome"]
+__all__ = ["Built", "CommitOutcome", "CurrentState", "MoveOutcome", "Verdict"]
 
 
 @dataclass(frozen=True)
@@ -89,9 +91,33 @@ class CommitOutcome:
         State digest, see :mod:`mesh_motion_protocol.digests`.
     quality : QualitySummary or LowestQuality
         Of the committed coordinates.
+    corrected : bool
+        As in :class:`.state.CommittedState`.
     """
 
     step: int
     durable_step: int
     digest: bytes
     quality: Judgement
+    corrected: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What a Judge leads to.
+
+    Attributes
+    ----------
+    standard : QualitySummary
+        Of the mesh before its correction.
+    extent : Extent or None
+        The region that is to be corrected first.
+    warnings : list of str
+    correction : Correction or None
+        What was done already.
+    """
+
+    standard: QualitySummary
+    extent: Extent | None
+    warnings: list[str] = field(default_factory=list)
+    correction: Correction | None = None

@@ -24,11 +24,17 @@ from mesh_motion_protocol.field_types import (
     Name,
     Outcome,
     Partition,
+    RegionCorners,
+    RegionDisplacement,
+    RegionNodes,
+    RegionPlaces,
+    RegionTold,
     Report,
     Role,
     SessionId,
     Token,
     UploadRows,
+    Which,
 )
 from mesh_motion_protocol.message import Message
 
@@ -39,6 +45,8 @@ __all__ = [
     "Closed",
     "Commit",
     "Committed",
+    "Correct",
+    "Corrected",
     "Fetch",
     "Fetched",
     "Join",
@@ -196,6 +204,33 @@ class Judged(Message):
     quality: dict[str, Any]  # as in MOVED: section 15; empty while there are questions
     reached: bool  # the quality is at or above the threshold
     warnings: list[str]  # for people
+    correction: dict[str, Any] = field(default_factory=dict)  # as in MOVED, once the trial is corrected
+    region: dict[str, Any] = field(default_factory=dict)  # cells that CORRECT is to tell; empty: none
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Correct(SessionMessage):
+    """Collective: the partition's cells in the region that is corrected, where the client judges them."""
+
+    type: ClassVar[str] = "CORRECT"
+    step: Count  # committed step + 1
+    what: Which = "trial"  # which coordinates
+    part: dict[str, Any]  # the region; cells, interior, least: section 23
+    nodes: RegionTold  # global id, and whether all cells of the partition at it are told
+    points: RegionPlaces  # of these nodes, in the reference mesh
+    positions: RegionPlaces  # where the field takes them
+    corners: RegionCorners  # of the cells, type after type: rows of nodes
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Corrected(Message):
+    """Where the correction puts nodes, or a larger region that it takes."""
+
+    type: ClassVar[str] = "CORRECTED"
+    step: int  # as asked
+    region: dict[str, Any]  # as in JUDGED; empty: the region is corrected
+    nodes: RegionNodes  # global ids: of the freed nodes, or of those about which the larger region lies too
+    displacement: RegionDisplacement  # of the freed nodes, since the reference mesh
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -248,6 +283,7 @@ class Fetched(Message):
 
     type: ClassVar[str] = "FETCHED"
     step: int  # last committed step
+    region: dict[str, Any] = field(default_factory=dict)  # as in JUDGED, if these coordinates were corrected
     sums: list[dict[str, Any]] = field(default_factory=list)  # as in MOVED, where the client evaluates the field
     points: FloatNodes  # coordinates of all nodes of the partition
     centres: FieldCentres = None  # as in MOVED

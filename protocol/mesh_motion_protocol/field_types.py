@@ -28,12 +28,18 @@ __all__ = [
     "Name",
     "Outcome",
     "Partition",
+    "RegionCorners",
+    "RegionDisplacement",
+    "RegionNodes",
+    "RegionPlaces",
+    "RegionTold",
     "Report",
     "Role",
     "SessionId",
     "Token",
     "UploadRows",
     "Uuid",
+    "Which",
 ]
 
 Uuid = Annotated[bytes, Length(exactly=16)]
@@ -45,6 +51,7 @@ Count = Annotated[int, Range(0, 2**63 - 1)]
 Partition = Annotated[int, Range(0, 255)]
 Frame = Annotated[str, Choice(("committed", "reference"))]
 Report = Annotated[str, Choice(("", "faces"))]
+Which = Annotated[str, Choice(("trial", "committed"))]
 Evaluation = Annotated[str, Choice(("server", "client"))]
 Outcome = Annotated[str, Choice(("keep", "discard"))]
 Role = Annotated[str, Choice(("", "moving", "fixed", "slip", "symmetry", "periodic"))]
@@ -62,4 +69,9 @@ FieldCoefficients = Annotated[
 JudgedBins = Annotated[NDArray[np.int64], ArrayField("<i8", ("bin", "column"))]
 JudgedValues = Annotated[NDArray[np.float64], ArrayField("<f8", ("value", "column"))]
 JudgedCells = Annotated[NDArray[np.float64], ArrayField("<f8", ("cell", "column"))]
+RegionNodes = Annotated[NDArray[np.int64], ArrayField("<i8", ("region node",))]
+RegionTold = Annotated[NDArray[np.int64], ArrayField("<i8", ("region node", "column"))]
+RegionPlaces = Annotated[NDArray[np.float64], ArrayField("<f8", ("region node", "dimension"))]
+RegionDisplacement = Annotated[NDArray[np.float64], ArrayField("<f8", ("freed node", "dimension"))]
+RegionCorners = Annotated[NDArray[np.int64], ArrayField("<i8", ("corner", "column"))]
 UploadRows = Annotated[NDArray[Any] | None, ArrayField("<f8|<i8", ("row", "column"), required=False, narrow=True)]

@@ -6,10 +6,10 @@ wire to the class; the codec, SPEC.md's field tables and the conformance vectors
 
 Two endpoints are spoken to. The *control* endpoint (gateway) takes HELLO, OPEN, RESUME, LIST, PROBE: headers only. Each
 session has a worker process with a *data* endpoint of its own, named in OPENED and RESUMED, that takes JOIN, UPLOAD,
-BUILD, MOVE, JUDGE, COMMIT, ROLLBACK, FETCH, STATUS, CLOSE. PING is taken by both.
+BUILD, MOVE, JUDGE, CORRECT, COMMIT, ROLLBACK, FETCH, STATUS, CLOSE. PING is taken by both.
 
-A solver that runs on n ranks joins a session as n *partitions*. BUILD, MOVE, JUDGE, COMMIT, ROLLBACK are collective:
-the server waits for all partitions and then answers each.
+A solver that runs on n ranks joins a session as n *partitions*. BUILD, MOVE, JUDGE, CORRECT, COMMIT, ROLLBACK are
+collective: the server waits for all partitions and then answers each.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ from mesh_motion_protocol.data_messages import (
     Closed,
     Commit,
     Committed,
+    Correct,
+    Corrected,
     Fetch,
     Fetched,
     Join,
@@ -66,6 +68,8 @@ __all__ = [
     "Closed",
     "Commit",
     "Committed",
+    "Correct",
+    "Corrected",
     "ErrorReply",
     "Fetch",
     "Fetched",
@@ -101,8 +105,8 @@ MESSAGES: dict[str, type[Message]] = {
     m.type: m
     for m in (
         Hello, Welcome, Open, Opened, Resume, Resumed, List, Listed, Probe, Probed, Ping, Pong,
-        Join, Joined, Upload, Uploaded, Build, Built, Move, Moved, Judge, Judged, Commit, Committed, Rollback,
-        RolledBack, Fetch, Fetched, Status, StatusReport, Close, Closed, ErrorReply,
+        Join, Joined, Upload, Uploaded, Build, Built, Move, Moved, Judge, Judged, Correct, Corrected, Commit,
+        Committed, Rollback, RolledBack, Fetch, Fetched, Status, StatusReport, Close, Closed, ErrorReply,
     )
 }  # fmt: skip
 
@@ -110,7 +114,7 @@ MESSAGES: dict[str, type[Message]] = {
 REPLIES: dict[str, str] = {
     "HELLO": "WELCOME", "OPEN": "OPENED", "RESUME": "RESUMED", "LIST": "LISTED", "PROBE": "PROBED", "PING": "PONG",
     "JOIN": "JOINED", "UPLOAD": "UPLOADED", "BUILD": "BUILT", "MOVE": "MOVED", "JUDGE": "JUDGED",
-    "COMMIT": "COMMITTED",
+    "CORRECT": "CORRECTED", "COMMIT": "COMMITTED",
     "ROLLBACK": "ROLLED_BACK", "FETCH": "FETCHED", "STATUS": "STATUS_REPORT", "CLOSE": "CLOSED",
 }  # fmt: skip
 
@@ -118,4 +122,4 @@ REPLIES: dict[str, str] = {
 CONTROL = frozenset({"HELLO", "OPEN", "RESUME", "LIST", "PROBE", "PING"})
 
 #: Requests that wait for every partition of the session.
-COLLECTIVE = frozenset({"BUILD", "MOVE", "JUDGE", "COMMIT", "ROLLBACK"})
+COLLECTIVE = frozenset({"BUILD", "MOVE", "JUDGE", "CORRECT", "COMMIT", "ROLLBACK"})

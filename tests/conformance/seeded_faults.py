@@ -9,6 +9,7 @@ import numpy as np
 from mesh_motion_protocol import codec, digests, header, schema
 from mesh_motion_protocol.messages import ErrorReply, Welcome
 
+from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_server.service import error_replies, execution, fetch, move
 from mesh_motion_server.service.gathering import Gathering
 from mesh_motion_server.service.holders import Holders
@@ -193,9 +194,19 @@ def does_not_look_at_the_step(patch):
     patch.setattr(Session, "require_next_step", nothing)
 
 
-@fault("23.7-bad-quality-is-refused")
+@fault("23.8-bad-quality-is-refused")
 def takes_any_quality(patch):
     patch.setattr(session_module, "refuse_unacceptable", nothing)
+
+
+@fault("23.7-bad-cells-are-corrected", "23.7-larger-region")
+def corrects_nothing(patch):
+    patch.setattr(session_module, "is_good", lambda method, quality: True)
+
+
+@fault("23.7-larger-region")
+def frees_nodes_whose_cells_it_has_not(patch):
+    patch.setattr(Elsewhere, "require_here", nothing)
 
 
 @fault("8-JUDGE-where-the-server-judges")
@@ -203,7 +214,7 @@ def lets_every_client_judge(patch):
     patch.setattr(Session, "require_client_evaluation", nothing)
 
 
-@fault("23.8-field-survives")
+@fault("23.9-field-survives")
 def answers_the_field_at_rest(patch):
     patch.setattr(Session, "field", lambda self, frame: self._built.field)
 

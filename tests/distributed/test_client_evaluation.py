@@ -68,12 +68,12 @@ def displacement(points, step):
     return 0.01 * step * np.sin(3.0 * points[:, ::-1] + step)
 
 
-def drive(session, mesh, steps=2):
+def drive(session, mesh, steps=2, by=1):
     """Two moves a step; what was answered, and where the nodes are."""
     found = []
     for step in range(1, steps + 1):
         for share in (0.5, 1.0):
-            moved = session.move(share * displacement(mesh.points[session.moving_nodes], step))
+            moved = session.move(share * displacement(mesh.points[session.moving_nodes], by * step))
         found += [moved, session.commit()]
     return [*found, session.points()]
 
@@ -119,6 +119,41 @@ def assert_same_quality(found, expected):
         assert one["mean"] == pytest.approx(other["mean"], rel=1e-13)
     assert (found["cells"], found["inverted"]) == (expected["cells"], expected["inverted"])
     assert [cell["metric"] for cell in found["worst"]] == [cell["metric"] for cell in expected["worst"]]
+
+
+CORRECTED = SETTINGS | {"correction": "optimised", "correction_target": "threshold", "quality_threshold": 0.5}
+
+
+@pytest.mark.parametrize("metric", ["size-skew", "relative-size-skew"])
+@pytest.mark.parametrize("ranks", [1, 3])
+@pytest.mark.parametrize("mesh", MESHES)
+def test_corrected_nodes_are_those_of_a_session_with_the_whole_mesh(server, mesh, ranks, metric):
+    everything, settings = whole(*MESHES[mesh]), CORRECTED | {"quality_metric": metric}
+
+    def drive(session, part):
+        found = []
+        for step in (16, 24):
+            moved = session.move(displacement(part.points[session.moving_nodes], step))
+            found += [moved, session.commit(), session.points()]
+        return found
+
+    with connect(server.endpoint) as client, client.open(everything, settings) as session:
+        expected = drive(session, everything)
+    freed = [moved.correction["freed_nodes"] for moved in expected[::3]]
+    assert max(freed) > 0
+    parts = pieces(*MESHES[mesh], ranks) if ranks > 1 else [everything]
+    for part, found in zip(parts, on_ranks(server, parts, drive, settings), strict=True):
+        nodes = np.arange(len(part.points)) if part.global_ids is None else part.global_ids
+        assert [moved.correction for moved in found[::3]] == [moved.correction for moved in expected[::3]]
+        for one, other in zip(found[::3], expected[::3], strict=True):
+            np.testing.assert_array_equal(one.displacement, other.displacement[nodes])
+            for which in ("standard", "corrected"):  # judged where the server had not yet rounded the answer
+                least, expected_least = (each.quality[which]["metric"]["min"] for each in (one, other))
+                assert least == pytest.approx(expected_least, rel=1e-12)
+        for one, other in zip(found[1::3], expected[1::3], strict=True):
+            assert_same_quality(one.quality, other.quality)
+        for one, other in zip(found[2::3], expected[2::3], strict=True):
+            np.testing.assert_array_equal(one, other[nodes])
 
 
 @pytest.mark.parametrize("ranks", [1, 2, 3])
@@ -187,15 +222,18 @@ def test_what_is_refused_with_the_whole_mesh_is_refused_here(server):
     ("setting", "value"),
     [
         ("displacement", "relative"),
-        ("correction", "optimised"),
+        ("correction", "enrichment"),
+        ("correction_target", "maximum"),
+        ("correction_target", "auto"),
         ("sub_steps", "auto"),
         ("boundary_layer_thickness", None),
         ("reduction", "greedy"),
     ],
 )
 def test_a_motion_that_takes_the_volume_is_refused_at_open(server, setting, value):
+    settings = CORRECTED if setting.startswith("correction_") else SETTINGS
     with connect(server.endpoint) as client, pytest.raises(InvalidInput, match=f"expected {setting} = ") as refused:
-        client.open(whole("quad", 10), SETTINGS | {setting: value}, evaluation="client")
+        client.open(whole("quad", 10), settings | {setting: value}, evaluation="client")
     assert refused.value.code == "INVALID_ARGUMENT.SETTINGS"
     assert "evaluation = 'server'" in refused.value.hint
 
@@ -241,15 +279,16 @@ def raw_field(session):
     return fetched.coefficients.tobytes(), fetched.points.tobytes()
 
 
+@pytest.mark.parametrize("settings", [SETTINGS, CORRECTED], ids=["plain", "corrected"])
 @pytest.mark.parametrize("durability", ["full", "replay"])
 @pytest.mark.parametrize("mesh", ["plane", "many"])
-def test_after_kill_9_field_and_nodes_are_bitwise_the_same(tmp_path, mesh, durability):
-    mesh = whole(*MESHES[mesh])
+def test_after_kill_9_field_and_nodes_are_bitwise_the_same(tmp_path, mesh, durability, settings):
+    mesh, by = whole(*MESHES[mesh]), 8 if settings is CORRECTED else 1
     with ServerProcess(tmp_path) as server, connect(server.endpoint) as client:
-        session = client.open(mesh, SETTINGS, evaluation="client", durability=durability)
-        drive(session, mesh)
+        session = client.open(mesh, settings, evaluation="client", durability=durability)
+        drive(session, mesh, by=by)
         field, points = raw_field(session), session.points()
-        session.move(displacement(mesh.points[session.moving_nodes], 3))
+        session.move(displacement(mesh.points[session.moving_nodes], 3 * by))
         server.stop(signal.SIGKILL)
         server.start()
         third = session.commit()  # the trial is made and judged again
@@ -258,7 +297,7 @@ def test_after_kill_9_field_and_nodes_are_bitwise_the_same(tmp_path, mesh, durab
         server.start()
         with connect(server.endpoint) as other, other.resume(session.credentials, mesh) as resumed:
             assert (raw_field(resumed), resumed.points().tobytes()) == (after[0], after[1].tobytes())
-            again = resumed.move(displacement(mesh.points[resumed.moving_nodes], 2))
+            again = resumed.move(displacement(mesh.points[resumed.moving_nodes], 2 * by))
             np.testing.assert_array_equal(mesh.points + again.displacement, points)
             resumed.commit()
             assert raw_field(resumed) == field

@@ -5,7 +5,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Join, Judge, Move, Rollback, Status, Upload
+from mesh_motion_protocol.messages import (
+    Build,
+    Close,
+    Commit,
+    Correct,
+    Fetch,
+    Join,
+    Judge,
+    Move,
+    Rollback,
+    Status,
+    Upload,
+)
 
 from mesh_motion_server.errors import SessionError
 from mesh_motion_server.session.state import TABLE, Operation, State
@@ -16,6 +28,8 @@ from proofs.stand_in import grid_mesh
 
 JUDGED = {"part": {}, "questions": [], "bins": np.empty((0, 3), dtype=np.int64), "values": np.empty((0, 3)),
           "worst": np.empty((0, 8))}  # fmt: skip
+REGION = {"part": {}, "nodes": np.empty((0, 2), dtype=np.int64), "points": np.empty((0, 2)),
+          "positions": np.empty((0, 2)), "corners": np.empty((0, 1), dtype=np.int64)}  # fmt: skip
 
 
 def bring(state: State) -> Any:
@@ -59,12 +73,13 @@ def perform(driver: Any, operation: Operation) -> Any:
         Operation.UPLOAD: {"item": "nodes", "rows": np.zeros((1, 2))},
         Operation.MOVE: {"step": 1, "displacement": driver.displacement(1)[0]},
         Operation.JUDGE: {"step": 1, **JUDGED},
+        Operation.CORRECT: {"step": 1, **REGION},
         Operation.COMMIT: {"step": 1},
         Operation.ROLLBACK: {"step": 1},
     }
     kinds: dict[Operation, Any] = {
         Operation.JOIN: Join, Operation.UPLOAD: Upload, Operation.BUILD: Build, Operation.MOVE: Move,
-        Operation.JUDGE: Judge,
+        Operation.JUDGE: Judge, Operation.CORRECT: Correct,
         Operation.COMMIT: Commit, Operation.ROLLBACK: Rollback, Operation.FETCH: Fetch, Operation.STATUS: Status,
         Operation.CLOSE: Close,
     }  # fmt: skip
@@ -78,7 +93,7 @@ def test_every_cell(state: State, operation: Operation) -> None:
     assert driver.host.state is state
     reply = perform(driver, operation)
     cell = TABLE[state][operation]
-    if operation is Operation.JUDGE:  # the server judges the cells of these sessions
+    if operation in (Operation.JUDGE, Operation.CORRECT):  # the server judges the cells of these sessions
         assert reply.code == "FAILED_PRECONDITION.STATE"
         assert driver.host.state is state
         return

@@ -14,6 +14,14 @@ FIELDS = {
     "UPLOAD": {"item": "nodes", "rows": ROWS},
     "MOVE": {"step": 1, "frame": "reference", "displacement": ROWS},
     "JUDGE": {"step": 1, "part": {}, "questions": [], "bins": ROWS.astype(int), "values": ROWS, "worst": ROWS},
+    "CORRECT": {
+        "step": 1,
+        "part": {},
+        "nodes": ROWS.astype(int),
+        "points": ROWS,
+        "positions": ROWS,
+        "corners": np.arange(3)[:, None],
+    },
     "COMMIT": {"step": 1},
     "ROLLBACK": {"step": 1},
 }
@@ -107,7 +115,7 @@ def test_the_table_is_whole():
 
 
 def test_no_array_comes_or_goes_without_ownership():
-    with_arrays = {"JOIN", "UPLOAD", "BUILD", "MOVE", "JUDGE", "COMMIT", "ROLLBACK", "FETCH"}
+    with_arrays = {"JOIN", "UPLOAD", "BUILD", "MOVE", "JUDGE", "CORRECT", "COMMIT", "ROLLBACK", "FETCH"}
     for role in (Role.MONITOR, Role.ADMIN):
         assert all(cell is Verdict.DENIED for request in with_arrays for cell in MATRIX[role][request])
     assert all(MATRIX[Role.OWNER][request][1] is Verdict.HIDDEN for request in set(REPLIES) - NO_SESSION)

@@ -1,10 +1,11 @@
 /* The ranks of a solver move and judge their own nodes; the server has the boundary alone.
  *
- *     mpiexec -n 4 own_ranks ENDPOINT [CELLS [POINTS]]
+ *     mpiexec -n 4 own_ranks ENDPOINT [CELLS [POINTS [THRESHOLD]]]
  *
  * A body swims in a cube of CELLS hexahedra along each side. Each rank makes its own slab of the mesh; the first one
  * opens the session and shares its credentials, the others join. POINTS.RANK receives the final coordinates: how many
- * nodes, their numbers in the whole mesh (int64), x, y and z of each (float64). */
+ * nodes, their numbers in the whole mesh (int64), x, y and z of each (float64). With a THRESHOLD the body moves ten times
+ * as far, and the server corrects cells whose quality falls below. */
 #include <mesh_motion.h>
 
 #include <mpi.h>
@@ -131,14 +132,18 @@ static void describe(mm_session *session, const slab *mesh, int rank, int ranks)
 }
 
 /* The first rank opens, and the others join by its credentials. */
-static void open_together(mm_session *session, int rank)
+static void open_together(mm_session *session, int rank, double threshold)
 {
     char id[MM_ID_SIZE] = "";
     uint8_t token[MM_TOKEN_BYTES] = {0};
     if (rank == 0) {
         mm_set_evaluation(session, "client");
         mm_set_text(session, "displacement", "absolute");
-        mm_set_text(session, "correction", "none");
+        mm_set_text(session, "correction", threshold > 0.0 ? "optimised" : "none");
+        if (threshold > 0.0) {
+            mm_set_text(session, "correction_target", "threshold");
+            mm_set_number(session, "quality_threshold", threshold);
+        }
         mm_set_text(session, "sub_steps", "never");
         mm_set_number(session, "boundary_layer_thickness", 0.0);
         mm_set_text(session, "quality_report", "every-move");
@@ -160,16 +165,16 @@ static void open_together(mm_session *session, int rank)
     mm_build(session);
 }
 
-/* The body turns, shifts and swells: total displacement after a step, for each moving node. */
-static void fill_motion(mm_session *session, const slab *mesh, int step, double *displacement)
+/* The body turns, shifts and swells: total displacement of each moving node. */
+static void fill_motion(mm_session *session, const slab *mesh, double size, double *displacement)
 {
     size_t count;
     const int64_t *nodes = mm_moving_nodes(session, &count);
     for (size_t i = 0; i < count; ++i) {
         const double *at = mesh->points + 3 * nodes[i];
-        displacement[3 * i] = 0.02 * step * (at[1] - 0.5);
-        displacement[3 * i + 1] = 0.02 * step * (0.5 - at[0]);
-        displacement[3 * i + 2] = 0.02 * step * (at[0] * at[2]);
+        displacement[3 * i] = size * (at[1] - 0.5);
+        displacement[3 * i + 1] = size * (0.5 - at[0]);
+        displacement[3 * i + 2] = size * (at[0] * at[2]);
     }
 }
 
@@ -192,13 +197,14 @@ int main(int count, char **arguments)
     MPI_Init(&count, &arguments);
     MPI_Comm_rank(MPI_COMM_WORLD, &rank);
     MPI_Comm_size(MPI_COMM_WORLD, &ranks);
+    double threshold = count > 4 ? atof(arguments[4]) : 0.0;
     slab mesh = make_slab(count > 2 ? atoll(arguments[2]) : 24, rank, ranks);
 
     mm_context *server = mm_context_new();
     mm_connect(server, count > 1 ? arguments[1] : "tcp://127.0.0.1:7440");
     mm_session *session = mm_session_new(server);
     describe(session, &mesh, rank, ranks);
-    open_together(session, rank);
+    open_together(session, rank, threshold);
     check(server);
 
     size_t moving, nodes = (size_t)mesh.nodes;
@@ -206,16 +212,17 @@ int main(int count, char **arguments)
     double *displacement = memory(3 * moving, sizeof *displacement), *answer = memory(3 * nodes, sizeof *answer);
     for (int step = 1; step <= STEPS; ++step) {
         double began = MPI_Wtime();
-        fill_motion(session, &mesh, step, displacement);
+        fill_motion(session, &mesh, (threshold > 0.0 ? 0.2 : 0.02) * step, displacement);
         mm_move(session, MM_SINCE_REFERENCE, moving, displacement, nodes, answer);
         mm_commit(session);
         check(server);
         if (rank == 0) {
             const mm_report *moved = mm_moved(session);
-            printf("step %d: %" PRId64 " cells, minimum %.17g, median %.17g; %.3f s\n", step,
+            printf("step %d: %" PRId64 " cells, minimum %.17g, median %.17g; %" PRId64 " nodes freed, %.3f s\n", step,
                    mm_report_integer(moved, "quality.corrected.cells", 0),
                    mm_report_number(moved, "quality.corrected.size_skew.min"),
-                   mm_report_number(moved, "quality.corrected.size_skew.p50"), MPI_Wtime() - began);
+                   mm_report_number(moved, "quality.corrected.size_skew.p50"),
+                   mm_report_integer(moved, "correction.freed_nodes", 0), MPI_Wtime() - began);
         }
     }
     mm_fetch(session, MM_SINCE_COMMITTED, nodes, answer);

@@ -50,7 +50,8 @@
 #define UNKNOWN_NODES ((size_t)1 << 31)
 /* Smaller arrays are copied: lending the caller's memory to libzmq costs more than that. */
 #define LENT_BYTES ((size_t)1 << 14)
-#define MOST_ARRAYS 3 /* of one request, JUDGE */
+#define MOST_ARRAYS 4 /* of one request, CORRECT */
+#define MOST_TOLD 3   /* of one trial: JUDGE, CORRECT, JUDGE */
 
 typedef enum { DONE, LOST, FAILED } outcome; /* LOST: the connection ended, the request may have been executed or not */
 
@@ -125,6 +126,13 @@ struct mm_context {
     mm_session *sessions;
 };
 
+/* Nodes that a correction has moved, as numbered here, and their displacement from the reference mesh. */
+typedef struct {
+    int64_t step, *nodes;
+    double *displacement;
+    size_t count;
+} freed;
+
 struct mm_session {
     mm_context *context;
     mm_session *next;
@@ -160,7 +168,9 @@ struct mm_session {
     /* evaluation = "client": */
     int evaluates;
     struct mmv_volume *volume;
-    request judge; /* the JUDGE of the trial, once it is accepted; its arrays are ours */
+    request told[MOST_TOLD]; /* of the trial, once they are accepted; their arrays are ours */
+    size_t told_count;
+    freed trial_freed, committed_freed; /* where the last correction put nodes */
     mm_report built, moved, committed, status;
 };
 
@@ -482,7 +492,8 @@ static uint64_t content_of(const request *request)
 /* Those of which the server keeps the reply (SPEC 10.7). Others get a number each time: a late reply tells what was. */
 static int is_kept(const request *request)
 {
-    static const char *const KEPT[] = {"OPEN", "RESUME", "UPLOAD", "BUILD", "MOVE", "JUDGE", "COMMIT", "ROLLBACK"};
+    static const char *const KEPT[] = {"OPEN",  "RESUME",  "UPLOAD", "BUILD",   "MOVE",
+                                       "JUDGE", "CORRECT", "COMMIT", "ROLLBACK"};
     for (size_t i = 0; i < sizeof KEPT / sizeof *KEPT; ++i) {
         if (strcmp(request->type, KEPT[i]) == 0) {
             return 1;
@@ -1092,10 +1103,10 @@ static outcome repeat_trial(mm_session *session, double deadline)
     outcome how = request_data(session, &move, deadline, &moved);
     mmi_writer_free(&move.fields);
     free_answer(&moved);
-    if (how == DONE && session->judge.type) {
-        session->judge.client = session->line.client;
-        session->judge.sequence = ++session->line.sequence;
-        how = request_data(session, &session->judge, deadline, &moved);
+    for (size_t i = 0; how == DONE && i < session->told_count; ++i) {
+        session->told[i].client = session->line.client;
+        session->told[i].sequence = ++session->line.sequence;
+        how = request_data(session, &session->told[i], deadline, &moved);
         free_answer(&moved);
     }
     return how;
@@ -1641,13 +1652,62 @@ mm_result mm_set_partition(mm_session *session, int partition, int partitions)
 
 #ifdef MM_EVALUATION
 
-static void forget_judge(mm_session *session)
+static void free_told(request *told)
 {
-    mmi_writer_free(&session->judge.fields);
+    mmi_writer_free(&told->fields);
     for (int i = 0; i < MOST_ARRAYS; ++i) {
-        free(session->judge.arrays[i].owned);
+        free(told->arrays[i].owned);
     }
-    session->judge = (request){0};
+    *told = (request){0};
+}
+
+static void free_freed(freed *old)
+{
+    free(old->nodes);
+    free(old->displacement);
+    *old = (freed){0};
+}
+
+/* What was told of the trial. */
+static void forget_told(mm_session *session)
+{
+    while (session->told_count) {
+        free_told(&session->told[--session->told_count]);
+    }
+    free_freed(&session->trial_freed);
+}
+
+/* Send a request whose arrays are ours, and keep it to be sent again if `is_kept` says so of its answer. */
+static outcome deliver_told(mm_session *session, request *made, int (*is_kept)(const mm_report *), answer *got)
+{
+    request sent = *made; /* deliver frees the fields of what it sends */
+    sent.fields = (mmi_writer){0};
+    mmi_put_raw(&sent.fields, made->fields.data, made->fields.size);
+    outcome how = deliver(session, &sent, session->context->compute_timeout, got);
+    if (how == DONE && is_kept(&got->reply.report)) {
+        session->told[session->told_count++] = *made;
+        *made = (request){0};
+    }
+    free_told(made);
+    return how;
+}
+
+/* The trial is committed: its correction is that of the committed state, and nothing is to be told again. */
+static void keep_freed(mm_session *session)
+{
+    freed kept = session->trial_freed;
+    session->trial_freed = (freed){0};
+    forget_told(session);
+    free_freed(&session->committed_freed);
+    session->committed_freed = kept;
+}
+
+static int is_answered(const mm_report *judged) { return !mm_report_count(judged, "questions"); }
+static int is_corrected(const mm_report *corrected) { return !mm_report_count(corrected, "region"); }
+static int is_never_kept(const mm_report *report)
+{
+    (void)report;
+    return 0;
 }
 
 #define FEW_VALUES 512
@@ -1672,7 +1732,8 @@ static outcome kernels_failed(const mm_session *session, int result)
 
 static void forget_volume(mm_session *session)
 {
-    forget_judge(session);
+    forget_told(session);
+    free_freed(&session->committed_freed);
     mmv_free(session->volume);
     session->volume = NULL;
 }
@@ -1696,6 +1757,8 @@ static outcome make_volume(mm_session *session)
             result = mmv_add_cells(volume, part->name, part->rows, part->data, part->width);
         } else if (strcmp(part->item, "patch") == 0) {
             mmv_add_patch(volume, part->rows, part->data);
+        } else if (strcmp(part->item, "global_ids") == 0) {
+            result = mmv_set_ids(volume, part->data);
         }
     }
     result = result == MESH_MOTION_OK ? mmv_finish(volume) : result;
@@ -1910,12 +1973,12 @@ static void put_question(mmi_writer *out, const question *asked)
     }
 }
 
-/* The JUDGE that answers questions; session->judge. */
-static outcome make_judge(mm_session *session, const mesh_motion_part *part, const question *asked, size_t count)
+/* The JUDGE that answers questions. */
+static outcome make_judge(mm_session *session, const mesh_motion_part *part, const question *asked, size_t count,
+                          request *judge)
 {
     table bins = {0}, values = {0}, worst = {0};
     outcome how = DONE;
-    forget_judge(session);
     bins.row = 3 * sizeof(int32_t);
     values.row = 3 * sizeof(double);
     worst.row = (6 + (size_t)session->dimension) * sizeof(double);
@@ -1925,7 +1988,6 @@ static outcome make_judge(mm_session *session, const mesh_motion_part *part, con
     for (int64_t i = 0; i < part->worst_cells; ++i) {
         append(&worst, part->worst[i]);
     }
-    request *judge = &session->judge;
     *judge = session_request(session, "JUDGE", "JUDGED");
     add_integer(judge, "step", session->step + 1);
     judge->field_count += 2;
@@ -1945,7 +2007,7 @@ static outcome make_judge(mm_session *session, const mesh_motion_part *part, con
     }
     const table *const tables[] = {&bins, &values, &worst};
     static const char *const NAMES[] = {"bins", "values", "worst"};
-    for (int i = 0; i < MOST_ARRAYS; ++i) {
+    for (int i = 0; i < 3; ++i) {
         size_t width = i ? sizeof(double) : sizeof(int32_t);
         judge->arrays[i] = make_block(NAMES[i], tables[i]->data, tables[i]->rows, tables[i]->row / width, width);
         judge->arrays[i].is_float = i > 0;
@@ -1974,8 +2036,25 @@ static outcome read_question(mm_context *context, const mm_report *report, size_
     return DONE;
 }
 
+/* The region of cells that CORRECT is to tell. */
+typedef struct {
+    char metric[32];
+    double below;
+    int64_t rings;
+} extent;
+
+/* Of a reply; whether there is one. */
+static int read_extent(const mm_report *report, extent *to)
+{
+    mm_report_text(report, "region.metric", to->metric, sizeof to->metric);
+    to->below = mm_report_number(report, "region.below");
+    to->rings = mm_report_integer(report, "region.rings", 0);
+    return !isnan(to->below);
+}
+
 /* Judge the cells with the nodes displaced, and tell of them until the server asks for nothing more. */
-static outcome judge_trial(mm_session *session, const char *metric, const double *displacement)
+static outcome judge_trial(mm_session *session, const char *metric, const double *displacement, extent *region,
+                           int *is_bad)
 {
     mm_context *context = session->context;
     mesh_motion_part part;
@@ -1988,13 +2067,12 @@ static outcome judge_trial(mm_session *session, const char *metric, const double
     }
     for (int is_over = 0; how == DONE && !is_over;) {
         answer judged = {0};
-        how = make_judge(session, &part, asked, count);
+        request judge = {0};
+        how = make_judge(session, &part, asked, count, &judge);
         if (how == DONE) {
-            request sent = session->judge; /* deliver frees the fields of what it sends */
-            session->judge.type = NULL;    /* not accepted yet: of a lost trial the MOVE alone is made again */
-            sent.fields = (mmi_writer){0};
-            mmi_put_raw(&sent.fields, session->judge.fields.data, session->judge.fields.size);
-            how = deliver(session, &sent, context->compute_timeout, &judged);
+            how = deliver_told(session, &judge, is_answered, &judged);
+        } else {
+            free_told(&judge);
         }
         size_t further = how == DONE ? mm_report_count(&judged.reply.report, "questions") : 0;
         if (count + further > MOST_QUESTIONS) {
@@ -2004,7 +2082,7 @@ static outcome judge_trial(mm_session *session, const char *metric, const double
             how = read_question(context, &judged.reply.report, i, &asked[count++]);
         }
         if (how == DONE && !further) {
-            session->judge.type = "JUDGE";
+            *is_bad = read_extent(&judged.reply.report, region);
             keep_report(&session->moved, &judged);
             is_over = 1;
         }
@@ -2014,16 +2092,166 @@ static outcome judge_trial(mm_session *session, const char *metric, const double
     return how;
 }
 
-/* All nodes by the field that MOVED carries, then all cells. */
+static void put_numbered(mmi_writer *out, const char *key, int64_t value)
+{
+    mmi_put_text(out, key);
+    mmi_put_integer(out, value);
+}
+
+/* An array of a request's own. */
+static void *own_array(request *to, int place, const char *name, size_t rows, size_t columns, int is_float)
+{
+    void *data = malloc(rows * columns * 8 + 1);
+    to->arrays[place] = make_block(name, data, rows, columns, 8);
+    to->arrays[place].is_float = is_float;
+    to->arrays[place].owned = data;
+    return data;
+}
+
+/* The CORRECT that tells of a region. */
+static outcome make_correct(mm_session *session, const char *what, const extent *asked,
+                            const mesh_motion_region *region, const double *positions, request *correct)
+{
+    size_t d = (size_t)session->dimension, nodes = (size_t)region->nodes, uploaded, types = 0;
+    mmi_writer *out = &correct->fields;
+    *correct = session_request(session, "CORRECT", "CORRECTED");
+    add_integer(correct, "step", session->step + 1);
+    add_text(correct, "what", what);
+    ++correct->field_count;
+    mmv_uploaded(session->volume, &uploaded);
+    mmi_put_text(out, "part");
+    mmi_put_map(out, 6);
+    mmi_put_text(out, "metric");
+    mmi_put_text(out, asked->metric);
+    mmi_put_text(out, "below");
+    mmi_put_number(out, asked->below);
+    put_numbered(out, "rings", asked->rings);
+    put_numbered(out, "interior", (int64_t)(session->nodes - uploaded));
+    mmi_put_text(out, "least");
+    mmi_put_array(out, 2);
+    mmi_put_number(out, region->least_skew);
+    mmi_put_number(out, region->least_size);
+    for (int i = 0; i < 7; ++i) {
+        types += region->cells[i] > 0;
+    }
+    mmi_put_text(out, "cells");
+    mmi_put_map(out, types);
+    for (int i = 0; i < 7; ++i) {
+        if (region->cells[i]) {
+            put_numbered(out, region->names[i], region->cells[i]);
+        }
+    }
+    int64_t *told = own_array(correct, 0, "nodes", nodes, 2, 0);
+    double *points = own_array(correct, 1, "points", nodes, d, 1);
+    double *there = own_array(correct, 2, "positions", nodes, d, 1);
+    int64_t *corners = own_array(correct, 3, "corners", (size_t)region->corners, 1, 0);
+    if (!told || !points || !there || !corners) {
+        return no_memory(session->context);
+    }
+    for (size_t i = 0; i < nodes; ++i) {
+        size_t node = (size_t)region->indices[i];
+        told[2 * i] = mmv_id_of(session->volume, region->indices[i]);
+        told[2 * i + 1] = region->whole[i];
+        memcpy(points + i * d, mmv_points(session->volume) + node * d, d * sizeof *points);
+        memcpy(there + i * d, positions + node * d, d * sizeof *there);
+    }
+    if (region->corners) {
+        memcpy(corners, region->rows, (size_t)region->corners * sizeof *corners);
+    }
+    return DONE;
+}
+
+/* The nodes and displacements of CORRECTED; nodes by their numbers in the whole mesh. */
+static outcome read_corrected(mm_session *session, const answer *from, freed *to)
+{
+    const mmi_array *nodes = mmi_find_array(&from->reply, "nodes");
+    const mmi_array *rows = mmi_find_array(&from->reply, "displacement");
+    if (rows->rows && (rows->rows != nodes->rows || rows->columns != (size_t)session->dimension)) {
+        return fail(session->context, "INTERNAL", "", "the server's correction does not fit together");
+    }
+    size_t told;
+    to->count = nodes->rows;
+    to->nodes = malloc((nodes->rows + 1) * sizeof *to->nodes);
+    if (!to->nodes || copy_array(session->context, from, "displacement", &to->displacement, &told) != DONE) {
+        return no_memory(session->context);
+    }
+    copy_integers(to->nodes, from, nodes);
+    return DONE;
+}
+
+/* Tell of the bad cells and those about them until the server has corrected them. */
+static outcome correct(mm_session *session, const char *what, const double *known, extent asked, freed *found)
+{
+    outcome how = DONE;
+    freed around = {0};
+    for (int is_over = 0; how == DONE && !is_over;) {
+        const mesh_motion_region *region = NULL;
+        const double *positions;
+        answer corrected = {0};
+        request made = {0};
+        int result = mmv_region(session->volume, known, asked.metric, asked.below, asked.rings, around.count,
+                                around.nodes, &region, &positions);
+        how = result == MESH_MOTION_OK ? make_correct(session, what, &asked, region, positions, &made)
+                                       : kernels_failed(session, result);
+        mesh_motion_region_free(region);
+        free_freed(&around);
+        if (how == DONE) {
+            int is_trial = strcmp(what, "trial") == 0;
+            how = deliver_told(session, &made, is_trial ? is_corrected : is_never_kept, &corrected);
+        } else {
+            free_told(&made);
+        }
+        how = how == DONE ? read_corrected(session, &corrected, &around) : how;
+        is_over = how == DONE && !read_extent(&corrected.reply.report, &asked);
+        free_answer(&corrected);
+    }
+    if (how == DONE) {
+        int64_t *nodes = malloc((around.count + 1) * sizeof *nodes);
+        int result = nodes ? mmv_find(session->volume, around.count, around.nodes, nodes) : MESH_MOTION_OUT_OF_MEMORY;
+        how = result == MESH_MOTION_OK ? DONE : no_memory(session->context);
+        free(around.nodes);
+        around.nodes = nodes;
+        free_freed(found);
+        *found = around;
+        found->step = session->step + (strcmp(what, "trial") == 0);
+        around = (freed){0};
+    }
+    free_freed(&around);
+    return how;
+}
+
+/* Put the freed nodes that are here, from base (nodes, dimension) or, without one, as displacement. */
+static void put_freed(const mm_session *session, const freed *found, const double *base, double *to)
+{
+    size_t d = (size_t)session->dimension;
+    for (size_t i = 0; i < found->count; ++i) {
+        for (size_t axis = 0; found->nodes[i] >= 0 && axis < d; ++axis) {
+            size_t at = (size_t)found->nodes[i] * d + axis;
+            to[at] = (base ? base[at] : 0.0) + found->displacement[i * d + axis];
+        }
+    }
+}
+
+/* All nodes by the field that MOVED carries, then all cells; those that are bad are corrected, and judged again. */
 static outcome take_trial(mm_session *session, const answer *moved, double *to)
 {
     char metric[32];
     double *known = NULL;
+    extent region = {0};
+    int is_bad = 0;
     mm_report_text(&moved->reply.report, "quality.metric", metric, sizeof metric);
     outcome how = take_uploaded(session, moved, "displacement", &known);
     how = how == DONE ? evaluate(session, moved, known, to) : how;
+    how = how == DONE ? judge_trial(session, metric, to, &region, &is_bad) : how;
+    if (how == DONE && is_bad) {
+        how = correct(session, "trial", known, region, &session->trial_freed);
+        if (how == DONE) {
+            put_freed(session, &session->trial_freed, NULL, to);
+            how = judge_trial(session, metric, to, &region, &is_bad);
+        }
+    }
     free(known);
-    return how == DONE ? judge_trial(session, metric, to) : how;
+    return how;
 }
 
 /* All coordinates, by the field that FETCHED carries. */
@@ -2033,6 +2261,7 @@ static outcome take_points(mm_session *session, const answer *fetched, double *p
     const int64_t *nodes = mmv_uploaded(session->volume, &count);
     const double *at_rest = mmv_points(session->volume);
     double *known = NULL;
+    extent region;
     outcome how = take_uploaded(session, fetched, "points", &known);
     how = how == DONE ? evaluate(session, fetched, known, points) : how;
     for (size_t i = 0; how == DONE && i < session->nodes * d; ++i) {
@@ -2040,6 +2269,17 @@ static outcome take_points(mm_session *session, const answer *fetched, double *p
     }
     for (size_t row = 0; how == DONE && row < count; ++row) {
         memcpy(points + (size_t)nodes[row] * d, known + row * d, d * sizeof *points);
+    }
+    if (how == DONE && read_extent(&fetched->reply.report, &region)) {
+        if (!session->committed_freed.nodes || session->committed_freed.step != session->step) { /* it was resumed */
+            for (size_t row = 0; row < count * d; ++row) {
+                known[row] -= at_rest[(size_t)nodes[row / d] * d + row % d];
+            }
+            how = correct(session, "committed", known, region, &session->committed_freed);
+        }
+        if (how == DONE) {
+            put_freed(session, &session->committed_freed, at_rest, points);
+        }
     }
     free(known);
     return how;
@@ -2101,7 +2341,8 @@ static int64_t in_mesh(const mm_session *session, int64_t node)
     (void)session;
     return node;
 }
-static void forget_judge(mm_session *session) { (void)session; }
+static void forget_told(mm_session *session) { (void)session; }
+static void keep_freed(mm_session *session) { (void)session; }
 static void forget_volume(mm_session *session) { (void)session; }
 
 #endif
@@ -2496,7 +2737,7 @@ mm_result mm_set_credentials(mm_session *session, const char *id, const uint8_t 
     }
     if (strcmp(session->id, id) != 0) { /* what is known of the one before says nothing of this one */
         disconnect(&session->data);
-        forget_judge(session);
+        forget_told(session);
         forget_moving_nodes(session);
         session->joined = session->may_resume = session->has_trial = 0;
         session->part = session->part_row = 0;
@@ -2658,7 +2899,7 @@ mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const doub
         session->iteration = integer_field(&moved, "iteration");
         session->trial_frame = frame;
         session->has_trial = 1;
-        forget_judge(session);
+        forget_told(session);
         if (moving) { /* a rank without moving nodes may have no array */
             memcpy(session->trial, displacement, moving * (size_t)session->dimension * sizeof *displacement);
         }
@@ -2711,6 +2952,7 @@ mm_result mm_commit(mm_session *session)
         memcpy(session->digest, report->bytes + report->nodes[field(&committed, "digest")].u.offset,
                sizeof session->digest);
         end_step(session);
+        keep_freed(session);
         keep_report(&session->committed, &committed);
     }
     free_answer(&committed);

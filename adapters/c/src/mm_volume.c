@@ -12,6 +12,7 @@ struct mmv_volume {
     mesh_motion_cells *cells;
     bool *is_uploaded;
     int64_t *uploaded;
+    int64_t *ids; /* in the whole mesh; NULL: the same */
     mesh_motion_tally *tally;
     char metric[32];
     mmv_field field;
@@ -70,6 +71,7 @@ void mmv_free(mmv_volume *volume)
     free(volume->moved);
     free(volume->is_uploaded);
     free(volume->uploaded);
+    free(volume->ids);
     free(volume);
 }
 
@@ -95,6 +97,18 @@ int mmv_add_cells(mmv_volume *volume, const char *type, size_t cells, const void
     free(wide);
     return result;
 }
+
+int mmv_set_ids(mmv_volume *volume, const int64_t *ids)
+{
+    volume->ids = malloc((volume->nodes + 1) * sizeof *volume->ids);
+    if (!volume->ids) {
+        return MESH_MOTION_OUT_OF_MEMORY;
+    }
+    memcpy(volume->ids, ids, volume->nodes * sizeof *ids);
+    return MESH_MOTION_OK;
+}
+
+int64_t mmv_id_of(const mmv_volume *volume, int64_t node) { return volume->ids ? volume->ids[node] : node; }
 
 void mmv_add_patch(mmv_volume *volume, size_t nodes, const int64_t *indices)
 {
@@ -344,12 +358,77 @@ int mmv_displacement(mmv_volume *volume, const double *known, double *displaceme
     return result;
 }
 
+static int have_tally(mmv_volume *volume, const char *metric)
+{
+    return volume->tally && strcmp(volume->metric, metric) == 0 ? MESH_MOTION_OK : make_tally(volume, metric);
+}
+
+typedef struct {
+    int64_t id;
+    size_t place;
+} place;
+
+static int by_id(const void *one, const void *other)
+{
+    const place *a = one, *b = other;
+    return (a->id > b->id) - (a->id < b->id);
+}
+
+int mmv_find(const mmv_volume *volume, size_t count, const int64_t *ids, int64_t *nodes)
+{
+    place *asked = malloc((count + 1) * sizeof *asked);
+    if (!asked) {
+        return MESH_MOTION_OUT_OF_MEMORY;
+    }
+    for (size_t i = 0; i < count; ++i) {
+        asked[i] = (place){ids[i], i};
+        nodes[i] = -1;
+    }
+    qsort(asked, count, sizeof *asked, by_id);
+    for (size_t node = 0; count && node < volume->nodes; ++node) {
+        place own = {mmv_id_of(volume, (int64_t)node), 0};
+        place *found = bsearch(&own, asked, count, sizeof own, by_id);
+        if (found) {
+            nodes[found->place] = (int64_t)node;
+        }
+    }
+    free(asked);
+    return MESH_MOTION_OK;
+}
+
+int mmv_region(mmv_volume *volume, const double *known, const char *metric, double below, int64_t rings, size_t around,
+               const int64_t *ids, const mesh_motion_region **region, const double **positions)
+{
+    size_t d = (size_t)volume->dimension, here = 0;
+    int64_t *nodes = malloc((around + 1) * sizeof *nodes);
+    int result = nodes ? have_tally(volume, metric) : MESH_MOTION_OUT_OF_MEMORY;
+    result = result == MESH_MOTION_OK ? mmv_find(volume, around, ids, nodes) : result;
+    for (size_t i = 0; result == MESH_MOTION_OK && i < around; ++i) {
+        if (nodes[i] >= 0) {
+            nodes[here++] = nodes[i];
+        }
+    }
+    result = result == MESH_MOTION_OK ? write_field(volume, volume->moved) : result;
+    for (size_t i = 0; result == MESH_MOTION_OK && i < volume->nodes * d; ++i) {
+        volume->moved[i] += volume->points[i];
+    }
+    for (size_t row = 0; result == MESH_MOTION_OK && row < volume->uploaded_count; ++row) {
+        for (size_t axis = 0; axis < d; ++axis) {
+            size_t at = (size_t)volume->uploaded[row] * d + axis;
+            volume->moved[at] = volume->points[at] + known[row * d + axis];
+        }
+    }
+    *positions = volume->moved;
+    result = result == MESH_MOTION_OK ? mesh_motion_region_create(volume->tally, (int64_t)volume->nodes, volume->moved,
+                                                                  below, rings, (int64_t)here, nodes, region)
+                                      : result;
+    free(nodes);
+    return result;
+}
+
 int mmv_judge(mmv_volume *volume, const double *displacement, const char *metric, mesh_motion_part *part)
 {
-    int result = MESH_MOTION_OK;
-    if (!volume->tally || strcmp(volume->metric, metric) != 0) {
-        result = make_tally(volume, metric);
-    }
+    int result = have_tally(volume, metric);
     for (size_t i = 0; i < volume->nodes * (size_t)volume->dimension; ++i) {
         volume->moved[i] = volume->points[i] + displacement[i];
     }

@@ -17,6 +17,8 @@ mmv_volume *mmv_new(int dimension, size_t nodes, const double *points);
 void mmv_free(mmv_volume *volume);
 /* Copies what it is given; node numbers of 4 or 8 bytes. */
 int mmv_add_cells(mmv_volume *volume, const char *type, size_t cells, const void *nodes, size_t width);
+/* Copies the nodes' numbers in the whole mesh; without a call they are those here. */
+int mmv_set_ids(mmv_volume *volume, const int64_t *ids);
 void mmv_add_patch(mmv_volume *volume, size_t nodes, const int64_t *indices);
 /* After the last cells and patches: finds the nodes that the server must know. */
 int mmv_finish(mmv_volume *volume);
@@ -46,6 +48,15 @@ int mmv_set_field(mmv_volume *volume, mmv_field field);
 int mmv_displacement(mmv_volume *volume, const double *known, double *displacement);
 /* Judges the cells with the nodes displaced. */
 int mmv_judge(mmv_volume *volume, const double *displacement, const char *metric, mesh_motion_part *part);
+/* The bad cells after the motion by the field, and `known` displacement rows of the uploaded nodes, and those about
+ * them, or about further nodes with these numbers in the whole mesh, in ascending order. `positions` are of all nodes,
+ * until the next call.
+ */
+int mmv_region(mmv_volume *volume, const double *known, const char *metric, double below, int64_t rings, size_t around,
+               const int64_t *ids, const mesh_motion_region **region, const double **positions);
+int64_t mmv_id_of(const mmv_volume *volume, int64_t node);
+/* Of nodes with these numbers in the whole mesh: which they are here, or -1. */
+int mmv_find(const mmv_volume *volume, size_t count, const int64_t *ids, int64_t *nodes);
 /* mesh_motion_tally_bin of the cells as they were judged last. */
 const mesh_motion_tally *mmv_tally(const mmv_volume *volume);
 

@@ -158,6 +158,8 @@ def compute(
     RunFailed
     """
     settings = parameters.MESH_SOLVERS[mesh_solver]
+    if "remote" in settings:
+        settings = settings | {"remote": settings["remote"] | {"method": case.method}}
     end = end_time - case.time_step / 2.0  # so that round-off adds no step
     (folder / "coupling.json").write_text(json.dumps(parameters.coupling(case, settings, end), indent=1))
     before = resource.getrusage(resource.RUSAGE_CHILDREN)

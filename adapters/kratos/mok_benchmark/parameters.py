@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 __all__ = ["MESH_SOLVERS", "Case", "coupling", "materials"]
@@ -37,6 +37,8 @@ class Case:
         Of the coupling: residual relative to the displacements.
     scheme : str
         Of the solid in time: newmark, or bossak, which damps what alternates from step to step.
+    method : dict
+        Settings of the server, where it moves the mesh.
     """
 
     no_slip: tuple[str, ...]
@@ -45,6 +47,7 @@ class Case:
     time_step: float
     tolerance: float = 1e-5
     scheme: str = "newmark"
+    method: Block = field(default_factory=dict)
 
 
 #: The settings that are swapped; the endpoint is put in when the server runs.

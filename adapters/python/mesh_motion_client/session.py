@@ -17,6 +17,8 @@ from mesh_motion_protocol.messages import (
     Closed,
     Commit,
     Committed,
+    Correct,
+    Corrected,
     Fetch,
     Fetched,
     Joined,
@@ -97,6 +99,7 @@ class Session(Described):
         self._mesh: Mesh | None = None
         self._evaluation = "server"
         self._volume: Volume | None = None
+        self._corrected: dict[int, Corrected] = {}  # by step: of the trial, and of the committed state
         self._control = control
         self._courier = Courier(control, credentials, partition, shares_memory=shares_memory)
         self._timeout = timeout
@@ -171,15 +174,45 @@ class Session(Described):
         self._courier.trial, self._courier.iteration = (replace(move, compute_limit_ms=0),), moved.iteration
         told = vars(moved)
         if volume is not None:
-            displacement = volume.displacement(moved)
-            judged = self._judged(volume.judge(displacement, moved.quality["metric"]), seconds)
-            told = told | {
-                "displacement": displacement,
-                "quality": judged.quality,
-                "correction": moved.correction | {"reached": judged.reached},
-                "warnings": [*moved.warnings, *judged.warnings],
-            }
+            told = told | self._on_volume(volume, moved, seconds)
         return Moved(**told, mesh=self._mesh, is_total=frame == "reference")
+
+    def _on_volume(self, volume: Volume, moved: messages.Moved, seconds: float) -> dict[str, Any]:
+        """Judge the cells, and correct them where the server says so; what changes of the answer."""
+        displacement, metric = volume.displacement(moved), moved.quality["metric"]
+        self._corrected.pop(self.step + 1, None)
+        judged = self._judged(volume.judge(displacement, metric), seconds)
+        if judged.region:
+            corrected = self._correct(volume, moved, judged.region, "trial", seconds)
+            self._corrected[self.step + 1] = corrected
+            volume.correct(displacement, corrected)
+            judged = self._judged(volume.judge(displacement, metric), seconds)
+        return {
+            "displacement": displacement,
+            "quality": judged.quality,
+            "correction": (judged.correction or moved.correction) | {"reached": judged.reached},
+            "warnings": [*moved.warnings, *judged.warnings],
+        }
+
+    def _correct(
+        self,
+        volume: Volume,
+        reply: messages.Moved | Fetched,
+        region: dict[str, Any],
+        what: Literal["trial", "committed"],
+        seconds: float,
+    ) -> Corrected:
+        """Tell of the bad cells and those about them until the server has corrected them."""
+        around = np.empty(0, dtype=np.int64)
+        while True:
+            fields = volume.region(reply, region, around)
+            correct = Correct(**self._address, step=self.step + 1, what=what, **fields)
+            corrected = self._courier.deliver(correct, Corrected, seconds)
+            if not corrected.region:
+                if what == "trial":
+                    self._courier.trial = (*self._courier.trial, correct)
+                return corrected
+            region, around = corrected.region, corrected.nodes
 
     def _judged(self, fields: Callable[[list[dict[str, Any]]], dict[str, Any]], seconds: float) -> Judged:
         """Tell what this partition's cells are like, until the server asks for nothing more."""
@@ -210,6 +243,7 @@ class Session(Described):
         commit = Commit(**self._address, step=self.step + 1, final_step=final_step)
         committed = self._courier.deliver(commit, Committed, timeout or self._compute_timeout)
         self._courier.step, self._courier.iteration, self._courier.trial = committed.step, 0, ()
+        self._corrected = {step: found for step, found in self._corrected.items() if step == committed.step}
         self.durable_step = committed.durable_step
         return committed
 
@@ -223,7 +257,16 @@ class Session(Described):
         """(n, d) coordinates of this partition's nodes, committed or of the reference mesh."""
         fetch, volume = Fetch(**self._address, what=what), self._volume_if_here()
         fetched = self._courier.deliver(fetch, Fetched, timeout or self._timeout)
-        return fetched.points if volume is None else volume.coordinates(fetched)
+        if volume is None:
+            return fetched.points
+        corrected = None
+        if fetched.region:
+            corrected = self._corrected.get(fetched.step)
+            if corrected is None:  # the session was resumed
+                seconds = timeout or self._compute_timeout
+                corrected = self._correct(volume, fetched, fetched.region, "committed", seconds)
+                self._corrected[fetched.step] = corrected
+        return volume.coordinates(fetched, corrected)
 
     def status(self, *, timeout: float | None = None) -> StatusReport:
         """Where the session stands: state, step, iteration, counters."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from mesh_motion_protocol.messages import Fetched, Moved, Upload
+from mesh_motion_protocol.messages import Corrected, Fetched, Moved, Upload
 from numpy.typing import NDArray
 
 from mesh_motion_client.errors import InvalidInput
@@ -19,6 +19,7 @@ from mesh_motion_client.mesh import Mesh, Patch
 __all__ = ["Volume"]
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 
 class Volume:
@@ -39,19 +40,21 @@ class Volume:
             # an extra
             from mesh_motion_server.distributed.field import Field  # noqa: PLC0415
             from mesh_motion_server.distributed.rank import Rank  # noqa: PLC0415
+            from mesh_motion_server.distributed.region import Extent  # noqa: PLC0415
             from mesh_motion_server.errors import InvalidInput as Unusable  # noqa: PLC0415
         except ImportError as error:
             raise InvalidInput(
                 f"evaluation = 'client' needs the numerics, which cannot be imported: {error}",
                 hint="pip install 'mesh-motion-server[server]'",
             ) from error
-        self._mesh, self._field = mesh, Field
+        self._mesh, self._field, self._extent = mesh, Field, Extent
         on_patches = [np.empty(0, dtype=np.int64), *(patch.nodes for patch in mesh.patches.values())]
         try:
             self._rank = Rank(mesh.points, mesh.cells, np.concatenate(on_patches))
         except Unusable as error:
             raise InvalidInput(error.message, code=error.code, hint=error.hint, details=error.details) from error
         self.nodes: NDArray[np.int64] = self._rank.nodes
+        self._order = None if mesh.global_ids is None else np.argsort(mesh.global_ids)
 
     def parts(self, **at: Any) -> Iterator[Upload]:
         """The UPLOADs of the boundary, and of the number of cells of each type."""
@@ -66,16 +69,50 @@ class Volume:
         """(n, d) displacement of all nodes from the reference mesh."""
         return self._rank.displacement(self._field_of(moved), moved.displacement)
 
-    def coordinates(self, fetched: Fetched) -> Floats:
-        """(n, d) coordinates of all nodes."""
+    def coordinates(self, fetched: Fetched, corrected: Corrected | None) -> Floats:
+        """(n, d) coordinates of all nodes, with the correction if there was one."""
         points = self._mesh.points
         found = points + self._rank.displacement(self._field_of(fetched), np.zeros((len(self.nodes), points.shape[1])))
         found[self.nodes] = fetched.points
+        if corrected is not None:
+            nodes, rows = self._here(corrected.nodes)
+            found[nodes] = points[nodes] + corrected.displacement[rows]
         return found
 
     def judge(self, displacement: Floats, metric: str) -> Callable[[list[dict[str, Any]]], dict[str, Any]]:
         """Judge the cells with the nodes displaced by (n, d): gives JUDGE's fields for the questions asked."""
         return self._rank.judge(displacement, metric)
+
+    def region(self, reply: Moved | Fetched, extent: dict[str, Any], around: Ints) -> dict[str, Any]:
+        """CORRECT's fields: the cells that are told after the motion of a MOVED, or before the correction of a FETCHED.
+
+        Parameters
+        ----------
+        extent : dict
+            The ``region`` of a reply.
+        around : (k,) int64 array
+            Global ids; those of other partitions do not count.
+        """
+        known = reply.displacement if isinstance(reply, Moved) else reply.points - self._mesh.points[self.nodes]
+        nodes, _ = self._here(around)
+        found = self._rank.region(self._field_of(reply), known, self._extent.of(extent), nodes).fields()
+        if self._mesh.global_ids is not None:
+            found["nodes"][:, 0] = self._mesh.global_ids[found["nodes"][:, 0]]
+        return found
+
+    def correct(self, displacement: Floats, corrected: Corrected) -> None:
+        """Put the freed nodes of this partition where the correction says, in a displacement (n, d) of all nodes."""
+        nodes, rows = self._here(corrected.nodes)
+        displacement[nodes] = corrected.displacement[rows]
+
+    def _here(self, ids: Ints) -> tuple[Ints, Ints]:
+        """The nodes of this partition among those with global ids (k,), and their rows there."""
+        if self._order is None or self._mesh.global_ids is None:
+            return ids, np.arange(len(ids))
+        own = self._mesh.global_ids[self._order]
+        at = np.minimum(np.searchsorted(own, ids), len(own) - 1)
+        rows = np.flatnonzero(own[at] == ids)
+        return self._order[at[rows]], rows
 
     def _field_of(self, reply: Moved | Fetched) -> Any:
         return self._field(reply.sums, *(np.array(part) for part in (reply.centres, reply.boxes, reply.coefficients)))

@@ -195,3 +195,116 @@ int mesh_motion_tally_bin(const mesh_motion_tally* tally, const char* metric, in
         *different = number;
     });
 }
+
+// The cells about the bad ones, as distributed/region.py tells them.
+
+namespace {
+
+struct HeldRegion : mesh_motion_region {
+    std::vector<std::int64_t> node, whole_of, corner;
+};
+
+/// Size, skew and validity of all cells.
+struct Qualities {
+    std::vector<double> size, skew;
+    std::unique_ptr<bool[]> inverted;
+
+    Qualities(const mesh_motion_tally& tally, Matrix<const double> points)
+        : size(tally.cells->count), skew(tally.cells->count), inverted(new bool[tally.cells->count]) {
+        tally.cells->by_block([&](auto nodes, Index first) {
+            const Index last = first + nodes.shape(0);
+            cell_quality(points, nodes, view_of(tally.sizes).rows(first, last), view_of(size).rows(first, last),
+                         view_of(skew).rows(first, last), {inverted.get() + first, {last - first}});
+        });
+    }
+};
+
+/// f(cell, nodes, number of nodes) for all cells.
+template <class F>
+void by_cell(const mesh_motion_cells& cells, F&& f) {
+    Index cell = 0;
+    for (const auto& [type, rows] : cells.held)
+        for (std::size_t at = 0; at < rows.size(); at += type->nodes) f(cell++, rows.data() + at, type->nodes);
+}
+
+/// Marks the nodes of the cells that `wanted` says.
+template <class F>
+void mark_nodes(const mesh_motion_cells& cells, std::vector<char>& marks, F&& wanted) {
+    by_cell(cells, [&](Index cell, const Index* nodes, Index count) {
+        if (wanted(cell, nodes, count))
+            for (Index k = 0; k < count; ++k) marks[nodes[k]] = true;
+    });
+}
+
+}  // namespace
+
+int mesh_motion_region_create(const mesh_motion_tally* tally, int64_t n, const double* points, double below,
+                              int64_t rings, int64_t around, const int64_t* nodes,
+                              const mesh_motion_region** region) {
+    return answered([&] {
+        given(region, "region") = nullptr;
+        const auto& own = given(tally, "tally");
+        const auto& cells = *own.cells;
+        const Qualities found(own, cells.points(n, points));
+        std::vector<char> bad(cells.count), chosen(cells.count), marks(n), here(n);
+        for (Index cell = 0; cell < cells.count; ++cell) {
+            double value;
+            const double* rest = own.skews.empty() ? nullptr : &own.skews[cell];
+            metric_of(static_cast<Metric>(own.metric), 1, &found.size[cell], &found.skew[cell], rest, &value);
+            bad[cell] = found.inverted[cell] || value < below;
+        }
+        mark_nodes(cells, marks, [&](Index cell, const Index*, Index) { return bad[cell]; });
+        for (const Index node : array("nodes", nodes, std::array{around})) {
+            expect(node >= 0 && node < n, "nodes", "numbers of nodes");
+            marks[node] = true;
+        }
+        const auto touches = [](const std::vector<char>& marked) {
+            return [&marked](Index, const Index* nodes, Index count) {
+                return std::any_of(nodes, nodes + count, [&](Index node) { return marked[node]; });
+            };
+        };
+        for (Index ring = 0; ring < rings; ++ring) {
+            const std::vector<char> before = marks;
+            mark_nodes(cells, marks, touches(before));
+        }
+        by_cell(cells, [&](Index cell, const Index* nodes, Index count) {
+            chosen[cell] = bad[cell] || touches(marks)(cell, nodes, count);
+        });
+        mark_nodes(cells, here, [&](Index cell, const Index*, Index) { return chosen[cell]; });
+        auto made = std::make_unique<HeldRegion>();
+        std::vector<Index> row(n);
+        for (Index node = 0; node < n; ++node) {
+            if (!here[node]) continue;
+            row[node] = static_cast<Index>(made->node.size());
+            made->node.push_back(node);
+            made->whole_of.push_back(marks[node]);
+        }
+        made->least_skew = made->least_size = 1.0;
+        for (Index cell = 0; cell < cells.count; ++cell) {
+            if (chosen[cell]) continue;
+            made->least_size = std::min(made->least_size, found.size[cell]);
+            if (own.skews.empty()) continue;
+            const double skew = found.inverted[cell] ? 0.0 : std::min(found.skew[cell] / own.skews[cell], 1.0);
+            made->least_skew = std::min(made->least_skew, skew);
+        }
+        Index type = 0;
+        for (const auto& kind : cell_types) {
+            made->cells[type] = 0;
+            Index cell = 0;
+            for (const auto& [held, rows] : cells.held) {
+                for (std::size_t at = 0; at < rows.size(); at += held->nodes, ++cell) {
+                    if (held != &kind || !chosen[cell]) continue;
+                    ++made->cells[type];
+                    for (Index k = 0; k < kind.nodes; ++k) made->corner.push_back(row[rows[at + k]]);
+                }
+            }
+            made->names[type++] = kind.name;
+        }
+        made->nodes = static_cast<Index>(made->node.size());
+        made->corners = static_cast<Index>(made->corner.size());
+        made->indices = made->node.data(), made->whole = made->whole_of.data(), made->rows = made->corner.data();
+        *region = made.release();
+    });
+}
+
+void mesh_motion_region_free(const mesh_motion_region* region) { delete static_cast<const HeldRegion*>(region); }

@@ -105,7 +105,7 @@ def correct(problem: CorrectionProblem, method: Method) -> Correction:
     """
     p = problem
     reference = p.start if p.reference is None else p.reference
-    mesh = TrialMesh(reference, p.cells, p.reference_sizes, p.held, method.quality_metric)
+    mesh = TrialMesh(reference, p.cells, p.reference_sizes, p.held, method.quality_metric, elsewhere=p.elsewhere)
     if method.correction_in_time == "smooth":
         return _smooth_in_time(problem, method, mesh)
     unchanged = _without_points(problem, p.begin)
@@ -130,7 +130,8 @@ def correct(problem: CorrectionProblem, method: Method) -> Correction:
     corrected = signed(after, mesh.metric)
     # a method may fail or lower the quality: then the mesh stays as it was
     if not good and (
-        corrected.min() < least or (least > 0.0 and spoils(before, after, mesh.metric, float(corrected.min() / least)))
+        corrected.min() < least
+        or (least > 0.0 and spoils(before, after, mesh.metric, float(corrected.min() / least), p.elsewhere))
     ):
         found, after, corrected = unchanged, before, quality
     if not corrected.min() > 0.0:

@@ -7,6 +7,7 @@ import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats, Marks
 from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint
+from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolation.interpolant import Factorization
@@ -55,6 +56,8 @@ class CorrectionProblem:
         Positions at the end of the last step; ``start`` by default.
     near_walls : callable, optional
         Marks the nodes (n,) near the moving walls, which stay in place if ``standard`` is good and only improved.
+    elsewhere : Elsewhere, optional
+        The rest of the mesh, if this is a region of it; for target "threshold" only.
     """
 
     start: Floats
@@ -72,6 +75,7 @@ class CorrectionProblem:
     known: float | None = None
     last: Floats | None = None
     near_walls: Callable[[], Marks] | None = None
+    elsewhere: Elsewhere | None = None
 
     @property
     def committed(self) -> Floats:

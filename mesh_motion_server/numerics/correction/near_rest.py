@@ -20,6 +20,7 @@ import numpy as np
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_server.numerics.correction.free_region import cells_of_nodes
+from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_server.numerics.correction.trial_nodes import (
     RELATIVE_BOTH,
     RELATIVE_SHAPE,
@@ -105,9 +106,12 @@ def reshaped(problem: CorrectionProblem, mesh: TrialMesh) -> Polished:
     return shaped if own >= _WORTH * most else best
 
 
-def spoils(before: CellQuality, after: CellQuality, metric: str, gain: float = 1.0) -> bool:
+def spoils(
+    before: CellQuality, after: CellQuality, metric: str, gain: float = 1.0, elsewhere: Elsewhere | None = None
+) -> bool:
     """Whether the smallest relative skew or size falls by more than the factor ``gain``."""
     if metric != "relative-size-skew":
         return False
-    extremes = zip(before.relative_extremes(), after.relative_extremes(), strict=True)
-    return any(own > max(gain, NOTICED) * new for own, new in extremes)
+    others = (math.inf, math.inf) if elsewhere is None else elsewhere.extremes
+    extremes = zip(before.relative_extremes(), after.relative_extremes(), others, strict=True)
+    return any(min(own, other) > max(gain, NOTICED) * min(new, other) for own, new, other in extremes)

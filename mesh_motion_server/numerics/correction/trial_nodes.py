@@ -22,11 +22,23 @@ from mesh_motion_server.numerics.correction.distortion import PNorm, determinant
 from mesh_motion_server.numerics.correction.free_region import FreeRegion, free_region, grow, nodes_of_cells
 from mesh_motion_server.numerics.correction.linked_unknowns import StepSolver
 from mesh_motion_server.numerics.correction.newton import Accuracy, newton
+from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_server.numerics.correction.region_measure import RegionMeasure
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import AtRest, CellQuality, cell_quality, subset_quality
 
-__all__ = ["RELATIVE_BOTH", "RELATIVE_SHAPE", "Polished", "Stage", "TrialMesh", "polish", "reach", "signed", "untangle"]
+__all__ = [
+    "MARGIN",
+    "RELATIVE_BOTH",
+    "RELATIVE_SHAPE",
+    "Polished",
+    "Stage",
+    "TrialMesh",
+    "polish",
+    "reach",
+    "signed",
+    "untangle",
+]
 
 LEVELS = tuple(PNorm(p, m, of="cells") for p, m in ((2, 1), (8, 2), (24, 4), (60, 8), (150, 16), (400, 40)))
 """Continuation: starting sharper, or with half the iterations a level, ends at a third of the quality."""
@@ -67,7 +79,7 @@ _SLOW = 1.5
 _STAGES, _STAGE_ITERATIONS = 25, 4
 _STALL = 0.85  # an untangling that keeps more than this of the least determinant over two stages will not succeed
 _EARLY_RISE, _TAIL = 1.5, 0.65  # largest gain of the remaining levels: after the second level, after a later one
-_MARGIN = 1.15  # a region that failed grows by the cells that are nearly bad
+MARGIN = 1.15  # a region that failed grows by the cells that are nearly bad
 _LEAST_GROWTH, _MOST_GROWTH = 1.4, 3.0
 _ALL = 0.6  # above this share of the free nodes a region saves nothing: free all nodes
 _TINY = 1e-300
@@ -98,6 +110,8 @@ class TrialMesh:
         :data:`RELATIVE_BOTH`.
     constraint : BoundaryConstraint or None
         The constraint of nodes that are not held but may move only with restrictions.
+    elsewhere : Elsewhere or None
+        The rest of the mesh, if this is a region of it.
     """
 
     reference: Floats
@@ -106,6 +120,12 @@ class TrialMesh:
     held: Marks
     metric: str = "size-skew"
     constraint: BoundaryConstraint | None = None
+    elsewhere: Elsewhere | None = None
+
+    @property
+    def may_move(self) -> int:
+        """Number of nodes that are not held, of the whole mesh."""
+        return int(np.count_nonzero(~self.held)) + (0 if self.elsewhere is None else self.elsewhere.free)
 
     def released(self, constraint: BoundaryConstraint | None) -> TrialMesh:
         """The mesh in which the nodes that a constraint releases are no longer held."""
@@ -128,7 +148,10 @@ class TrialMesh:
     def free(self, marked: Marks) -> FreeRegion:
         """The region in which the marked (n) nodes and those tied to them are free, except held nodes."""
         marked = marked if self.constraint is None else self.constraint.closed(marked)
-        return free_region(self.reference, self.cells, self.reference_sizes, marked & ~self.held)
+        free = marked & ~self.held
+        if self.elsewhere is not None:
+            self.elsewhere.require_here(free)
+        return free_region(self.reference, self.cells, self.reference_sizes, free)
 
 
 def signed(quality: CellQuality, metric: str) -> Floats:
@@ -336,12 +359,12 @@ def reach(
         count = int(np.count_nonzero(free))
         if count > most:
             break
-        everything = count > _ALL * int(np.count_nonzero(may_move)) or count <= best.freed  # too large, or cannot grow
+        everything = count > _ALL * mesh.may_move or count <= best.freed  # too large, or cannot grow
         region = mesh.free(may_move if everything else free)
         found = polish(best.points, mesh, region, target=target, thorough=everything)
         now = quality.copy()
         now[region.cell_numbers] = region_quality(found.points[region.nodes], region, mesh.metric)
-        bad |= nodes_of_cells(mesh.cells, np.minimum(quality, now) < _MARGIN * target, len(points))
+        bad |= nodes_of_cells(mesh.cells, np.minimum(quality, now) < MARGIN * target, len(points))
         quality = now if now.min() > best.minimum else quality
         best = _better(best, found, float(now.min()))
         if everything:

@@ -1,4 +1,4 @@
-"""The motion of a boundary whose volume lies elsewhere: it gives the field, and judges nothing.
+"""The motion of a boundary whose volume lies elsewhere: it gives the field, corrects regions, and judges nothing.
 
 The field is that of :class:`.standard_motion.StandardMotion` from the reference mesh with the whole displacement. It
 depends on the nodes with a role and on the box of the mesh only, so it is bitwise that of the whole mesh.
@@ -11,12 +11,19 @@ from typing import Self
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput, SessionError
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.correction.correction import Correction
+from mesh_motion_server.numerics.arrays import Floats, Marks
+from mesh_motion_server.numerics.correction.correction import Correction, CorrectionProblem, correct
+from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
-from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
+from mesh_motion_server.numerics.interpolation.factor_source import (
+    DeferredFactorization,
+    FactorSource,
+    MakeEachTime,
+    Recorded,
+)
 from mesh_motion_server.numerics.interpolation.support_radius import suggest_support_radius
 from mesh_motion_server.numerics.interpolation.two_scale.plans import TwoScalePlans
+from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.patch_check import check_patches
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.method import Method
@@ -24,10 +31,12 @@ from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDispl
 from mesh_motion_server.numerics.motion.method_check import check_method
 from mesh_motion_server.numerics.motion.motion_found import Motion
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
+from mesh_motion_server.numerics.quality.mesh_check import checked_cells
+from mesh_motion_server.numerics.quality.metrics import cells_at_rest
 from mesh_motion_server.numerics.quality.quality_summary import Judgement, LowestQuality, Minimum
 from mesh_motion_server.numerics.stopwatch import Stopwatch, check_time
 
-__all__ = ["BoundaryMotion"]
+__all__ = ["BoundaryMotion", "correct_region"]
 
 
 _ROLES = ("moving", "fixed")
@@ -119,6 +128,45 @@ class BoundaryMotion:
 
     def close(self) -> None:
         """Do nothing: it holds no resources on other machines."""
+
+
+def correct_region(
+    method: Method, points: Floats, positions: Floats, cells: CellTable, held: Marks, elsewhere: Elsewhere
+) -> Correction:
+    """The correction of a region of the mesh, bitwise that of the whole mesh.
+
+    Parameters
+    ----------
+    method : Method
+        With a correction that frees nodes up to the threshold, and absolute displacement.
+    points, positions : (n, d) arrays, mesh length unit
+        In the reference mesh, and where the interpolation takes them.
+    cells : CellTable
+    held : (n,) bool array
+    elsewhere : Elsewhere
+
+    Raises
+    ------
+    RegionTooSmall
+        If it takes a larger region.
+    NumericalError
+        If no valid mesh was found.
+    """
+    check_time()
+    read = checked_cells(points, cells)
+    relative = method.quality_metric == "relative-size-skew"
+    problem = CorrectionProblem(
+        start=points,
+        standard=positions,
+        held=held,
+        cells=read.cells,
+        reference_sizes=cells_at_rest(points, read.cells, read.sizes) if relative else read.sizes,
+        factorization=DeferredFactorization(points, method, MakeEachTime()),  # no such correction looks at it
+        evaluator=LocalEvaluator(),
+        reference=points,
+        elsewhere=elsewhere,
+    )
+    return correct(problem, method)
 
 
 def _needs_the_volume(what: str, patch: str = "") -> InvalidInput:

@@ -21,6 +21,7 @@ SETTINGS = {
     "boundary_layer_thickness": 0.0,
     "quality_report": "every-move",
 }
+CORRECTED = SETTINGS | {"correction": "optimised", "correction_target": "threshold", "quality_threshold": 0.5}
 SINCE_REFERENCE, SINCE_COMMITTED, KEEP = 1, 0, 0
 
 
@@ -66,37 +67,45 @@ def cube(side):
 def whole(endpoint):
     """Side → numbers of nodes, their final coordinates, quality of each step: of a session with the whole mesh."""
 
-    def answer(side):
+    def answer(side, threshold):
         mesh, ids = cube(side)
-        qualities = []
-        with connect(endpoint) as server, server.open(mesh, SETTINGS) as session:
+        qualities, settings = [], CORRECTED | {"quality_threshold": threshold} if threshold else SETTINGS
+        with connect(endpoint) as server, server.open(mesh, settings) as session:
             x, y, z = mesh.points[session.moving_nodes].T
             for step in (1, 2, 3):
-                moved = session.move(0.02 * step * np.stack([y - 0.5, 0.5 - x, x * z], axis=1))
+                size = (0.2 if threshold else 0.02) * step
+                moved = session.move(size * np.stack([y - 0.5, 0.5 - x, x * z], axis=1))
                 quality = moved.quality["corrected"]
-                qualities.append((quality["cells"], quality["size_skew"]["min"], quality["size_skew"]["p50"]))
+                values = [quality["size_skew"][name] for name in ("min", "p50")]
+                qualities.append((quality["cells"], *values, moved.correction["freed_nodes"]))
                 session.commit()
             return ids, session.points(), qualities
 
     known = {}
-    return lambda side: known.setdefault(side, answer(side))
+    return lambda *case: known[case] if case in known else known.setdefault(case, answer(*case))
 
 
 @pytest.mark.parametrize("ranks", [1, 2, 4])
-@pytest.mark.parametrize("side", [12, 30])
-def test_ranks_of_mpi_give_what_the_whole_mesh_gives(prefix, endpoint, whole, tools, tmp_path, side, ranks):
+@pytest.mark.parametrize(("side", "threshold"), [(12, 0.0), (30, 0.0), (12, 0.6), (30, 0.6)])
+def test_ranks_of_mpi_give_what_the_whole_mesh_gives(prefix, endpoint, whole, tools, tmp_path, side, threshold, ranks):
     tools["need"]("mpicc", "mpiexec")
     program, source = tmp_path / "own_ranks", tools["source"] / "examples" / "own_ranks.c"
     flags = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O1"]
     places = [f"-I{prefix}/include", f"-L{prefix}/lib", f"-Wl,-rpath,{prefix}/lib", "-lmesh_motion"]
     tools["run"](["mpicc", *flags, source, *places, "-o", program])
     everywhere = ["--oversubscribe", *(["--allow-run-as-root"] if os.geteuid() == 0 else [])]
-    printed = tools["run"](["mpiexec", *everywhere, "-n", ranks, program, endpoint, side, tmp_path / "points"])
-    ids, points, qualities = whole(side)
+    printed = tools["run"](
+        ["mpiexec", *everywhere, "-n", ranks, program, endpoint, side, tmp_path / "points", threshold]
+    )
+    ids, points, qualities = whole(side, threshold)
     lines = [
-        f"step {s}: {c} cells, minimum {low:.17g}, median {mid:.17g}" for s, (c, low, mid) in enumerate(qualities, 1)
+        f"step {step}: {cells} cells, minimum {low:.17g}, median {middle:.17g}; {freed} nodes freed"
+        for step, (cells, low, middle, freed) in enumerate(qualities, 1)
     ]
-    assert [line.partition(";")[0].strip() for line in printed.splitlines() if line.startswith("step")] == lines
+    assert [
+        line.partition(" freed,")[0] + " freed" for line in printed.splitlines() if line.startswith("step")
+    ] == lines
+    assert bool(qualities[-1][-1]) == bool(threshold)
     for rank in range(ranks):
         raw = (tmp_path / f"points.{rank}").read_bytes()
         numbers = np.frombuffer(raw, np.int64, np.frombuffer(raw, np.int64, 1)[0], 8)
@@ -229,21 +238,47 @@ def test_one_rank_gives_what_a_session_with_the_whole_mesh_gives(prefix, endpoin
             session.move(bend(body, 1), frame=SINCE_COMMITTED)
 
 
-def test_after_kill_9_the_trial_is_made_and_judged_again(prefix, tmp_path):
+@pytest.mark.parametrize(("kind", "count"), [("quad + triangle", 20), ("quad", 240), ("tetra", 12), ("hexahedron", 20)])
+@pytest.mark.parametrize("metric", ["size-skew", "relative-size-skew"])
+def test_one_rank_is_corrected_as_a_session_with_the_whole_mesh_is(prefix, endpoint, kind, count, metric):
+    mesh, settings = box(kind, count), CORRECTED | {"quality_metric": metric}
+    with connect(endpoint) as server, server.open(mesh, settings) as expected, CSession(prefix, endpoint) as session:
+        session.open(mesh, settings)
+        most = 0
+        for step in (16, 20):
+            told = bend(mesh.points[expected.moving_nodes], step)
+            moved = expected.move(told)
+            np.testing.assert_array_equal(session.move(told), moved.displacement)
+            freed = session.c.mm_report_integer(
+                c_void_p(session.c.mm_moved(session.session)), b"correction.freed_nodes", 0
+            )
+            assert freed == moved.correction["freed_nodes"]
+            most = max(most, freed)
+            assert session.quality("metric.min") == pytest.approx(
+                moved.quality["corrected"]["metric"]["min"], rel=1e-12
+            )
+            expected.commit()
+            session.call("commit")
+            np.testing.assert_array_equal(session.points(), expected.points())
+        assert most > 0
+
+
+@pytest.mark.parametrize(("settings", "by"), [(SETTINGS, 1), (CORRECTED, 10)], ids=["plain", "corrected"])
+def test_after_kill_9_the_trial_is_made_and_judged_again(prefix, tmp_path, settings, by):
     mesh = box("hexahedron", 20)
     with ServerProcess(tmp_path) as server, CSession(prefix, server.endpoint) as session:
-        session.open(mesh, SETTINGS)
+        session.open(mesh, settings)
         body = mesh.points[session.moving_nodes]
-        session.move(bend(body, 1))
+        session.move(bend(body, by))
         session.call("commit")
-        found = session.move(bend(body, 2))
+        found = session.move(bend(body, 2 * by))
         server.stop(signal.SIGKILL)
         server.start()
         session.call("commit")
         np.testing.assert_array_equal(session.points(), mesh.points + found)
         server.stop(signal.SIGKILL)
         server.start()
-        np.testing.assert_array_equal(session.move(bend(body, 1)), session.move(bend(body, 1)))
+        np.testing.assert_array_equal(session.move(bend(body, by)), session.move(bend(body, by)))
         with CSession(prefix, server.endpoint) as other:
             token = ctypes.string_at(c_void_p(session.c.mm_token(session.session)), 32)
             other.call("set_credentials", c_char_p(session.c.mm_id(session.session)), token)
@@ -256,7 +291,7 @@ def test_after_kill_9_the_trial_is_made_and_judged_again(prefix, tmp_path):
             other.describe(mesh)
             other.call("resume")
             np.testing.assert_array_equal(other.points(), mesh.points + found)
-            again = other.move(bend(body, 1))
+            again = other.move(bend(body, by))
             other.call("commit")
             np.testing.assert_array_equal(other.points(), mesh.points + again)
 

@@ -30,7 +30,7 @@ def table() -> Iterator[Case]:
     """The state × request table, cell by cell."""
     for state in _REACHED:
         for kind, after in tables().states[state].items():
-            if kind not in ("CLOSE", "JUDGE", "lease ends"):  # JUDGE: section 23
+            if kind not in ("CLOSE", "JUDGE", "CORRECT", "lease ends"):  # section 23 has these two
                 yield _cell(state, kind, after)
     for state in _REACHED:
         yield Case("8", f"{state}-CLOSE", f"{state}: CLOSE leads to CLOSED", _closing(state))

@@ -33,7 +33,7 @@ def _request(stage: Stage, kind: str) -> tuple[Request, Any]:
         if kind in fields:
             return Request(kind, fields[kind]), stage.control
         return stage.session("READY").request(kind), stage.control
-    session = stage.judging() if kind == "JUDGE" else stage.session(_STATE.get(kind, "READY"))
+    session = stage.judging() if kind in ("JUDGE", "CORRECT") else stage.session(_STATE.get(kind, "READY"))
     return session.request(kind), session.lines[0]
 
 

@@ -14,6 +14,7 @@ from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.mesh import OUTER, SQUARE, WITHOUT_VOLUME, Part, Side, boundary
 from mesh_motion_conformance.server.requests import Request
 from mesh_motion_conformance.server.section_15_reports import digest
+from mesh_motion_conformance.server.session import Session
 from mesh_motion_conformance.server.stage import Stage
 from mesh_motion_conformance.show import show
 from mesh_motion_conformance.wire import Message
@@ -28,7 +29,7 @@ _REST = (1, 2, 3, 5, 7, 9, 10, 11)
 @suite.family
 def settings() -> Iterator[Case]:
     """OPEN is refused unless the settings leave the volume alone."""
-    others = {"displacement": "relative", "correction": "optimised", "sub_steps": "auto",
+    others = {"displacement": "relative", "correction": "enrichment", "sub_steps": "auto",
               "boundary_layer_thickness": None, "reduction": "greedy"}  # fmt: skip
 
     def run(key: str, value: Any) -> Callable[[Stage], None]:
@@ -142,14 +143,82 @@ def bins_that_do_not_add_up(stage: Stage) -> None:
     refused(session.ask(wrong), "INVALID_ARGUMENT", state="TRIAL")
 
 
+def _correcting(stage: Stage) -> Session:
+    """A session with a correction, whose cells are with the client, in TRIAL."""
+    chosen = {"correction": "optimised", "correction_target": "threshold", "quality_threshold": 0.3}
+    session = stage.open(boundary(), settings=WITHOUT_VOLUME | chosen, evaluation="client")
+    session.upload()
+    session.do("BUILD")
+    session.do("MOVE")
+    return session
+
+
+def _squeezed(positions: NDArray[np.float64], node: int) -> NDArray[np.float64]:
+    """The positions with a node near an edge of a triangle of its own."""
+    triangle = next(cell for cell in SQUARE.triangles.tolist() if node in cell)
+    others = [corner for corner in triangle if corner != node]
+    moved = positions.copy()
+    moved[node] = 0.15 * positions[node] + 0.85 * positions[others].mean(axis=0)
+    return moved
+
+
 @suite("23.7")
+def bad_cells_are_corrected(stage: Stage) -> None:
+    """Where the quality is below the threshold JUDGED asks for a region, and CORRECTED says where its nodes go."""
+    session = _correcting(stage)
+    judged = answered(session.ask(session.judge(0.25)), "JUDGED")
+    region = judged.fields["region"]
+    if set(region) != {"metric", "below", "rings"} or not 0.3 <= region["below"] <= 0.5:
+        raise Unmet("a region of the cells below the threshold of 0.3, or a little more", show(judged))
+    correct = session.correct(region["below"])
+    inner = next(node for node in range(len(SQUARE.points)) if node not in OUTER)
+    arrays = correct.arrays | {"positions": _squeezed(SQUARE.points, inner)}
+    corrected = answered(session.ask(replace(correct, arrays=arrays)), "CORRECTED")
+    nodes = corrected.arrays["nodes"]
+    if corrected.fields["region"] or len(nodes) != len(corrected.arrays["displacement"]) or set(nodes) & set(OUTER):
+        raise Unmet("displacements of nodes that are not on the boundary, and no region", show(corrected))
+    refused(session.ask("COMMIT"), "FAILED_PRECONDITION.STATE", state="TRIAL")
+    quality = answered(session.ask("JUDGE"), "JUDGED").fields["quality"]
+    lowest = [quality[which]["metric"]["min"] for which in ("standard", "corrected")]
+    if lowest != [0.25, 0.5]:
+        raise Unmet("the quality before and after the correction", str(lowest))
+    answered(session.ask("COMMIT"), "COMMITTED")
+    if not answered(session.ask("FETCH"), "FETCHED").fields["region"]:
+        raise Unmet("a region in FETCHED of corrected coordinates", "none")
+
+
+@suite("23.7")
+def larger_region(stage: Stage) -> None:
+    """A region whose nodes have cells that are not told is asked for again, larger."""
+    session = _correcting(stage)
+    region = answered(session.ask(session.judge(0.25)), "JUDGED").fields["region"]
+    correct = session.correct(region["below"], interior=0)
+    nodes = correct.arrays["nodes"].copy()
+    inner = [node for node in range(len(SQUARE.points)) if node not in OUTER]
+    nodes[inner, 1] = 0
+    arrays = correct.arrays | {"nodes": nodes, "positions": _squeezed(SQUARE.points, inner[0])}
+    corrected = answered(session.ask(replace(correct, arrays=arrays)), "CORRECTED")
+    if not corrected.fields["region"].get("rings", 0) > region["rings"]:
+        raise Unmet(f"a region of more than {region['rings']} rings", show(corrected))
+
+
+@suite("23.7")
+def region_that_is_no_region(stage: Stage) -> None:
+    """Corners that are no nodes are refused."""
+    session = _correcting(stage)
+    correct = session.correct()
+    wrong = replace(correct, arrays=correct.arrays | {"corners": correct.arrays["corners"] + 1000})
+    refused(session.ask(wrong), "INVALID_ARGUMENT", state="TRIAL")
+
+
+@suite("23.8")
 def commit_before_a_judge(stage: Stage) -> None:
     """COMMIT before a JUDGED with quality is refused."""
     session = stage.judging()
     refused(session.ask("COMMIT"), "FAILED_PRECONDITION.STATE", state="TRIAL")
 
 
-@suite("23.7")
+@suite("23.8")
 def bad_quality_is_refused(stage: Stage) -> None:
     """A trial of inverted cells is refused by its JUDGE, and cannot be committed."""
     session = stage.judging()
@@ -160,7 +229,7 @@ def bad_quality_is_refused(stage: Stage) -> None:
     refused(session.ask("COMMIT"), "FAILED_PRECONDITION.STATE", state="TRIAL")
 
 
-@suite("23.8")
+@suite("23.9")
 def field_survives(stage: Stage) -> None:
     """After RESUME FETCH gives the committed field and nodes bit for bit; the digest is over both."""
     session = stage.judging()
@@ -180,7 +249,8 @@ def field_survives(stage: Stage) -> None:
 
 @suite("8")
 def JUDGE_where_the_server_judges(stage: Stage) -> None:
-    """JUDGE is refused where the client does not evaluate the field."""
+    """JUDGE and CORRECT are refused where the client does not evaluate the field."""
     for state in ("NEW", "READY", "TRIAL"):
         session = stage.session(state)
-        refused(session.ask("JUDGE"), "FAILED_PRECONDITION.STATE", state=state)
+        for request in ("JUDGE", "CORRECT"):
+            refused(session.ask(request), "FAILED_PRECONDITION.STATE", state=state)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mesh_motion_conformance.case import Unmet
 from mesh_motion_conformance.checks import answered
 from mesh_motion_conformance.line import Ended, Line, Silence
-from mesh_motion_conformance.server.mesh import Part
+from mesh_motion_conformance.server.mesh import SQUARE, Part
 from mesh_motion_conformance.server.requests import Header, Request
 from mesh_motion_conformance.show import show
 from mesh_motion_conformance.tables import tables
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["Session", "data_endpoint"]
 
 #: What takes computing, or starts a process.
-_LONG = ("BUILD", "MOVE", "JUDGE", "COMMIT")
+_LONG = ("BUILD", "MOVE", "JUDGE", "CORRECT", "COMMIT")
 
 
 def data_endpoint(control: str, data: str) -> str:
@@ -87,8 +87,8 @@ class Session:
             frame = "committed" if self.parts[partition].triangles.size else "reference"
             fields = at | {"step": self.step + 1, "frame": frame}
             return Request(kind, fields, {"displacement": self.rows(partition)})
-        if kind == "JUDGE":
-            return self.judge()
+        if kind in ("JUDGE", "CORRECT"):
+            return self.judge() if kind == "JUDGE" else self.correct()
         own: dict[str, Any] = {"JOIN": {"token": self.token}}
         own |= {name: {"step": self.step + 1} for name in ("COMMIT", "ROLLBACK")}
         own |= {name: {} for name in ("BUILD", "FETCH", "STATUS", "CLOSE")}
@@ -112,6 +112,19 @@ class Session:
             "worst": np.array(worst, dtype="<f8"),
         }
         return Request("JUDGE", self.address() | fields, arrays)
+
+    def correct(self, below: float = 0.5, interior: int = 0, least: tuple[float, float] = (1.0, 1.0)) -> Request:
+        """A CORRECT of an only partition that tells all of its cells, all nodes where they are."""
+        part, points = self.parts[0], SQUARE.points
+        told = {"metric": "size-skew", "below": below, "rings": 4, "interior": interior, "least": list(least)}
+        fields = {"step": self.step + 1, "part": told | {"cells": {"triangle": len(part.triangles)}}}
+        arrays = {
+            "nodes": np.array([[node, 1] for node in range(len(points))], dtype="<i8"),
+            "points": points,
+            "positions": points,
+            "corners": SQUARE.triangles.reshape(-1, 1).astype("<i8"),
+        }
+        return Request("CORRECT", self.address() | fields, arrays)
 
     def rows(self, partition: int = 0, size: float = 0.01) -> NDArray[np.float64]:
         """(k, d) displacement of a partition's moving nodes: a shift that tenths and float64 do not divide evenly."""
