@@ -87,28 +87,30 @@ class Recorded:
         return {**found, "bytes": self.held()}
 
 
-def factorization_of(control_points: Floats, method: Method, factors: FactorSource) -> tuple[Factorization, bool]:
-    """The factorization for these control points (c, d), and whether it was reused.
+def factorization_of(control_points: Floats, method: Method, factors: FactorSource) -> Factorization:
+    """The factorization for these control points (c, d).
 
     The key is a digest of all its inputs, so a cache never returns a wrong factorization.
     """
     basis, radius = method.basis, method.support_radius
     digest = hashlib.sha256(repr((basis, radius, control_points.shape)).encode())
     digest.update(np.ascontiguousarray(control_points).data)
-    return factors.get_or_make(digest.digest(), lambda: factorize(control_points, basis=basis, support_radius=radius))
+    return factors.get_or_make(digest.digest(), lambda: factorize(control_points, basis=basis, support_radius=radius))[
+        0
+    ]
 
 
 def two_scale_factorization_of(
     control_points: Floats, box: Floats, plan: TwoScalePlan, factors: FactorSource
-) -> tuple[Factorization, bool]:
-    """The factorization in two scales of control points (c, d) for places in a box (2, d), and whether it was reused.
+) -> Factorization:
+    """The factorization in two scales of control points (c, d) for places in a box (2, d).
 
     A session has one plan per number of control points, except for the radius; so points, radius and box identify it.
     """
     digest = hashlib.sha256(repr(("two-scale", plan.support_radius, control_points.shape)).encode())
     digest.update(np.ascontiguousarray(box).data)
     digest.update(np.ascontiguousarray(control_points).data)
-    return factors.get_or_make(digest.digest(), lambda: plan.factorize(control_points, box[0], box[1]))
+    return factors.get_or_make(digest.digest(), lambda: plan.factorize(control_points, box[0], box[1]))[0]
 
 
 def prepared_for(
@@ -163,4 +165,4 @@ class DeferredFactorization:
 
     @cached_property
     def _made(self) -> Factorization:
-        return factorization_of(self.control_points, self.method, self.factors)[0]
+        return factorization_of(self.control_points, self.method, self.factors)

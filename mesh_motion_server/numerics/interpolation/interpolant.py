@@ -44,8 +44,6 @@ class Interpolant:
     support_radius : float, mesh length unit
     layout : CentreLayout
         The control points laid out for evaluation.
-    largest : float, unit of the values
-        Largest value, as a Euclidean norm, to which a tolerance of its evaluation refers; 0: only exact sums.
     """
 
     control_points: Floats
@@ -54,7 +52,6 @@ class Interpolant:
     support_radius: float
     layout: CentreLayout
     polynomial: Polynomial | None = None
-    largest: float = 0.0
 
     @property
     def dimension(self) -> int:

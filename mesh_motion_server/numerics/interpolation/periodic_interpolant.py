@@ -110,8 +110,8 @@ class PeriodicFactorization:
 
 def periodic_factorization_of(
     control_points: Floats, generators: tuple[Transform, ...], box: Floats, method: Method, factors: FactorSource
-) -> tuple[Factorization, bool]:
-    """The factorization of periodic control points, and whether it was reused.
+) -> Factorization:
+    """The factorization of periodic control points.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def periodic_factorization_of(
     digest = hashlib.sha256(repr(("periodic", method.basis, method.support_radius)).encode())
     for array in (control_points, box, *(a for g in generators for a in (g.rotation, g.shift))):
         digest.update(np.ascontiguousarray(array).data)
-    return factors.get_or_make(digest.digest(), lambda: _factorize(control_points, generators, box, method))
+    return factors.get_or_make(digest.digest(), lambda: _factorize(control_points, generators, box, method))[0]
 
 
 def _factorize(control_points: Floats, generators: tuple[Transform, ...], box: Floats, method: Method) -> Factorization:

@@ -123,7 +123,7 @@ class BoundaryMotion:
             control_points=trial.control_points,
             support_radius=float(self.method.support_radius or 0.0),
             warnings=[],
-            field=trial.field.stages[0].interpolant,
+            field=trial.stages[0].interpolant,
         )
 
     def close(self) -> None:

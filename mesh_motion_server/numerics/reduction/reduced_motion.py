@@ -34,14 +34,11 @@ class ReducedInterpolation:
         Rows of the boundary that the reduction chose, in their order.
     error : float
         The largest it left, as a share of the largest displacement.
-    reused : bool
-        Whether the factorization of the near-surface correction came from the cache.
     """
 
     levels: tuple[AnyInterpolant, ...]
     selected: Integers
     error: float
-    reused: bool
 
 
 def interpolate_reduced(
@@ -71,9 +68,9 @@ def interpolate_reduced(
     reduced = REDUCTIONS[method.reduction](problem)
     left = reduced.max_error
     if left <= _ROUNDING * problem.largest:
-        return ReducedInterpolation(reduced.levels, reduced.selected, 0.0, reused=False)
+        return ReducedInterpolation(reduced.levels, reduced.selected, 0.0)
     widest = radius if problem.row.compact else float(np.ptp(points, axis=0).max())
     near = replace(method, basis=BASIS, support_radius=near_surface_radius(spacing, left, widest))
-    factorization, reused = factorization_of(points, near, factors)
+    factorization = factorization_of(points, near, factors)
     levels = (*reduced.levels, factorization.solve(reduced.error))
-    return ReducedInterpolation(levels, reduced.selected, left / problem.largest, reused)
+    return ReducedInterpolation(levels, reduced.selected, left / problem.largest)
