@@ -30,7 +30,7 @@ nodes 0.48; each doubling doubles to quadruples the work.
 """
 
 
-def reduce(problem: ReductionProblem, *, spacings: float = SPACINGS) -> Reduced:
+def reduce(problem: ReductionProblem) -> Reduced:
     """Add levels of half the radius until the tolerance is met.
 
     Raises
@@ -43,7 +43,7 @@ def reduce(problem: ReductionProblem, *, spacings: float = SPACINGS) -> Reduced:
     nodes = farthest_first(problem.points, np.array([problem.start]))
     radius, before = problem.support_radius, 0
     while True:
-        count = min(int((nodes.separation >= radius / spacings).sum()), problem.limit)
+        count = min(int((nodes.separation >= radius / SPACINGS).sum()), problem.limit)
         if count > before and field.add(nodes.order[:count], radius):
             return field.reduced()
         radius, before = radius / 2.0, count

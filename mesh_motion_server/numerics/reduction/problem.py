@@ -90,12 +90,10 @@ class ReductionProblem:
         """The node every algorithm starts from: the first of the largest displacement (never a random one)."""
         return int(np.argmax(_squared_lengths(self.displacement)))
 
-    def columns(
-        self, selected: Integers, *, rows: Integers | None = None, support_radius: float | None = None
-    ) -> Floats:
+    def columns(self, selected: Integers, *, rows: Integers | None = None) -> Floats:
         """(nb or len(rows), nc) values of φ between boundary nodes and the selected ones."""
         at = self._padded if rows is None else self._padded[rows]
-        return dense_block(self.row, support_radius or self.support_radius, at, self._padded[selected])
+        return dense_block(self.row, self.support_radius, at, self._padded[selected])
 
     def level(self, selected: Integers, weights: Floats, *, support_radius: float | None = None) -> Level:
         """The interpolant with these (nc, k) weights at the selected nodes."""
