@@ -129,7 +129,7 @@ class PartitionedMotion:
             UNAVAILABLE without workers, or when one is lost after the first step.
         """
         found = self.interpolation.trial(self.boundary, targets, factors, Stopwatch())
-        stage, before, metric = found.field.stages[0], self._boxes, self.method.quality_metric
+        stage, before, metric = found.stages[0], self._boxes, self.method.quality_metric
         start, version = self._version, self._version + 1
 
         def arguments(number: int, fresh: bool) -> tuple[Any, ...]:

@@ -83,7 +83,7 @@ class Inspection:
         return asdict(self)
 
 
-def inspect_session(folder: Path | str, *, files: FileSystem | None = None) -> Inspection:
+def inspect_session(folder: Path | str) -> Inspection:
     """Inspect one session's folder.
 
     Raises
@@ -91,7 +91,7 @@ def inspect_session(folder: Path | str, *, files: FileSystem | None = None) -> I
     JournalError
         If it is not a session's folder: it has no readable ``spec.json``.
     """
-    path, files = Path(folder), files or PosixFileSystem()
+    path, files = Path(folder), PosixFileSystem()
     raw = _read(path / SPEC)
     spec = StoredSpec.from_bytes(raw)
     found, journal_check = _journal(path, files)

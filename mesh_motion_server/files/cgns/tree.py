@@ -89,7 +89,7 @@ class Node:
             raise self.refused(f"a link to {link.path}{place}, which is not there")
         return found
 
-    def only(self, label: str, what: str, hint: str = "") -> Node:
+    def only(self, label: str, what: str) -> Node:
         """The only node under this one with a label.
 
         Raises
@@ -100,7 +100,7 @@ class Node:
         found = self.children(label)
         if len(found) != 1:
             names = f": {', '.join(node.name for node in found[:8])}" if found else ""
-            raise self.refused(f"{len(found)} {what}{names}; one is expected", hint)
+            raise self.refused(f"{len(found)} {what}{names}; one is expected")
         return found[0]
 
     def text(self) -> str:

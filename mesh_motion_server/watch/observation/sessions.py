@@ -140,10 +140,10 @@ class Sessions:
             return ""
 
 
-def _held_inodes(locks: Path = Path("/proc/locks")) -> set[int] | None:
+def _held_inodes() -> set[int] | None:
     """Inodes of files that a process has locked completely; None if the system does not report them."""
     try:
-        lines = locks.read_text(encoding="ascii").splitlines()
+        lines = Path("/proc/locks").read_text(encoding="ascii").splitlines()
     except OSError:
         return None
     fields = (line.split() for line in lines)
