@@ -23,10 +23,10 @@ class _OneScale(StandardMotion):
 
     def _all_factorized(
         self, points: NDArray[np.float64], controls: NDArray[np.int64], factors: FactorSource
-    ) -> tuple[Factorization, bool]:
+    ) -> Factorization:
         del factors
         basis, radius = self.method.basis, self.method.support_radius
-        return factorize(points[controls], basis=basis, support_radius=radius, solver=self.solver), False
+        return factorize(points[controls], basis=basis, support_radius=radius, solver=self.solver)
 
 
 def in_one_scale(model: MotionModel, solver: str = "iterative") -> MotionModel:

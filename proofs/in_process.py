@@ -31,9 +31,8 @@ from mesh_motion_server.transport import template
 from mesh_motion_server.transport import worker as workers
 from mesh_motion_server.transport.control import Control
 from mesh_motion_server.transport.gateway import Gateway
-from mesh_motion_server.transport.protection import Protection
+from mesh_motion_server.transport.protection import Protection, Rights
 from mesh_motion_server.transport.registry import Live, Registry
-from mesh_motion_server.transport.rights import Rights
 from proofs.in_process_parts import Child, Frame, Held, Line, Replies, Socket
 from proofs.model_files import ModelFiles
 

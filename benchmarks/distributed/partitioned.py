@@ -31,7 +31,7 @@ from mesh_motion_server.numerics.interpolation.two_scale.plans import TwoScalePl
 from mesh_motion_server.numerics.mesh.paths import RigidMotion
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion_field import Stage
+from mesh_motion_server.numerics.motion.stage import Stage
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
 from mesh_motion_server.numerics.quality.quality_summary import QualitySummary
 from mesh_motion_server.numerics.stopwatch import Stopwatch
@@ -129,7 +129,7 @@ class PartitionedMotion:
             UNAVAILABLE without workers, or when one is lost after the first step.
         """
         found = self.interpolation.trial(self.boundary, targets, factors, Stopwatch())
-        stage, before, metric = found.field.stages[0], self._boxes, self.method.quality_metric
+        stage, before, metric = found.stages[0], self._boxes, self.method.quality_metric
         start, version = self._version, self._version + 1
 
         def arguments(number: int, fresh: bool) -> tuple[Any, ...]:

@@ -176,8 +176,10 @@ def _boundary_error(task: Task, model: MotionModel, trial: StandardTrial, target
     told = task.points.copy()
     told[task.moving] = targets
     wanted = told[nodes] - trial.start[nodes]
-    found = trial.field.displacement(np.ascontiguousarray(trial.start[nodes]))
-    return float(np.linalg.norm(found - wanted, axis=1).max() / np.linalg.norm(wanted, axis=1).max())
+    found = np.ascontiguousarray(trial.start[nodes])
+    for stage in trial.stages:
+        found = stage.positions(found, model.evaluator)
+    return float(np.linalg.norm(found - told[nodes], axis=1).max() / np.linalg.norm(wanted, axis=1).max())
 
 
 def main(arguments: list[str]) -> None:

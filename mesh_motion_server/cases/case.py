@@ -3,8 +3,6 @@
 All lengths are in the mesh's unit, angles in degrees. Every boundary patch of the mesh needs a role.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 import tomllib

@@ -5,15 +5,12 @@ estimates from the counts of nodes and control points, good to a factor of two o
 rates were measured on (2 cores).
 """
 
-from __future__ import annotations
-
 import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mesh_motion_server.cases.case import Case, read_case
@@ -22,6 +19,7 @@ from mesh_motion_server.cases.prediction import Prediction, named
 from mesh_motion_server.errors import InvalidInput, MeshMotionError, NumericalError
 from mesh_motion_server.files import MeshFile, read_mesh
 from mesh_motion_server.files.reader import is_mesh
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.interpolation.two_scale.plans import AUTOMATIC_FROM
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
@@ -34,7 +32,6 @@ from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing
 
 __all__ = ["CheckReport", "Costs", "check"]
 
-FloatArray = NDArray[np.float64]
 
 #: Rates: sums of basis functions per second, operations per second of the dense factorization, squared entries per
 #: second of the sparse one.
@@ -59,7 +56,6 @@ class Costs:
     ----------
     solver : str
         The method that will factorize the interpolation system.
-    factorize_seconds, evaluate_seconds : float
     memory_bytes : int
         Memory of the server's worker.
     """
@@ -76,8 +72,6 @@ class CheckReport:
 
     Attributes
     ----------
-    path : Path
-    mesh : MeshFile
     roles : dict of str to str
         Role of each patch; empty for a mesh without a case.
     counts : dict of str to int
@@ -88,9 +82,6 @@ class CheckReport:
         Minimum and mean skew of the mesh in the file.
     support_radius : float or None
         The support radius of the case, if it sets one.
-    suggested_radius : float
-    costs : Costs
-    warnings : list of str
     steps : int
         Number of steps of the case's motion that were predicted and are accepted.
     refused : str
@@ -116,8 +107,6 @@ def check(path: Path, zone: str = "", *, seconds: float = 0.0) -> CheckReport:
 
     Parameters
     ----------
-    path : path
-    zone : str
     seconds : float
         Predict the case's motion, step by step, for about this time.
 
@@ -226,7 +215,7 @@ def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] |
     )
 
 
-def estimate_costs(points: FloatArray, control: FloatArray, n_cells: int, radius: float) -> Costs:
+def estimate_costs(points: Floats, control: Floats, n_cells: int, radius: float) -> Costs:
     """Estimate a step: points (n, d), control points (nc, d), cells, support radius."""
     order = len(control)
     entries = _mean_neighbours(control, control, radius)
@@ -241,13 +230,13 @@ def estimate_costs(points: FloatArray, control: FloatArray, n_cells: int, radius
     return Costs(solver, factorize, sums / _PAIR_RATE, memory)
 
 
-def _mean_neighbours(points: FloatArray, control: FloatArray, radius: float) -> float:
+def _mean_neighbours(points: Floats, control: Floats, radius: float) -> float:
     """Mean number of control points within the radius of a point, from an even sample."""
     sample = points[:: max(1, len(points) // _SAMPLE)]
     return float(cKDTree(control).query_ball_point(sample, radius, return_length=True).mean())
 
 
-def _radius_warnings(radius: float | None, control: FloatArray) -> list[str]:
+def _radius_warnings(radius: float | None, control: Floats) -> list[str]:
     """Warn of a support radius that connects no control points: the interpolation then gives only spikes."""
     if radius is None or len(control) < 2:
         return []

@@ -1,7 +1,5 @@
 """Compare a recorded session with its replays: one column each, and whether the states are bitwise equal."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
@@ -12,16 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
 from mesh_motion_server.cases.recorded import Recorded, StepFigures
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.replay import maker
 from mesh_motion_server.watch.observation.series import PHASES
 
 __all__ = ["Agreement", "Comparison", "Replayed", "Summary", "summary_of", "table_of", "write_comparison"]
 
-FloatArray = NDArray[np.float64]
 
 #: Columns of comparison.csv beside ``run`` and ``step``.
 _COLUMNS = ("min_quality", "mean_quality", "standard_min", "predicted_min", "moves", "refusals", "corrected")
@@ -34,7 +31,6 @@ class Replayed:
 
     Attributes
     ----------
-    name : str
     changes : dict
         The settings that differ from the recorded session.
     figures : list of StepFigures
@@ -49,7 +45,7 @@ class Replayed:
     changes: dict[str, Any]
     figures: list[StepFigures]
     refusal: str
-    stored: FloatArray | None
+    stored: Floats | None
 
 
 @dataclass(frozen=True)
@@ -125,10 +121,8 @@ class Comparison:
 
     Attributes
     ----------
-    recorded : Recorded
     last : int
         The last requested step.
-    runs : list of Replayed
     elsewhere : bool
         Whether a running server made the replays; its version and machine may differ.
     """

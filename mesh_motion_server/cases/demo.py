@@ -4,8 +4,6 @@
 run on a real server over the real wire, as the requests of any coupling code do.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

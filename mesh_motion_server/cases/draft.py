@@ -4,21 +4,18 @@ Roles are guesses. The name of a patch can tell that it is a symmetry plane or a
 the mesh, which does not reach the sides of the box around all nodes, is a moving body, and all other patches are fixed.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.cases.case import toml_key, toml_text
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["draft", "guessed_roles"]
 
-Floats = NDArray[np.float64]
 
 _SYMMETRY = ("sym",)
 _FAR = ("far", "inlet", "outlet", "inflow", "outflow", "outer")

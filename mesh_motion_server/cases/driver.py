@@ -3,25 +3,20 @@
 Tests replace :class:`Driver` by a test double; all other code talks to a server over the wire.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
-import numpy as np
 from mesh_motion_client import Credentials, Keys, Mesh, MeshMotionError, Patch, Session, connect
 from mesh_motion_client.session import Report
-from numpy.typing import NDArray
 
 from mesh_motion_server.cases.case import Case
 from mesh_motion_server.cases.kept import Kept
 from mesh_motion_server.files import MeshFile
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["Driver", "Reply", "open_session"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,16 +29,13 @@ class Reply:
         Total displacement of all nodes, mesh length unit.
     predicted, predicted_standard : float
         Minimum of the session's quality metric, with the correction and without.
-    enrichment_points, freed_nodes : int
-    seconds : dict of str to float
-    warnings : list of str
     sub_steps : int
         Number of sub-steps of the motion.
     faces : dict of str to dict
         Face quality for finite-volume codes ``before`` and ``after``; empty if not requested.
     """
 
-    displacement: FloatArray
+    displacement: Floats
     predicted: float
     predicted_standard: float
     enrichment_points: int
@@ -69,10 +61,10 @@ class Driver(Protocol):
     def step(self) -> int:
         """The last committed step."""
 
-    def points(self) -> FloatArray:
+    def points(self) -> Floats:
         """Committed coordinates (n, d)."""
 
-    def move(self, displacement: FloatArray, *, report: Report = "") -> Reply:
+    def move(self, displacement: Floats, *, report: Report = "") -> Reply:
         """Move the moving nodes (ascending) to their total displacement (k, d); ``report`` is that of MOVE."""
 
     def commit(self, final_step: int) -> None:
@@ -97,8 +89,6 @@ def open_session(
 
     Parameters
     ----------
-    case : Case
-    mesh : MeshFile
     endpoint : str or None
         None: a private server that ends with the session.
     kept : Kept
@@ -139,14 +129,14 @@ class _Session:
     def step(self) -> int:
         return self._session.step
 
-    def points(self) -> FloatArray:
+    def points(self) -> Floats:
         return self._session.points()
 
     @property
     def mesh_warnings(self) -> list[str]:
         return list(self._session.mesh_report.get("warnings", []))
 
-    def move(self, displacement: FloatArray, *, report: Report = "") -> Reply:
+    def move(self, displacement: Floats, *, report: Report = "") -> Reply:
         moved = self._session.move(displacement, report=report)
         return Reply(
             displacement=moved.displacement,

@@ -1,7 +1,5 @@
 """Face quality for finite-volume solvers: what a run keeps of MOVED's faces, and the last line that play prints."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

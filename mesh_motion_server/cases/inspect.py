@@ -1,7 +1,5 @@
 """Inspect the sessions of a running server, or those stored in a folder."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

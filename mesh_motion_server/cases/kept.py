@@ -4,8 +4,6 @@ The folder ``.session`` in the results has the session's credentials, a private 
 each step, and the coordinates after the worst step.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.cases.records import StepRecord
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["KEPT", "Kept"]
 
@@ -95,14 +93,14 @@ class Kept:
         found = [json.loads(line) for line in lines[:committed]]
         return [StepRecord(**one["record"]) for one in found], found[-1]["warnings"] if found else []
 
-    def keep_worst(self, step: int, points: NDArray[np.float64]) -> None:
+    def keep_worst(self, step: int, points: Floats) -> None:
         """Keep the coordinates (n, d) after the worst step so far."""
         np.save(self.folder / f"worst_{step}.npy", points, allow_pickle=False)
         for other in self.folder.glob("worst_*.npy"):
             if other.name != f"worst_{step}.npy":
                 other.unlink()
 
-    def worst(self, step: int) -> NDArray[np.float64] | None:
+    def worst(self, step: int) -> Floats | None:
         """Coordinates after the worst step; None if another step is kept."""
         path = self.folder / f"worst_{step}.npy"
         return np.load(path, allow_pickle=False) if path.exists() else None

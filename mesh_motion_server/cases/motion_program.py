@@ -20,17 +20,15 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.cases.case import Case, Oscillation, RigidMotion, meant
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile
 from mesh_motion_server.files.npz import read_archive
+from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["FunctionProgram", "MotionProgram", "RigidProgram", "TableProgram"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Displacements of a shared node may differ by this fraction of the mesh's extent, because of rounding.
 _AGREEMENT = 1e-9
@@ -39,7 +37,7 @@ _AGREEMENT = 1e-9
 class PatchProgram(Protocol):
     """The motion of one patch."""
 
-    def displacement(self, step: int) -> FloatArray:
+    def displacement(self, step: int) -> Floats:
         """(p, d) total displacement of the patch's nodes after a step."""
 
 
@@ -47,11 +45,11 @@ class PatchProgram(Protocol):
 class RigidProgram:
     """A rigid motion of the nodes at ``points`` (p, d); ``fraction`` gives the part that is done after a step."""
 
-    points: FloatArray
+    points: Floats
     motion: RigidMotion
     fraction: Callable[[int], float]
 
-    def displacement(self, step: int) -> FloatArray:
+    def displacement(self, step: int) -> Floats:
         dimension = self.points.shape[1]
         fraction = self.fraction(step)
         total = np.zeros_like(self.points)
@@ -67,9 +65,9 @@ class RigidProgram:
 class TableProgram:
     """Tabulated total displacements (S, p, d), one for each step."""
 
-    table: FloatArray
+    table: Floats
 
-    def displacement(self, step: int) -> FloatArray:
+    def displacement(self, step: int) -> Floats:
         return self.table[step - 1] if step else np.zeros_like(self.table[0])
 
 
@@ -77,11 +75,11 @@ class TableProgram:
 class FunctionProgram:
     """A motion by a Python function: (points (p, d), step) → total displacement (p, d)."""
 
-    points: FloatArray
-    function: Callable[[FloatArray, int], FloatArray]
+    points: Floats
+    function: Callable[[Floats, int], Floats]
     name: str
 
-    def displacement(self, step: int) -> FloatArray:
+    def displacement(self, step: int) -> Floats:
         if not step:
             return np.zeros_like(self.points)
         try:
@@ -100,10 +98,10 @@ class _PatchMotion:
     """All motions of one moving patch: its name, the indices of its nodes in the program's nodes (p,), its programs."""
 
     name: str
-    places: IntArray
+    places: Integers
     programs: tuple[PatchProgram, ...]
 
-    def displacement(self, step: int, dimension: int) -> FloatArray:
+    def displacement(self, step: int, dimension: int) -> Floats:
         """(p, d) sum over the programs; zero if there are none."""
         zero = np.zeros((len(self.places), dimension))
         return sum((program.displacement(step) for program in self.programs), start=zero)
@@ -117,14 +115,13 @@ class MotionProgram:
     ----------
     nodes : (k,) int64 array
         The nodes of all moving patches, ascending, each once.
-    dimension : int
     count : int
         Number of steps.
     patches : tuple
         One entry for each moving patch, in the order of the case file.
     """
 
-    nodes: IntArray
+    nodes: Integers
     dimension: int
     count: int
     patches: tuple[_PatchMotion, ...]
@@ -153,7 +150,7 @@ class MotionProgram:
         """Moving patches for which the case has no motion: they do not move."""
         return tuple(patch.name for patch in self.patches if not patch.programs)
 
-    def displacement(self, step: int) -> FloatArray:
+    def displacement(self, step: int) -> Floats:
         """(k, d) total displacement, since the reference mesh, of :attr:`nodes` after step 0 … count."""
         total = np.zeros((len(self.nodes), self.dimension))
         for patch in self.patches:
@@ -186,7 +183,7 @@ def _swing(oscillation: Oscillation) -> Callable[[int], float]:
     return lambda step: float(np.sin(turn * step + phase) - np.sin(phase))
 
 
-def _load_function(folder: Path, named: str, points: FloatArray) -> FunctionProgram:
+def _load_function(folder: Path, named: str, points: Floats) -> FunctionProgram:
     """Load the function FILE.py:NAME from the folder of the case file."""
     file, _, name = named.partition(":")
     try:
@@ -203,7 +200,7 @@ def _load_function(folder: Path, named: str, points: FloatArray) -> FunctionProg
     return FunctionProgram(points, values[name], f"{folder / file}: {name}")
 
 
-def _read_table(path: Path, patch: str, nodes: IntArray, expected: tuple[int, int]) -> TableProgram:
+def _read_table(path: Path, patch: str, nodes: Integers, expected: tuple[int, int]) -> TableProgram:
     """Read the table of a patch: its first ``count`` steps, with the rows in the order of ``nodes``."""
     if not path.is_file():
         raise InvalidInput(f"{path}: no such motion table", hint="paths in a case file are relative to the case file")
@@ -230,7 +227,7 @@ def _read_table(path: Path, patch: str, nodes: IntArray, expected: tuple[int, in
     return TableProgram(np.ascontiguousarray(table[:, order]))
 
 
-def _check_nodes(path: Path, patch: str, node_ids: IntArray, nodes: IntArray) -> None:
+def _check_nodes(path: Path, patch: str, node_ids: Integers, nodes: Integers) -> None:
     """Check that a table names each node of its patch exactly once (both ascending)."""
     if np.array_equal(node_ids, nodes):
         return
@@ -263,7 +260,7 @@ def _check_agreement(program: MotionProgram, mesh: MeshFile, path: Path) -> None
                 )
 
 
-def _rotation(angle: float, axis: Sequence[float] | None, dimension: int) -> FloatArray:
+def _rotation(angle: float, axis: Sequence[float] | None, dimension: int) -> Floats:
     """(d, d) rotation matrix; in 2D about +z (or -z for such an axis), in 3D Rodrigues' formula."""
     c, s = float(np.cos(angle)), float(np.sin(angle))
     if dimension == 2:

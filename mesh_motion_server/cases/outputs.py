@@ -6,8 +6,6 @@ A refused case leaves the results of the steps before, with ``accepted.npy`` (th
 first, so a folder only has results of the last case.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil
@@ -18,12 +16,12 @@ from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.cases.faces import FACES
 from mesh_motion_server.cases.kept import KEPT, Kept
 from mesh_motion_server.cases.records import StepRecord
 from mesh_motion_server.errors import ResourceError
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = [
     "RESULTS",
@@ -144,7 +142,7 @@ def write_summary(folder: Path, summary: dict[str, Any]) -> None:
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
 
 
-def write_points(folder: Path, points: NDArray[np.float64], name: str = "points.npy") -> None:
+def write_points(folder: Path, points: Floats, name: str = "points.npy") -> None:
     """Write points.npy, or ``name``."""
     np.save(folder / name, points, allow_pickle=False)
 

@@ -4,8 +4,6 @@ A 3D mesh is cut by a plane through its moving boundary, across the axis along w
 matplotlib is an extra (``plot``); it is imported when something is drawn.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -41,11 +39,8 @@ def write_picture(
 
     Parameters
     ----------
-    path : path
-    title : str
     before, after : Snapshot
         The mesh at opening and after its worst step.
-    steps : sequence of StepRecord
     metric : str
         The quality metric of the steps' predictions.
     last : str

@@ -4,8 +4,6 @@ Each step has several coupling iterations: Moves that start from the same commit
 displacement, as a relaxed fixed-point iteration does. The last one is committed.
 """
 
-from __future__ import annotations
-
 import resource
 import sys
 import time
@@ -18,7 +16,6 @@ import numpy as np
 from mesh_motion_client import Keys
 from mesh_motion_client import MeshMotionError as ClientError
 from mesh_motion_client.session import Report
-from numpy.typing import NDArray
 
 from mesh_motion_server import __version__
 from mesh_motion_server.cases.case import Case, read_case
@@ -42,6 +39,7 @@ from mesh_motion_server.cases.refused import write_refused
 from mesh_motion_server.errors import InvalidInput, MeshMotionError, NumericalError
 from mesh_motion_server.files import MeshFile, VtuSeries, patch_marks
 from mesh_motion_server.files.vtu import Data
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.quality.metrics import cell_quality
 from mesh_motion_server.numerics.quality.orientation import oriented_at_rest
@@ -50,7 +48,6 @@ from mesh_motion_server.watch.pictures.snapshot import Snapshot
 
 __all__ = ["Played", "play"]
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int, StepRecord | None], None]
 
 #: An iteration halves the distance to the step's final displacement, as relaxation by 0.5 does.
@@ -65,10 +62,8 @@ class Played:
 
     Attributes
     ----------
-    mesh : MeshFile
     points : (n, d) array
         Final coordinates.
-    steps : list of StepRecord
     warnings : list of str
         What the server and the writers warned about, each once, in the order of first appearance.
     summary : dict
@@ -78,7 +73,7 @@ class Played:
     """
 
     mesh: MeshFile
-    points: FloatArray
+    points: Floats
     steps: list[StepRecord]
     warnings: list[str]
     summary: dict[str, Any]
@@ -101,7 +96,6 @@ def play(
 
     Parameters
     ----------
-    case_file : path
     folder : path
         Receives the results; created if it is missing.
     endpoint : str, optional
@@ -277,7 +271,7 @@ class _Run:
             raise
         return replace(record, seconds=elapsed + time.perf_counter() - begin)
 
-    def _move(self, step: int, displacement: FloatArray, report: Report) -> Reply:
+    def _move(self, step: int, displacement: Floats, report: Report) -> Reply:
         """One coupling iteration; an error names the step."""
         try:
             return self._driver.move(displacement, report=report)
@@ -285,7 +279,7 @@ class _Run:
             error.message = f"step {step} of {self._program.count}: {error.message}"
             raise
 
-    def _boundary_error(self, target: FloatArray) -> float:
+    def _boundary_error(self, target: Floats) -> float:
         """Largest distance of a moving or fixed node from its prescribed position."""
         moving = self._points[self._program.nodes] - (self._mesh.points[self._program.nodes] + target)
         fixed = self._points[self._fixed] - self._mesh.points[self._fixed]
@@ -366,7 +360,7 @@ class _Run:
             return 0
 
 
-def _plain(quality: FloatArray) -> dict[str, float]:
+def _plain(quality: Floats) -> dict[str, float]:
     """Minimum and mean size-skew."""
     return {"min_size_skew": float(quality.min()), "mean_size_skew": float(quality.mean())}
 

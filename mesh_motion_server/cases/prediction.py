@@ -6,20 +6,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mesh_motion_server.cases.case import Case
 from mesh_motion_server.cases.motion_program import MotionProgram
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.files import MeshFile
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.motion.motion_found import Motion
 
 __all__ = ["Prediction", "named"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,16 +1,14 @@
 """Read what a replay needs from a stored session's folder: mesh, settings, boundary motion and results."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, JournalError
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.history.boundary import BoundaryLog
 from mesh_motion_server.session.history.events import read_events
 from mesh_motion_server.session.journal.files import read_ledger, read_stored_state
@@ -26,8 +24,6 @@ from mesh_motion_server.watch.observation.series import PHASES
 
 __all__ = ["Recorded", "StepFigures", "read_recorded"]
 
-FloatArray = NDArray[np.float64]
-
 
 @dataclass
 class StepFigures:
@@ -35,7 +31,6 @@ class StepFigures:
 
     Attributes
     ----------
-    step : int
     min_quality, mean_quality : float
         Size-skew of the committed coordinates; NaN if not recorded.
     standard_min, predicted_min : float
@@ -44,7 +39,6 @@ class StepFigures:
         Numbers of Moves and refusals in the step.
     corrected : bool
         Whether the committed Move was corrected.
-    enrichment_points, freed_nodes : int
     seconds : dict
         Seconds by phase, summed over all Moves of the step.
     seconds_total : float
@@ -91,11 +85,8 @@ class Recorded:
 
     Attributes
     ----------
-    folder : Path
-    spec : StoredSpec
     mesh : UploadView
         Nodes ascending by global id, as one partition.
-    log : BoundaryLog
     figures : dict
         Results by step, for the steps whose events still exist.
     makers : list of (int, str)
@@ -113,7 +104,7 @@ class Recorded:
     figures: dict[int, StepFigures]
     makers: list[tuple[int, str]]
     notes: list[str]
-    stored: tuple[int, FloatArray] | None
+    stored: tuple[int, Floats] | None
 
     def digest(self, step: int) -> bytes:
         """State digest of a recorded step; empty if unknown."""
@@ -165,7 +156,7 @@ def _spec(folder: Path) -> StoredSpec:
         ) from error
 
 
-def _stored(folder: Path, files: PosixFileSystem, ledger: Ledger) -> tuple[int, FloatArray] | None:
+def _stored(folder: Path, files: PosixFileSystem, ledger: Ledger) -> tuple[int, Floats] | None:
     """The stored coordinates; None if they do not verify. They only serve to measure the distance of two runs."""
     try:
         return read_stored_state(folder, files, ledger)

@@ -1,22 +1,15 @@
 """The results of each step of a played case: computed from coordinates, or reported by the server."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.cases.faces import FACES
 from mesh_motion_server.numerics.quality.metrics import CellQuality
 from mesh_motion_server.watch.observation.series import PHASES
 
 __all__ = ["VTU_METRICS", "StepRecord", "add_seconds", "drawn", "quality_numbers"]
-
-FloatArray = NDArray[np.float64]
 
 VTU_METRICS = ("size", "skew", "size-skew", "relative-size-skew")
 """Of every cell of the mesh series."""
@@ -28,10 +21,8 @@ class StepRecord:
 
     Attributes
     ----------
-    step : int
     min_size, min_skew, min_size_skew, mean_size_skew, min_relative_size_skew, mean_relative_size_skew : float
         Quality of the mesh after the step, from its coordinates; size and relative skew refer to the mesh at opening.
-    inverted_cells : int
     predicted_min : float
         The server's prediction of the case's quality metric for its motion, before any node moved.
     predicted_standard : float

@@ -1,23 +1,19 @@
 """Write the mesh of a refused step for inspection: refused.vtu, and its worst cells."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.cases.prediction import Prediction
 from mesh_motion_server.cases.records import VTU_METRICS
 from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.files import write_vtu
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import AtRest, cell_quality
 
 __all__ = ["write_refused"]
-
-Floats = NDArray[np.float64]
 
 
 def write_refused(
@@ -29,11 +25,8 @@ def write_refused(
     ----------
     path : path
         Path of the VTU file.
-    prediction : Prediction
     committed : (n, d) array
         Coordinates before the step, mesh length unit.
-    step : int
-    cells : CellTable
     sizes : AtRest
         Sizes of the cells at opening.
 

@@ -5,8 +5,6 @@ trials that were rolled back and restarts do not affect the committed state: wit
 on the same machine, the state digests are equal, bit for bit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
@@ -16,7 +14,6 @@ from typing import Any, Protocol
 import numpy as np
 from mesh_motion_client import Keys, Mesh, Patch, connect
 from mesh_motion_client import MeshMotionError as ClientError
-from numpy.typing import NDArray
 
 from mesh_motion_server import __version__
 from mesh_motion_server.cases.comparison import Comparison, Replayed, write_comparison
@@ -34,6 +31,7 @@ from mesh_motion_server.cases.recorded import Recorded, StepFigures, read_record
 from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, drawn, quality_numbers
 from mesh_motion_server.errors import InvalidInput, MeshMotionError
 from mesh_motion_server.files import VtuSeries
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.quality.metrics import cell_quality
 from mesh_motion_server.numerics.quality.orientation import oriented_at_rest
 from mesh_motion_server.session.history.boundary import BoundaryStep
@@ -43,7 +41,6 @@ from mesh_motion_server.watch.pictures.snapshot import Snapshot
 
 __all__ = ["Opener", "Runner", "Variant", "over_the_wire", "replay", "replay_variant", "variant_of"]
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int, StepRecord], None]
 
 
@@ -118,7 +115,6 @@ def replay(
     folder : Path
         Receives ``comparison.json``, ``comparison.csv`` and the results of a played case; several variants have their
         results in ``variant-1``, ….
-    variants : sequence of Variant
     until : int, optional
         The last step; by default the last step with a recorded boundary.
     endpoint, keys, every, progress
@@ -167,7 +163,7 @@ def replay_variant(
     variant: Variant,
     runner: Runner,
     last: int,
-    seen: Callable[[BoundaryStep, Any, StepFigures, FloatArray], None],
+    seen: Callable[[BoundaryStep, Any, StepFigures, Floats], None],
 ) -> Replayed:
     """Play the steps 1 … ``last``; stop at a refused step.
 
@@ -178,7 +174,7 @@ def replay_variant(
     """
     reference = points = recorded.mesh.points
     figures: list[StepFigures] = []
-    stored: FloatArray | None = None
+    stored: Floats | None = None
     refusal = ""
     for step in range(1, last + 1):
         boundary, found = recorded.log.read(step), StepFigures(step)
@@ -233,7 +229,7 @@ class _Output:
         self._warnings: list[str] = []
         self._write(0)
 
-    def take(self, boundary: BoundaryStep, moved: Any, found: StepFigures, points: FloatArray) -> None:
+    def take(self, boundary: BoundaryStep, moved: Any, found: StepFigures, points: Floats) -> None:
         """Add a step."""
         base = self._reference if boundary.frame == "reference" else self._points
         target = base[self._moving] + boundary.rows

@@ -1,7 +1,5 @@
 """Describe what happened at a step and why: turns the events of a history into lines of text."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -29,7 +27,6 @@ class Story:
 
     Attributes
     ----------
-    step : int
     outcome : {"committed", "lost", "open"}
         Lost: a crash reset the session to an earlier step (durability ``relaxed``), and the step was not begun again.
     why : list of str

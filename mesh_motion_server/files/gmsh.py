@@ -18,7 +18,8 @@ import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.gmsh_values import AsciiValues, BinaryValues, Values
-from mesh_motion_server.files.mesh_file import FloatArray, IntArray, MeshFile, assemble
+from mesh_motion_server.files.mesh_file import MeshFile, assemble
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["read_gmsh"]
@@ -36,7 +37,7 @@ class _Block:
 
     dimension: int
     name: str
-    nodes: IntArray
+    nodes: Integers
     groups: tuple[int, ...]
 
 
@@ -46,8 +47,8 @@ class _Content:
 
     names: dict[tuple[int, int], str] = field(default_factory=dict)  # (dimension, tag) of a physical group
     groups: dict[tuple[int, int], tuple[int, ...]] = field(default_factory=dict)  # physical tags of an entity (4.1)
-    tags: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))  # (n,) node tags
-    points: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    tags: Integers = field(default_factory=lambda: np.empty(0, dtype=np.int64))  # (n,) node tags
+    points: Floats = field(default_factory=lambda: np.empty((0, 3)))
     blocks: list[_Block] = field(default_factory=list)
 
 
@@ -157,7 +158,7 @@ def _read_nodes_22(content: _Content, values: Values) -> None:
 
 def _read_elements_22(content: _Content, values: Values) -> None:
     """$Elements: tag, type, number of tags, tags (the first is the physical group), nodes of each element."""
-    rows: dict[tuple[int, int], list[IntArray]] = defaultdict(list)
+    rows: dict[tuple[int, int], list[Integers]] = defaultdict(list)
     for code, group, nodes in _runs_22(values, values.text_count()):
         rows[code, group].append(nodes)
     for (code, group), parts in rows.items():
@@ -166,7 +167,7 @@ def _read_elements_22(content: _Content, values: Values) -> None:
         content.blocks.append(_Block(dimension, name, np.concatenate(parts), (group,) if group else ()))
 
 
-def _runs_22(values: Values, count: int) -> Iterator[tuple[int, int, IntArray]]:
+def _runs_22(values: Values, count: int) -> Iterator[tuple[int, int, Integers]]:
     """Type, physical group and (m, k) node tags of each run of consecutive elements."""
     done = 0
     while done < count:
@@ -197,18 +198,18 @@ def _element_type(code: int) -> tuple[str, int]:
 class _NodeRows:
     """The row in $Nodes of each node tag; tags may be sparse and in any order."""
 
-    tags: IntArray  # (n,) ascending
-    rows: IntArray  # (n,)
+    tags: Integers  # (n,) ascending
+    rows: Integers  # (n,)
 
     @classmethod
-    def of(cls, tags: IntArray) -> _NodeRows:
+    def of(cls, tags: Integers) -> _NodeRows:
         order = np.argsort(tags, kind="stable")
         ascending = tags[order]
         if len(repeated := ascending[1:][np.diff(ascending) == 0]):
             raise ValueError(f"node {int(repeated[0])} appears twice in $Nodes")
         return cls(ascending, order)
 
-    def __call__(self, nodes: IntArray) -> IntArray:
+    def __call__(self, nodes: Integers) -> Integers:
         """Rows of node tags, in the shape of ``nodes``."""
         places = np.searchsorted(self.tags, nodes)
         known = places < len(self.tags)
@@ -218,7 +219,7 @@ class _NodeRows:
         return self.rows[places]
 
 
-def _cells(content: _Content, rows: _NodeRows) -> dict[str, IntArray]:
+def _cells(content: _Content, rows: _NodeRows) -> dict[str, Integers]:
     """{type: (m, k)} cells of all dimensions; 2.2 lists an element of several groups several times."""
     found: dict[str, list[_Block]] = defaultdict(list)
     for block in content.blocks:
@@ -227,7 +228,7 @@ def _cells(content: _Content, rows: _NodeRows) -> dict[str, IntArray]:
     return {name: rows(_merge(blocks)) for name, blocks in found.items()}
 
 
-def _merge(blocks: list[_Block]) -> IntArray:
+def _merge(blocks: list[_Block]) -> Integers:
     """(m, k) the nodes of all blocks; an element that is listed once for each of its groups appears once."""
     nodes = np.concatenate([block.nodes for block in blocks])
     if len({block.groups for block in blocks}) == 1:
@@ -236,10 +237,10 @@ def _merge(blocks: list[_Block]) -> IntArray:
     return nodes[np.sort(first)]
 
 
-def _patches(content: _Content, rows: _NodeRows) -> dict[str, IntArray]:
+def _patches(content: _Content, rows: _NodeRows) -> dict[str, Integers]:
     """{name: (p,) node rows, with repeats} of the groups of lower dimension than the mesh."""
     top = max((block.dimension for block in content.blocks), default=0)
-    found: dict[str, list[IntArray]] = defaultdict(list)
+    found: dict[str, list[Integers]] = defaultdict(list)
     for block in content.blocks:
         if block.dimension < top:
             for group in block.groups:

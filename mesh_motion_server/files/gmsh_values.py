@@ -1,14 +1,12 @@
 """The numbers of one section of a Gmsh file, ASCII or binary, in the order of the format."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.files.mesh_file import FloatArray, IntArray
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 
 __all__ = ["AsciiValues", "BinaryValues", "Values"]
 
@@ -26,22 +24,22 @@ class Values(Protocol):
     def end(self) -> int:
         """Position in the file after the values taken so far, before the section's end mark."""
 
-    def ints(self, count: int) -> IntArray:
+    def ints(self, count: int) -> Integers:
         """The next C ``int`` values."""
 
-    def sizes(self, count: int) -> IntArray:
+    def sizes(self, count: int) -> Integers:
         """The next ``size_t`` values."""
 
-    def doubles(self, count: int) -> FloatArray:
+    def doubles(self, count: int) -> Floats:
         """The next ``double`` values."""
 
     def text_count(self) -> int:
         """A count, which is text in ASCII and in binary files (version 2.2)."""
 
-    def numbered_points(self, count: int) -> tuple[IntArray, FloatArray]:
+    def numbered_points(self, count: int) -> tuple[Integers, Floats]:
         """``count`` nodes of version 2.2: tags (count,) and coordinates (count, 3)."""
 
-    def element_run(self, nodes_of: Callable[[int], int]) -> tuple[int, int, IntArray]:
+    def element_run(self, nodes_of: Callable[[int], int]) -> tuple[int, int, Integers]:
         """Consecutive elements of version 2.2 with the same type and number of tags.
 
         ``nodes_of`` gives the number of nodes of a type. Returns the type, the number of tags, and one row for each
@@ -61,13 +59,13 @@ class AsciiValues:
     def end(self) -> int:
         return self._stop
 
-    def doubles(self, count: int) -> FloatArray:
+    def doubles(self, count: int) -> Floats:
         first, self._next = self._next, self._next + count
         if self._next > len(self._values) or count < 0:
             raise ValueError("a section ends before all of its values")
         return self._values[first : self._next]
 
-    def ints(self, count: int) -> IntArray:
+    def ints(self, count: int) -> Integers:
         return self.doubles(count).astype(np.int64)
 
     sizes = ints
@@ -75,11 +73,11 @@ class AsciiValues:
     def text_count(self) -> int:
         return int(self.ints(1)[0])
 
-    def numbered_points(self, count: int) -> tuple[IntArray, FloatArray]:
+    def numbered_points(self, count: int) -> tuple[Integers, Floats]:
         rows = self.doubles(count * 4).reshape(count, 4)
         return rows[:, 0].astype(np.int64), rows[:, 1:]
 
-    def element_run(self, nodes_of: Callable[[int], int]) -> tuple[int, int, IntArray]:
+    def element_run(self, nodes_of: Callable[[int], int]) -> tuple[int, int, Integers]:
         first = self._next
         _, code, n_tags = (int(v) for v in self.ints(3))
         width = 3 + n_tags + nodes_of(code)
@@ -93,7 +91,7 @@ class AsciiValues:
         return code, n_tags, self.ints(run * width).reshape(run, width)[:, 3:]
 
 
-def _leading(matches: NDArray[np.bool_]) -> int:
+def _leading(matches: Marks) -> int:
     """How many values at the front are true."""
     if matches.all():
         return max(1, len(matches))
@@ -119,13 +117,13 @@ class BinaryValues:
             raise ValueError("a section ends before all of its values")
         return np.frombuffer(self._data, dtype, count, first)
 
-    def ints(self, count: int) -> IntArray:
+    def ints(self, count: int) -> Integers:
         return self._take(np.dtype(f"{self._order}i4"), count).astype(np.int64)
 
-    def sizes(self, count: int) -> IntArray:
+    def sizes(self, count: int) -> Integers:
         return self._take(self._size, count).astype(np.int64)
 
-    def doubles(self, count: int) -> FloatArray:
+    def doubles(self, count: int) -> Floats:
         return self._take(np.dtype(f"{self._order}f8"), count).astype(np.float64)
 
     def text_count(self) -> int:
@@ -134,12 +132,12 @@ class BinaryValues:
         self._next = stop + 1
         return count
 
-    def numbered_points(self, count: int) -> tuple[IntArray, FloatArray]:
+    def numbered_points(self, count: int) -> tuple[Integers, Floats]:
         record = np.dtype([("tag", f"{self._order}i4"), ("xyz", f"{self._order}f8", (3,))])
         rows: NDArray[Any] = self._take(record, count)
         return rows["tag"].astype(np.int64), rows["xyz"].astype(np.float64)
 
-    def element_run(self, nodes_of: Callable[[int], int]) -> tuple[int, int, IntArray]:
+    def element_run(self, nodes_of: Callable[[int], int]) -> tuple[int, int, Integers]:
         code, count, n_tags = (int(v) for v in self.ints(3))
         width = 1 + n_tags + nodes_of(code)
         return code, n_tags, self.ints(count * width).reshape(count, width)[:, 1:]

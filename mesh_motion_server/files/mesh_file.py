@@ -7,15 +7,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 
 __all__ = ["MeshFile", "assemble", "chosen_zone"]
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,14 +39,14 @@ class MeshFile:
         Cells beyond periodic sides (images of other cells), which are left out of the mesh.
     """
 
-    points: FloatArray
-    cells: dict[str, IntArray]
-    patches: dict[str, IntArray]
+    points: Floats
+    cells: dict[str, Integers]
+    patches: dict[str, Integers]
     path: Path
     periodic: tuple[str, ...] = ()
     zone: str = ""
     notes: tuple[str, ...] = ()
-    halo: dict[str, IntArray] = field(default_factory=dict)
+    halo: dict[str, Integers] = field(default_factory=dict)
 
     @property
     def dimension(self) -> int:
@@ -81,12 +78,7 @@ class MeshFile:
             _check_range(nodes, len(self.points), f"patch {name!r}", self.path)
 
 
-def assemble(
-    path: Path,
-    points: FloatArray,
-    cells: Mapping[str, IntArray],
-    patches: Mapping[str, IntArray],
-) -> MeshFile:
+def assemble(path: Path, points: Floats, cells: Mapping[str, Integers], patches: Mapping[str, Integers]) -> MeshFile:
     """Make a mesh from the content of a foreign file: cells of all dimensions, always three coordinates.
 
     The mesh has the cells of the highest dimension. Coordinates beyond it must be constant; they are dropped.
@@ -130,7 +122,7 @@ def chosen_zone(path: Path, names: Sequence[str], zone: str) -> str:
     )
 
 
-def _drop_coordinates(points: FloatArray, dimension: int, path: Path) -> FloatArray:
+def _drop_coordinates(points: Floats, dimension: int, path: Path) -> Floats:
     """(n, dimension) the coordinates in use; those beyond the cells' dimension must be constant."""
     if points.ndim != 2 or points.shape[1] < dimension:
         raise InvalidInput(f"{path}: {dimension}D cells, but points of shape {points.shape}")
@@ -146,7 +138,7 @@ def _drop_coordinates(points: FloatArray, dimension: int, path: Path) -> FloatAr
     return np.ascontiguousarray(points[:, :dimension])
 
 
-def _check_points(points: FloatArray, path: Path) -> None:
+def _check_points(points: Floats, path: Path) -> None:
     """Check that the coordinates are finite and have 1 to 3 dimensions."""
     if points.ndim == 2 and not len(points):
         raise InvalidInput(f"{path}: the mesh is empty: it has no nodes", code="INVALID_ARGUMENT.SHAPE")
@@ -165,7 +157,7 @@ def _check_points(points: FloatArray, path: Path) -> None:
         )
 
 
-def _check_cells(cells: Mapping[str, IntArray], shape: tuple[int, ...], path: Path) -> None:
+def _check_cells(cells: Mapping[str, Integers], shape: tuple[int, ...], path: Path) -> None:
     """Refuse a mesh without cells, cells of another dimension than the points, and node ids that do not exist."""
     try:
         table = CellTable.from_arrays(cells)
@@ -177,7 +169,7 @@ def _check_cells(cells: Mapping[str, IntArray], shape: tuple[int, ...], path: Pa
         _check_range(nodes, shape[0], f"cells of type {name!r}", path)
 
 
-def _check_range(nodes: IntArray, n_points: int, what: str, path: Path) -> None:
+def _check_range(nodes: Integers, n_points: int, what: str, path: Path) -> None:
     """Refuse node ids outside 0 … n_points - 1."""
     wrong = (nodes < 0) | (nodes >= n_points)
     if wrong.any():

@@ -4,8 +4,6 @@
 ``patch_<name>`` (p,) int64 node ids, 0-based. Other arrays are refused. Narrower floats and integers are widened.
 """
 
-from __future__ import annotations
-
 import zipfile
 from pathlib import Path
 from typing import TypeVar
@@ -17,6 +15,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.packages import reason_of
 from mesh_motion_server.files.replace import replacing
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["read_archive", "read_npz", "read_points", "write_npz"]
 
@@ -57,7 +56,7 @@ def write_npz(path: Path | str, mesh: MeshFile) -> None:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
-def read_points(path: Path, shape: tuple[int, ...]) -> NDArray[np.float64]:
+def read_points(path: Path, shape: tuple[int, ...]) -> Floats:
     """Coordinates of a ``.npy`` file, such as ``points.npy`` of a run.
 
     Raises

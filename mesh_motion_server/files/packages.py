@@ -1,7 +1,5 @@
 """The optional packages of some formats (extra ``mesh``): imported on demand; the text of their errors."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """One reader for every mesh file, chosen by the file's suffix."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Write files that appear complete or not at all, and check before the work that they can be written."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

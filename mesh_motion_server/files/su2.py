@@ -6,8 +6,6 @@ without blanks or empty, rows with or without their number at the end, two count
 https://su2code.github.io/docs_v7/Mesh-File/
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.mesh_file import IntArray, MeshFile, assemble, chosen_zone
+from mesh_motion_server.files.mesh_file import MeshFile, assemble, chosen_zone
+from mesh_motion_server.numerics.arrays import Integers, Marks
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["read_su2"]
@@ -45,8 +44,8 @@ class _Zone:
     dimension: int = 0
     physical: int = 0
     points: _Rows = field(default_factory=list)
-    cells: dict[str, IntArray] = field(default_factory=dict)
-    markers: dict[str, dict[str, list[IntArray]]] = field(default_factory=dict)
+    cells: dict[str, Integers] = field(default_factory=dict)
+    markers: dict[str, dict[str, list[Integers]]] = field(default_factory=dict)
 
     def add_marker(self, name: str, rows: _Rows) -> None:
         """Add the vertices and facets of a marker."""
@@ -73,12 +72,12 @@ class _Zone:
         return replace(mesh, zone=zone, notes=tuple(notes), halo=halo)
 
 
-_Markers = dict[str, dict[str, IntArray]]
+_Markers = dict[str, dict[str, Integers]]
 
 
 def _without_halo(
-    cells: dict[str, IntArray], markers: _Markers, physical: int, count: int
-) -> tuple[dict[str, IntArray], dict[str, IntArray], _Markers]:
+    cells: dict[str, Integers], markers: _Markers, physical: int, count: int
+) -> tuple[dict[str, Integers], dict[str, Integers], _Markers]:
     """Cells outside the halo, cells of the halo, and markers without the halo.
 
     Of ``count`` nodes, those after the first ``physical`` ones are the halo nodes. A halo cell has a halo node that is
@@ -101,7 +100,7 @@ def _without_halo(
     return kept, left, markers
 
 
-def _touching(nodes: IntArray, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _touching(nodes: Integers, marked: Marks) -> Marks:
     """(m,) whether a row of nodes (m, k) has a marked node; the mesh's own check refuses invalid node numbers."""
     known = (nodes >= 0) & (nodes < len(marked))
     return np.asarray((known & marked[np.where(known, nodes, 0)]).any(axis=1))
@@ -112,7 +111,6 @@ def read_su2(path: Path, zone: str = "") -> MeshFile:
 
     Parameters
     ----------
-    path : path
     zone : str
         The number after ``IZONE=``; required if there are several.
 
@@ -183,7 +181,7 @@ def _counted(rows: _Rows, count: int, key: str) -> _Rows:
     return rows[:count]
 
 
-def _elements(rows: _Rows, types: Mapping[int, tuple[str, int]]) -> dict[str, IntArray]:
+def _elements(rows: _Rows, types: Mapping[int, tuple[str, int]]) -> dict[str, Integers]:
     """{type: (m, k)} node ids; a row is the VTK type, the nodes, and optionally the element's number."""
     codes = _columns(rows, range(1), np.int64)[:, 0]
     known, first = np.unique(codes, return_index=True)

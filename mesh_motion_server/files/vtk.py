@@ -9,8 +9,6 @@ These formats have no patches. They are taken from arrays with agreed names:
 On cells, only cells of lower dimension than the mesh count: the faces of a 3D mesh, the edges of a 2D mesh.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import tempfile
@@ -22,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.mesh_file import IntArray, MeshFile, assemble
+from mesh_motion_server.files.mesh_file import MeshFile, assemble
 from mesh_motion_server.files.packages import load_meshio, reason_of
 from mesh_motion_server.files.vtu_inline import inlined
+from mesh_motion_server.numerics.arrays import Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["NUMBERED_PATCH_ARRAYS", "PATCH_PREFIX", "read_vtk"]
@@ -51,7 +50,7 @@ def read_vtk(path: Path) -> MeshFile:
             if any(name.startswith("poly") for name in foreign)
             else "save the mesh with first-order cells",
         )
-    cells: dict[str, list[IntArray]] = defaultdict(list)
+    cells: dict[str, list[Integers]] = defaultdict(list)
     for name, nodes in blocks:
         if name in CELL_TYPES:
             cells[name].append(nodes)
@@ -90,9 +89,9 @@ def _read(meshio: Any, path: Path) -> Any:
         return meshio.read(copy)
 
 
-def _patches(mesh: Any) -> dict[str, IntArray]:
+def _patches(mesh: Any) -> dict[str, Integers]:
     """{name: (p,) node ids, with repeats} from the arrays with agreed names."""
-    found: dict[str, list[IntArray]] = defaultdict(list)
+    found: dict[str, list[Integers]] = defaultdict(list)
     everything = np.arange(len(mesh.points))[:, None]
     for name, values in mesh.point_data.items():
         _collect(found, name, values, everything)
@@ -104,7 +103,7 @@ def _patches(mesh: Any) -> dict[str, IntArray]:
     return {name: np.concatenate(parts) for name, parts in found.items()}
 
 
-def _collect(found: dict[str, list[IntArray]], name: str, values: NDArray[Any], nodes: IntArray) -> None:
+def _collect(found: dict[str, list[Integers]], name: str, values: NDArray[Any], nodes: Integers) -> None:
     """Add the nodes (m, k) whose row the array ``values`` (m,) marks."""
     values = np.squeeze(np.asarray(values))
     if values.ndim != 1:

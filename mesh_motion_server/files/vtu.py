@@ -6,8 +6,6 @@ for this order, also for wedges (older VTK documents say otherwise; a test check
 https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from html import escape  # xml.sax.saxutils has the same and imports the web
 from pathlib import Path
@@ -17,32 +15,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.replace import replacing
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["Data", "VtuSeries", "write_vtu"]
 
-FloatArray = NDArray[np.float64]
 Data = Mapping[str, NDArray[np.generic]]
 
 _VTK_NAMES = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "i4": "Int32", "u1": "UInt8", "i1": "Int8"}
 
 
 def write_vtu(
-    path: Path | str,
-    points: FloatArray,
-    cells: CellTable,
-    *,
-    point_data: Data | None = None,
-    cell_data: Data | None = None,
+    path: Path | str, points: Floats, cells: CellTable, *, point_data: Data | None = None, cell_data: Data | None = None
 ) -> None:
     """Write one grid, replacing the file in one step.
 
     Parameters
     ----------
-    path : path
     points : (n, d) array
         For d < 3, zeros are added, because VTK's points have three coordinates.
-    cells : CellTable
     point_data, cell_data : dict of str to (n,) | (n, d), (m,) | (m, d) arrays, optional
         Vectors with d = 2 get a third component of zero. The array ``cell`` has each cell's row in its type, as used in
         messages.
@@ -93,7 +84,7 @@ class VtuSeries:
     def write(
         self,
         time: float,
-        points: FloatArray,
+        points: Floats,
         cells: CellTable,
         *,
         point_data: Data | None = None,

@@ -6,8 +6,6 @@ it reads: if an old and a new offset are equal, it confuses the two arrays.
 https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
 """
 
-from __future__ import annotations
-
 import base64
 import re
 from pathlib import Path

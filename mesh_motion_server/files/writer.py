@@ -1,7 +1,5 @@
 """Writing a mesh: as this project's archive, or as VTU, which ParaView and meshio read."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

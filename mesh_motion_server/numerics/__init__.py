@@ -5,7 +5,7 @@ rooms above it::
 
     mesh            cells, facets, patches and roles, periodic pairs, sliding surfaces, layers on walls
     interpolation   basis functions, centres, factorizations, two scales; values at many points
-    quality         metrics, prediction, summaries; whether a mesh is usable
+    quality         metrics, summaries; whether a mesh is usable
     correction      freed nodes and enrichment: which motion raises the worst quality
     reduction       fewer control points, fewer places
     motion          the Move: interpolate, judge, correct, judge, accept or lead the mesh there in sub-steps

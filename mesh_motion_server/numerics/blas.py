@@ -5,8 +5,6 @@ tiles, each tile is computed by one thread of a BLAS limited to one, and the til
 releases the interpreter lock in matrix products).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager

@@ -1,40 +1,24 @@
-"""What the deformation B = I + J of a cell says about it: eigen, polar, singular value and QR decomposition.
+"""The deformation B = I + J of a cell, its eigenvalues, and its singular values and nearest rotation (thesis §5.2).
 
-J = ∇S is the gradient of the displacement at the cell, so ``A_new = B A`` for its corner Jacobians: thesis (5.7), §5.2.
+J = ∇S is the gradient of the displacement at the cell, so ``A_new = B A`` for its corner Jacobians: thesis (5.7).
 
-=========  ==================  ==================================================================================
-function   B =                 what it says
-=========  ==================  ==================================================================================
-``eigen``  V Λ V⁻¹ (5.13)      factors along the directions that B keeps; a complex pair is a rotation; a real
-                               factor ≤ 0 a reversed direction. Says nothing about shear.
-``polar``  Q S (5.10)          the nearest rotation Q and the stretch S about principal axes: independent of the
-                               coordinates. The most faithful split into "turned" and "deformed".
-``svd``    U diag(s) Vᵀ (5.8)  the principal stretches s: s_min / s_max is the loss of shape, their product the size
-``qr``     Q R (5.9)           a rotation Q that takes the first edge with it, then stretches (diagonal of R) and
-                               shears (the rest). Depends on the choice of coordinates.
-=========  ==================  ==================================================================================
-
-A cell is inverted when det B ≤ 0. Textbook decompositions then hide a reflection in Q, U or V (5.12); here these are
-always *rotations*, det = +1, and the reflection shows as one negative stretch: the smallest one (``polar``, ``svd``)
-or the last one (``qr``). The thesis calls R lower triangular; with edges as columns the usual upper triangle belongs.
+A cell is inverted when det B ≤ 0. Textbook decompositions then hide a reflection in their orthogonal matrices (5.12);
+here these are always *rotations*, det = +1, and the reflection shows as a negative stretch, the smallest one.
 
 References
 ----------
-K. Shoemake, T. Duff, Matrix animation and polar decomposition, Graphics Interface 1992.
 G. Irving, J. Teran, R. Fedkiw, Invertible finite elements for robust simulation of large deformation, SCA 2004 (signed
 singular values).
 """
-
-from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["QR", "SVD", "Eigen", "Polar", "deformation", "eigen", "polar", "qr", "rotation_angle", "svd"]
+from mesh_motion_server.numerics.arrays import Floats
 
-Floats = NDArray[np.float64]
+__all__ = ["SVD", "Eigen", "deformation", "determinant_signs", "eigen", "nearest_rotation", "svd"]
 
 
 class Eigen(NamedTuple):
@@ -50,21 +34,6 @@ class Eigen(NamedTuple):
 
     values: NDArray[np.complex128]
     vectors: NDArray[np.complex128]
-
-
-class Polar(NamedTuple):
-    """``B = rotation @ stretch``.
-
-    Attributes
-    ----------
-    rotation : (m, d, d) array
-        The rotation nearest to B, det = +1; of several equally near ones, one.
-    stretch : (m, d, d) array
-        Symmetric; positive definite unless the cell is inverted, when one eigenvalue is ≤ 0.
-    """
-
-    rotation: Floats
-    stretch: Floats
 
 
 class SVD(NamedTuple):
@@ -83,21 +52,6 @@ class SVD(NamedTuple):
     right: Floats
 
 
-class QR(NamedTuple):
-    """``B = rotation @ triangle``.
-
-    Attributes
-    ----------
-    rotation : (m, d, d) array
-        det = +1.
-    triangle : (m, d, d) array
-        Upper triangle; its diagonal is positive but for the last entry, which has the sign of det B.
-    """
-
-    rotation: Floats
-    triangle: Floats
-
-
 def deformation(gradient: Floats) -> Floats:
     """B = I + J of displacement gradients (…, d, d), thesis (5.7)."""
     return np.asarray(gradient + np.eye(gradient.shape[-1]))
@@ -114,37 +68,19 @@ def svd(B: Floats) -> SVD:
     """Signed singular value decomposition of B (m, d, d), thesis (5.8)."""
     left, stretches, right_t = np.linalg.svd(B)
     right = np.swapaxes(right_t, -1, -2)
-    flip_left, flip_right = _signs(left), _signs(right)
+    flip_left, flip_right = determinant_signs(left), determinant_signs(right)
     left[:, :, -1] *= flip_left[:, None]
     right[:, :, -1] *= flip_right[:, None]
     stretches[:, -1] *= flip_left * flip_right
     return SVD(left, stretches, right)
 
 
-def polar(B: Floats) -> Polar:
-    """The nearest rotation, as (5.11) has it, and the stretch of B (m, d, d), thesis (5.10)."""
-    left, stretches, right = svd(B)
-    right_t = np.swapaxes(right, -1, -2)
-    return Polar(left @ right_t, (right * stretches[:, None, :]) @ right_t)
+def nearest_rotation(B: Floats) -> Floats:
+    """(m, d, d) the rotation nearest to each B (m, d, d), as (5.11) has it; of several equally near ones, one."""
+    left, _, right = svd(B)
+    return np.asarray(left @ np.swapaxes(right, -1, -2))
 
 
-def qr(B: Floats) -> QR:
-    """Rotation and upper triangle of B (m, d, d), thesis (5.9)."""
-    rotation, triangle = np.linalg.qr(B)
-    signs = np.where(np.diagonal(triangle, axis1=-2, axis2=-1) < 0.0, -1.0, 1.0)
-    signs[:, -1] = _signs(rotation) * np.prod(signs[:, :-1], axis=-1)  # makes det Q = +1
-    return QR(rotation * signs[:, None, :], triangle * signs[:, :, None])
-
-
-def rotation_angle(rotation: Floats) -> Floats:
-    """Angle (m,) in radians of rotations (m, d, d): 2D in (−π, π], anticlockwise; 3D in [0, π], about their axis."""
-    if rotation.shape[-1] == 2:
-        return np.asarray(np.arctan2(rotation[:, 1, 0] - rotation[:, 0, 1], rotation[:, 0, 0] + rotation[:, 1, 1]))
-    skew = rotation - np.swapaxes(rotation, -1, -2)
-    sine = 0.5 * np.sqrt(skew[:, 2, 1] ** 2 + skew[:, 0, 2] ** 2 + skew[:, 1, 0] ** 2)
-    return np.asarray(np.arctan2(sine, 0.5 * (np.trace(rotation, axis1=-2, axis2=-1) - 1.0)))
-
-
-def _signs(orthogonal: Floats) -> Floats:
+def determinant_signs(orthogonal: Floats) -> Floats:
     """Determinants (m,) of orthogonal matrices, rounded to ±1."""
     return np.where(np.linalg.det(orthogonal) < 0.0, -1.0, 1.0)

@@ -6,8 +6,6 @@ SPEC.md, docs/method.md and docs/reference/case_file.md are made from it. A new 
 it, and the test of that code.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields

@@ -1,7 +1,5 @@
 """Wall time of the phases of a motion, and the limit of it that a caller sets."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """How many threads compiled loops get. Results do not depend on it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

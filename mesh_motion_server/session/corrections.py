@@ -3,24 +3,21 @@
 A pure function of field, boundary and cells: that of committed coordinates is made again rather than stored.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.distributed.region import ALL, Extent, Region
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.correction.correction import Correction
-from mesh_motion_server.numerics.correction.correction_problem import CorrectionSettings, goal
+from mesh_motion_server.numerics.correction.correction_problem import goal
 from mesh_motion_server.numerics.correction.part_of_mesh import RegionTooSmall
 from mesh_motion_server.numerics.correction.trial_nodes import MARGIN
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.acceptance import correction_settings
 from mesh_motion_server.numerics.motion.boundary_motion import correct_region
 from mesh_motion_server.numerics.motion.exact_displacements import differences_of
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
@@ -28,9 +25,6 @@ from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.partitions.regions import merge_regions
 
 __all__ = ["CorrectOutcome", "correct", "first_extent", "is_good"]
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Rings about the bad cells that are told at first: most corrections free fewer.
 _FIRST_RINGS = 2
@@ -57,19 +51,19 @@ class CorrectOutcome:
     """
 
     extent: Extent | None
-    nodes: Ints
+    nodes: Integers
     displacement: Floats
     correction: Correction | None = None
 
 
 def is_good(method: Method, quality: Judgement) -> bool:
     """Whether a mesh of this quality is left alone."""
-    return method.correction == "none" or (not quality.inverted and quality.metric.min >= goal(_settings(method)))
+    return method.correction == "none" or (not quality.inverted and quality.metric.min >= goal(method))
 
 
 def first_extent(method: Method, dimension: int) -> Extent:
     """The region that is told first."""
-    below = ALL if dimension == 1 else min(ALL, MARGIN * goal(_settings(method)) + _ROUNDING)
+    below = ALL if dimension == 1 else min(ALL, MARGIN * goal(method) + _ROUNDING)
     return Extent(method.quality_metric, below, _FIRST_RINGS)
 
 
@@ -105,7 +99,7 @@ def correct(mesh: MergedMesh, method: Method, points: Floats, field: Field, told
     for patch in mesh.patches.values():
         on_patches[patch.nodes] = True
 
-    def known(rows: Ints) -> Floats:
+    def known(rows: Integers) -> Floats:
         there = mesh.points[rows]
         free = LocalEvaluator().displacement(field.interpolant(), there) + there
         return np.where(on_patches[rows, None], points[rows], free)
@@ -127,7 +121,3 @@ def correct(mesh: MergedMesh, method: Method, points: Floats, field: Field, told
 def _larger(extent: Extent) -> Extent:
     rings = 2 * max(extent.rings, 1)
     return Extent(extent.metric, extent.below if rings <= _MOST_RINGS else ALL, rings)
-
-
-def _settings(method: Method) -> CorrectionSettings:
-    return correction_settings(method, 0.0)

@@ -1,7 +1,5 @@
 """A cache, with a byte budget, of what depends on a mesh state alone: the coupling iterations of a step share it."""
 
-from __future__ import annotations
-
 from collections import Counter, OrderedDict
 from collections.abc import Callable
 from typing import Protocol, TypeVar, cast

@@ -4,8 +4,6 @@ It changes nothing and takes no lock: it may be used on a live session. A commit
 unfinished.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -50,8 +48,6 @@ class Inspection:
 
     Attributes
     ----------
-    folder, session, label : str
-    dimension, partitions, nodes : int
     durability : str
         The session's level.
     settings : dict
@@ -64,8 +60,6 @@ class Inspection:
         State digest of the last committed step, hexadecimal; empty at step 0.
     state : {"whole", "unfinished", "damaged", "unbuilt"}
         ``unfinished``: a crash left something that the next RESUME completes or drops without loss.
-    records : tuple of RecordLine
-    checks : tuple of Check
     """
 
     folder: str
@@ -89,7 +83,7 @@ class Inspection:
         return asdict(self)
 
 
-def inspect_session(folder: Path | str, *, files: FileSystem | None = None) -> Inspection:
+def inspect_session(folder: Path | str) -> Inspection:
     """Inspect one session's folder.
 
     Raises
@@ -97,7 +91,7 @@ def inspect_session(folder: Path | str, *, files: FileSystem | None = None) -> I
     JournalError
         If it is not a session's folder: it has no readable ``spec.json``.
     """
-    path, files = Path(folder), files or PosixFileSystem()
+    path, files = Path(folder), PosixFileSystem()
     raw = _read(path / SPEC)
     spec = StoredSpec.from_bytes(raw)
     found, journal_check = _journal(path, files)

@@ -4,8 +4,6 @@ Every program that watches a server asks for a list every few seconds, but the s
 content read from a file is cached as long as the file is the same: its inode, size, and times.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections import OrderedDict
@@ -40,8 +38,6 @@ class StoredSession:
 
     Attributes
     ----------
-    session, label : str
-    dimension, partitions, step : int
     state : State
         READY, or FAILED when its files do not verify.
     owner : str
@@ -100,12 +96,7 @@ def _settled(stamp: Stamp) -> bool:
 
 
 class Listing:
-    """Describes sessions by their folders.
-
-    Parameters
-    ----------
-    files : FileSystem
-    """
+    """Describes sessions by their folders."""
 
     def __init__(self, files: FileSystem) -> None:
         self._files = files

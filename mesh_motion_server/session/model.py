@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
@@ -46,7 +44,7 @@ class Model(Protocol):
         """What the mesh check noticed."""
         ...
 
-    def summary(self, points: NDArray[np.float64]) -> Judgement:
+    def summary(self, points: Floats) -> Judgement:
         """Quality of the mesh with its nodes at ``points`` (n, d)."""
         ...
 
@@ -56,8 +54,8 @@ class Model(Protocol):
 
     def move(
         self,
-        committed: NDArray[np.float64],
-        targets: NDArray[np.float64],
+        committed: Floats,
+        targets: Floats,
         factors: FactorSource,
         *,
         boundary_displacement: BoundaryDisplacement | None = None,
@@ -74,12 +72,10 @@ class Model(Protocol):
         ...
 
 
-ModelBuilder = Callable[[NDArray[np.float64], CellTable, Mapping[str, Patch], Method], Model]
+ModelBuilder = Callable[[Floats, CellTable, Mapping[str, Patch], Method], Model]
 
 
-def build_motion_model(
-    points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch], method: Method
-) -> Model:
+def build_motion_model(points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method) -> Model:
     """The numerics' model of a mesh."""
     # imported here: the compiled kernels take a second to load, and whoever only lists sessions needs none
     from mesh_motion_server.numerics.motion.motion import MotionModel  # noqa: PLC0415
@@ -87,9 +83,7 @@ def build_motion_model(
     return MotionModel.build(points, cells, patches, method)
 
 
-def build_boundary_model(
-    points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch], method: Method
-) -> Model:
+def build_boundary_model(points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method) -> Model:
     """The numerics' model of a boundary whose volume stays with the client."""
     # imported here for the same reason
     from mesh_motion_server.numerics.motion.boundary_motion import BoundaryMotion  # noqa: PLC0415
@@ -109,9 +103,7 @@ def model_builder(settings: ServerSettings) -> ModelBuilder:
     require_dask()
     address = settings.distributed
 
-    def build(
-        points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch], method: Method
-    ) -> DistributedModel:
+    def build(points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method) -> DistributedModel:
         connection = Connection(
             address,
             settings.distributed_patience_seconds,
@@ -151,10 +143,10 @@ def checked_warnings(mesh: MergedMesh, model: Model) -> list[str]:
     if not model.warnings:
         return []
     # imported here for the same reason
-    from mesh_motion_server.numerics.quality.mesh_check import check_mesh  # noqa: PLC0415
+    from mesh_motion_server.numerics.quality.mesh_check import checked_mesh  # noqa: PLC0415
 
     view = upload_view(mesh)
-    checked = check_mesh(view.points, view.cells, view.patches)
+    checked = checked_mesh(view.points, view.cells, view.patches).warnings
     return [*checked, *model.warnings[len(checked) :]]
 
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.errors import InvalidInput, NumericalError
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement, settle
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.model import Model
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from mesh_motion_server.numerics.motion.motion_found import Motion
 
 __all__ = ["Computed", "compute"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +64,6 @@ def compute(
     ----------
     committed : (n, d) array, mesh length unit
         In canonical order.
-    move_input : MoveInput
     with_displacements : bool
         Whether these are wanted too.
 

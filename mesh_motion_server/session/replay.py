@@ -7,8 +7,6 @@ iterations before the committed one do not matter; of a cluster's size this is n
 what computed it, and a session that was closed needs no recomputation (``journal.durability``).
 """
 
-from __future__ import annotations
-
 import platform
 import time
 from collections.abc import Callable, Sequence
@@ -20,11 +18,11 @@ from pathlib import Path
 import msgpack
 import numpy as np
 from mesh_motion_protocol.digests import state_digest
-from numpy.typing import NDArray
 
 from mesh_motion_server import __version__
 from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.errors import JournalError, MeshMotionError
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit
@@ -35,7 +33,6 @@ from mesh_motion_server.session.state import CommittedState, MoveInput, durable_
 
 __all__ = ["Progress", "boundary_input", "maker", "recompute", "restore", "silent"]
 
-Floats = NDArray[np.float64]
 Progress = Callable[[int], None]
 #: States that took longer than this to compute again are stored, seconds.
 _LONG_SECONDS = 10.0

@@ -14,16 +14,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
-from typing import Any
 
 import numpy as np
 from mesh_motion_protocol.digests import state_digest
-from numpy.typing import NDArray
 
 from mesh_motion_server.distributed.field import Field
-from mesh_motion_server.distributed.region import Extent, Region
+from mesh_motion_server.distributed.region import Region
 from mesh_motion_server.errors import JournalError, SessionError
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.finite_volume import face_measures
 from mesh_motion_server.numerics.motion.acceptance import quality_warnings, refuse_unacceptable
 from mesh_motion_server.numerics.quality.quality_summary import QualitySummary
@@ -33,35 +32,28 @@ from mesh_motion_server.session.history import History
 from mesh_motion_server.session.journal.durability import keeper_of, logged_failure
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.journal.replies import RequestId
-from mesh_motion_server.session.model import Model, ModelBuilder, build_boundary_model, checked_model, checked_warnings
+from mesh_motion_server.session.model import Model, ModelBuilder, build_boundary_model, checked_model
 from mesh_motion_server.session.motions import compute
 from mesh_motion_server.session.partitions.merging import check_boundary, merge
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.partitions.uploads import MeshUpload, Part
+from mesh_motion_server.session.position import WRITING, Position
 from mesh_motion_server.session.replay import Progress, boundary_input, restore, silent
-from mesh_motion_server.session.spec import StoredSpec
-from mesh_motion_server.session.state import CommittedState, MoveInput, Operation, State, Trial, admit, durable_rows
+from mesh_motion_server.session.state import CommittedState, MoveInput, Operation, State, Trial, durable_rows
 from mesh_motion_server.session.store import SessionFolder
 from mesh_motion_server.session.values import Built, CommitOutcome, CurrentState, MoveOutcome, Verdict
 from mesh_motion_server.settings import ServerSettings
 
 __all__ = ["Session"]
 
-Floats = NDArray[np.float64]
 
-#: States that a disk which failed unasked turns into FROZEN.
-_WRITING = (State.READY, State.TRIAL, State.SUSPENDED)
-
-
-class Session:
+class Session(Position):
     """A session and its folder.
 
     Parameters
     ----------
     folder : SessionFolder
         Held by this process.
-    limits : ServerSettings
-    build_model : callable
 
     Attributes
     ----------
@@ -70,13 +62,10 @@ class Session:
     """
 
     def __init__(self, folder: SessionFolder, limits: ServerSettings, build_model: ModelBuilder) -> None:
+        super().__init__(folder.spec)
         self._folder = folder
         self._limits = limits
         self._build_model = build_model if self.spec.evaluation == "server" else build_boundary_model
-        self._reopened = False
-        self._now = CurrentState(State.NEW)
-        self._built: Built | None = None
-        self._epoch = 1
         self.upload = MeshUpload(
             self.spec.dimension, self.spec.partitions, limits.max_session_bytes, self.spec.evaluation
         )
@@ -113,146 +102,6 @@ class Session:
         session._reopened = True
         session._now = CurrentState(State.READY, committed, trial_lost=True)
         return session
-
-    # --- where it stands -------------------------------------------------------------------------------------------
-
-    @property
-    def spec(self) -> StoredSpec:
-        """What OPEN fixed."""
-        return self._folder.spec
-
-    @property
-    def state(self) -> State:
-        """A state of the session table."""
-        failed = self._built is not None and self._built.keeper.frozen and self._now.state in _WRITING
-        return State.FROZEN if failed else self._now.state
-
-    @property
-    def epoch(self) -> int:
-        """Raised by each RESUME."""
-        return self._epoch
-
-    @property
-    def step(self) -> int:
-        """The last committed step."""
-        return self._now.committed.step if self._now.committed else 0
-
-    @property
-    def durable_step(self) -> int:
-        """The step that no power loss takes the session back behind."""
-        return self._built.keeper.durable_step if self._built else 0
-
-    @property
-    def iteration(self) -> int:
-        """Moves of the open trial, 0 without one."""
-        return self._now.trial.iteration if self._now.trial else 0
-
-    @property
-    def is_built(self) -> bool:
-        """Whether there is a mesh."""
-        return self._built is not None
-
-    @property
-    def mesh(self) -> MergedMesh:
-        """The mesh; once built."""
-        return self._require_built().mesh
-
-    @property
-    def model(self) -> Model:
-        """The numerics' model of it; once built."""
-        return self._require_built().model
-
-    @property
-    def commits(self) -> tuple[Commit, ...]:
-        """The latest commits, with what was answered to them."""
-        return self._built.keeper.commits if self._built else ()
-
-    def admit(self, operation: Operation) -> State:
-        """The state after ``operation``.
-
-        Raises
-        ------
-        SessionError
-            As the state table says; ABORTED.TRIAL_LOST for a Judge or a Commit whose trial a restart dropped; for a
-            Commit of a trial that the client evaluates, if it was not judged.
-        """
-        needs_trial = operation in (Operation.JUDGE, Operation.CORRECT, Operation.COMMIT)
-        if needs_trial and self.state is State.READY and self._now.trial_lost:
-            raise SessionError(
-                f"a trial of step {self.step + 1} from before the session was resumed is lost",
-                code="ABORTED.TRIAL_LOST",
-                hint="send the MOVE again, then COMMIT: its answer will be the same",
-                details={"step": self.step + 1},
-            )
-        trial = self._now.trial
-        if operation is Operation.COMMIT and trial is not None and trial.coefficients is not None and not trial.quality:
-            raise SessionError(
-                "the trial is not judged, or it was refused", hint="send JUDGE from every partition, or another MOVE"
-            )
-        try:
-            return admit(self.state, operation)
-        except SessionError:
-            if self.state is State.FROZEN:
-                self._swap(state=State.FROZEN)  # from now on a reply has named it
-            raise
-
-    def require_next_step(self, step: int) -> None:
-        """Raise unless ``step`` is the one after the last committed one.
-
-        Raises
-        ------
-        SessionError
-            FAILED_PRECONDITION.STEP; ABORTED.STEPS_LOST where steps may have been answered that were not durable.
-        """
-        if step > self.step + 1 and self._reopened and self.spec.durability == "relaxed":
-            raise SessionError(
-                f"step {self.step} is the last one that survived a restart of the session's worker, got step {step}",
-                code="ABORTED.STEPS_LOST",
-                hint=f"go on with step {self.step + 1}: the answers to its MOVE will be the same",
-                details={"expected": self.step + 1, "got": step},
-            )
-        if step != self.step + 1:
-            raise SessionError(
-                f"expected step {self.step + 1} (step {self.step} is committed), got step {step}",
-                code="FAILED_PRECONDITION.STEP",
-                details={"expected": self.step + 1, "got": step},
-            )
-
-    def require_client_evaluation(self) -> None:
-        """Raise if the server judges the cells itself.
-
-        Raises
-        ------
-        SessionError
-            FAILED_PRECONDITION.STATE.
-        """
-        if self.spec.evaluation != "client":
-            raise SessionError(
-                "the server judges the cells of this session itself",
-                hint="send COMMIT; JUDGE is for sessions that were opened with evaluation = 'client'",
-            )
-
-    def mesh_warnings(self) -> list[str]:
-        """What was noticed when the session was built, in the numbering of the upload."""
-        return checked_warnings(self.mesh, self.model)
-
-    def coordinates(self, frame: str) -> Floats:
-        """(n, d) coordinates in canonical order: "committed" or "reference"."""
-        committed = self._now.committed
-        return self.mesh.points if frame == "reference" or committed is None else committed.points
-
-    def field(self, frame: str) -> Field | None:
-        """The field that leads to "committed" or "reference" coordinates, if the client evaluates it."""
-        rest, committed = self._require_built().field, self._now.committed
-        if rest is None or frame == "reference" or committed is None or committed.coefficients is None:
-            return rest
-        return replace(rest, coefficients=committed.coefficients)
-
-    def region(self, frame: str) -> Extent | None:
-        """The region to be corrected where the field leads to "committed" coordinates, if it was."""
-        committed = self._now.committed
-        corrected = frame == "committed" and committed is not None and committed.corrected
-        return first_extent(self.model.method, self.spec.dimension) if corrected else None
 
     # --- operations ------------------------------------------------------------------------------------------------
 
@@ -369,12 +218,6 @@ class Session:
             self._swap(state=state, trial=replace(of, correction=found.correction, quality=None))
         return found
 
-    @property
-    def _open_trial(self) -> Trial:
-        if self._now.trial is None:
-            raise SessionError("there is no trial", hint="send MOVE first")
-        return self._now.trial
-
     def commit(self, requests: Sequence[RequestId], receipt: Callable[[CommitOutcome], bytes]) -> CommitOutcome:
         """Make the trial the committed state, durably as the session's level says.
 
@@ -480,7 +323,7 @@ class Session:
         """Give files and lock back; idempotent. What is to be kept becomes durable before, unless the disk failed."""
         if keep and self._built is not None:
             with logged_failure(self.spec.session):
-                if self.state in _WRITING:
+                if self.state in WRITING:
                     self._built.keeper.rest(self._durable_rows)
                 elif self.state is State.FAILED:
                     self.catch_up()  # no state is made of what nobody trusts
@@ -494,14 +337,6 @@ class Session:
         self._folder.release()
 
     # --- inside ----------------------------------------------------------------------------------------------------
-
-    def _swap(self, **changes: Any) -> None:
-        self._now = replace(self._now, **changes)
-
-    def _require_built(self) -> Built:
-        if self._built is None:
-            raise SessionError("the mesh is not built yet", hint="send UPLOAD and BUILD first")
-        return self._built
 
     def _field_at_rest(self, mesh: MergedMesh, model: Model) -> Field | None:
         """The field of a mesh that does not move, if the client evaluates it."""

@@ -26,9 +26,6 @@ class SessionSpec:
         32 hexadecimal digits.
     token : bytes
         32 bytes; only its sha256 is ever stored.
-    dimension, partitions : int
-    settings : MethodSettings
-    label : str
     durability : str
         One of :data:`mesh_motion_server.settings.DURABILITY_LEVELS`.
     owner : str
@@ -55,10 +52,8 @@ class StoredSpec:
 
     Attributes
     ----------
-    session, label, durability, owner, evaluation : str
     token_sha256 : str
         Hexadecimal.
-    dimension, partitions : int
     settings : MethodSettings
         Defaults filled in, so that a later version with other defaults computes the same.
     """

@@ -19,9 +19,9 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import SessionError
+from mesh_motion_server.numerics.arrays import Floats
 
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.correction.correction import Correction
@@ -186,8 +186,8 @@ class CommittedState:
     """
 
     step: int
-    points: NDArray[np.float64]
-    coefficients: NDArray[np.float64] | None = None
+    points: Floats
+    coefficients: Floats | None = None
     corrected: bool = False
 
 
@@ -203,7 +203,7 @@ class MoveInput:
     """
 
     frame: str
-    boundary_displacement: NDArray[np.float64]
+    boundary_displacement: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +218,6 @@ class Trial:
         Trial coordinates in canonical order; read-only.
     quality : QualitySummary or None
         Of ``points``, where the Move or a Judge has judged these very coordinates.
-    input : MoveInput
     coefficients : (r, d) array, optional
         Of the field, if the client evaluates it.
     standard : QualitySummary or None
@@ -229,15 +228,15 @@ class Trial:
 
     step: int
     iteration: int
-    points: NDArray[np.float64]
+    points: Floats
     quality: Judgement | None
     input: MoveInput
-    coefficients: NDArray[np.float64] | None = None
+    coefficients: Floats | None = None
     standard: QualitySummary | None = None
     correction: Correction | None = None
 
 
-def durable_rows(mesh: MergedMesh, state: CommittedState | Trial) -> NDArray[np.float64]:
+def durable_rows(mesh: MergedMesh, state: CommittedState | Trial) -> Floats:
     """What a commit stores: coordinates (n, d), ascending by global id, and behind them the coefficients, if any."""
     points = np.take(state.points, mesh.id_order, axis=0)
     return points if state.coefficients is None else np.concatenate([points, state.coefficients])

@@ -13,8 +13,6 @@ The digests of ``spec.json`` and ``mesh.bin`` are in the journal's first record.
 built: it is not durable, cannot be resumed, and its folder is removed when nobody holds it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import re
@@ -45,13 +43,7 @@ _SESSION_ID = re.compile(r"[0-9a-f]{32}")
 
 
 class SessionFolder:
-    """One session's folder, held by this process until :meth:`release`.
-
-    Attributes
-    ----------
-    path : Path
-    spec : StoredSpec
-    """
+    """One session's folder, held by this process until :meth:`release`."""
 
     def __init__(self, path: Path, files: FileSystem, lock: int) -> None:
         self.path = path
@@ -154,7 +146,6 @@ class SessionStore:
     ----------
     root : Path
         The state folder; ``~`` is expanded, missing folders are made when the first session is.
-    files : FileSystem, optional
     """
 
     def __init__(self, root: Path | str, *, files: FileSystem | None = None) -> None:

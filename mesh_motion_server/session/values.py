@@ -6,11 +6,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.distributed.region import Extent
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, face_measures
 from mesh_motion_server.session.journal.keeper import Keeper
 from mesh_motion_server.session.model import Model
@@ -23,8 +21,6 @@ if TYPE_CHECKING:
     from mesh_motion_server.numerics.quality.quality_summary import Judgement, QualitySummary
 
 __all__ = ["Built", "CommitOutcome", "CurrentState", "MoveOutcome", "Verdict"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -65,7 +61,6 @@ class MoveOutcome:
 
     Attributes
     ----------
-    step, iteration : int
     motion : Motion
         Of the numerics.
     displacements : one (n_p, d) array per partition, mesh length unit

@@ -4,8 +4,6 @@ It receives one order with the address to listen on, reports once whether it lis
 failure does not affect sessions.
 """
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

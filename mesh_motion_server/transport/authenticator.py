@@ -4,8 +4,6 @@ Deny by default: only a key that is on the allow-list at this moment gets 200; a
 id is the key itself, which libzmq then attaches to each message of the connection.
 """
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections import Counter
@@ -34,8 +32,6 @@ class Authenticator:
 
     Parameters
     ----------
-    context : zmq.Context
-    allow_list : AllowList
     handshakes : str
         ipc endpoint for the workers.
 

@@ -111,7 +111,6 @@ class Outbox:
 
     Parameters
     ----------
-    channel : Channel
     most : int
         Largest number of kept messages; further ones are refused.
     """

@@ -3,8 +3,6 @@
 No sockets and no processes: the supervisor passes in the functions that start workers and send replies.
 """
 
-from __future__ import annotations
-
 import contextlib
 import secrets
 import time
@@ -49,8 +47,6 @@ class Control:
 
     Parameters
     ----------
-    registry : Registry
-    settings : ServerSettings
     start : callable
         Order for a worker → the child process that executes it.
     send : callable
@@ -279,26 +275,12 @@ class Control:
         if asked is None:
             return
         request = asked.request
+        to: dict[str, Any] = {"client": request.client, "sequence": request.sequence}
+        there: dict[str, Any] = {"session": live.session, "endpoint": live.endpoint, "epoch": live.epoch}
         if isinstance(request, Open):
-            reply: Message = Opened(
-                client=request.client,
-                sequence=request.sequence,
-                session=live.session,
-                token=live.token,
-                endpoint=live.endpoint,
-                epoch=live.epoch,
-            )
+            self._settle(asked, Opened(**to, **there, token=live.token))
         else:
-            reply = Resumed(
-                client=request.client,
-                sequence=request.sequence,
-                session=live.session,
-                endpoint=live.endpoint,
-                epoch=live.epoch,
-                state=live.state,
-                step=live.step,
-            )
-        self._settle(asked, reply)
+            self._settle(asked, Resumed(**to, **there, state=live.state, step=live.step))
         self._next(live)
 
     def _next(self, live: Live) -> None:

@@ -191,7 +191,6 @@ def router(
 
     Parameters
     ----------
-    context : zmq.Context
     message_bytes : int
         Largest frame; a peer that announces a larger one is disconnected before memory is allocated.
     queued : int

@@ -7,8 +7,6 @@ On a server with keys it also decides every handshake, its own and the workers' 
 before it reports that it is bound (:mod:`.self_test`).
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Sequence
 from pathlib import Path

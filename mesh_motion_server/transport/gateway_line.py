@@ -4,8 +4,6 @@ Only the first start is waited for, before any client is served. Later starts ar
 that hangs while it starts blocks nothing: it is killed after its time limit, and another one is started.
 """
 
-from __future__ import annotations
-
 import selectors
 import time
 from collections.abc import Callable
@@ -50,7 +48,6 @@ class GatewayLine:
     ----------
     endpoint : str
         Where it listens, after the start: port 0 is replaced by the actual port.
-    child : Child or None
     answered_at : float
         When its loop last answered, on the monotonic clock.
     """

@@ -3,8 +3,6 @@
 Both are given by module name, so that the supervisor imports no numerics and a test may use its own host.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass

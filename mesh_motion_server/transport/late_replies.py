@@ -1,7 +1,5 @@
 """Replies with a fixed delay after the question, so that their time does not show what was looked up."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable

@@ -5,8 +5,6 @@ is written, then a few lines a second, and one line gives the number of omitted 
 are for short investigations.
 """
 
-from __future__ import annotations
-
 import time
 import traceback
 from collections import Counter

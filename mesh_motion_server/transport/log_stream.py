@@ -22,12 +22,7 @@ _PATIENCE_MILLISECONDS = 200
 
 
 class Unfailing(io.TextIOBase):
-    """A stream that loses a line instead of failing or blocking.
-
-    Parameters
-    ----------
-    stream : TextIO
-    """
+    """A stream that loses a line instead of failing or blocking."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -35,7 +30,6 @@ class Unfailing(io.TextIOBase):
         self._patience = _PATIENCE_MILLISECONDS
 
     def write(self, text: str) -> int:
-        """See :class:`io.TextIOBase`."""
         with contextlib.suppress(OSError, ValueError):
             if self._poll is None:
                 self._stream.write(text)
@@ -54,7 +48,6 @@ class Unfailing(io.TextIOBase):
             self._patience = _PATIENCE_MILLISECONDS
 
     def flush(self) -> None:
-        """See :class:`io.TextIOBase`."""
         with contextlib.suppress(OSError, ValueError):
             self._stream.flush()
 

@@ -8,8 +8,6 @@ it watches.
 Each connection has one request and five seconds in total; when there are too many, the oldest one is closed.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import sys

@@ -1,7 +1,5 @@
 """Checks that can refuse an OPEN before a worker is started."""
 
-from __future__ import annotations
-
 from mesh_motion_protocol.messages import Open
 
 from mesh_motion_server.errors import InvalidInput, ResourceError

@@ -60,7 +60,6 @@ class Child:
     ----------
     pid : int
         Process id; 0 until a child forked by the template has reported it.
-    channel : Channel
     template : Child, optional
         The process that forks it, if not the supervisor.
     spoke : bool

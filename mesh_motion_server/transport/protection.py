@@ -1,4 +1,4 @@
-"""CURVE on a server's sockets: the server's key, the authenticator, and the key of each message.
+"""CURVE on a server's sockets: the server's key, the authenticator, the key of each message and what it may ask for.
 
 Each context asks its own ``inproc://zeromq.zap.01`` about every handshake. In the gateway that is the
 :class:`~.authenticator.Authenticator`. A worker, whose interpreter may compute for minutes, passes the questions on to
@@ -19,15 +19,18 @@ from typing import Any
 
 import zmq
 from mesh_motion_protocol.key_files import KeyFileError, SecretKey
+from mesh_motion_protocol.messages import Message
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.security.allow_list import Access, AllowList, Everybody
+from mesh_motion_server.security.authorisation import Verdict, decide, refusal
 from mesh_motion_server.security.key_folder import ALLOW_LIST, SERVER, read_list, require_curve
 from mesh_motion_server.transport.endpoints import EndpointError
 
 __all__ = [
     "HANDLER",
     "Protection",
+    "Rights",
     "forward_handshakes",
     "keep_secrets_out_of_core_files",
     "user_of",
@@ -138,3 +141,42 @@ def forward_handshakes(context: zmq.Context[zmq.Socket[bytes]], handshakes: str)
 def keep_secrets_out_of_core_files() -> None:
     """Disable core files, so that a crash does not write the server's key to disk."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+class Rights:
+    """The allow-list and the session's owner, checked at every request.
+
+    Parameters
+    ----------
+    protection : Protection or None
+        None: a server without keys, where everybody is the owner.
+    owner : str
+        The public key of the user who opened the session.
+    """
+
+    def __init__(self, protection: Protection | None, owner: str) -> None:
+        self._protection = protection
+        self._access = Protection.access(protection)
+        self._owner = owner
+
+    def user(self, frame: zmq.Frame) -> str:
+        """Return the public key of the message's connection."""
+        return user_of(frame, self._protection)
+
+    def is_owner(self, user: str) -> bool:
+        """Whether this user owns the session."""
+        return user == self._owner
+
+    def check(self, user: str, request: Message) -> Verdict:
+        """Return USE or OVERSEE.
+
+        Raises
+        ------
+        SessionError
+            UNAUTHENTICATED for a key taken off the list, NOT_FOUND or PERMISSION_DENIED as the table says, UNAVAILABLE
+            while the allow-list cannot be used.
+        """
+        verdict = decide(self._access.roles(user), request.type, own=self.is_owner(user))
+        if verdict not in (Verdict.USE, Verdict.OVERSEE):
+            raise refusal(verdict, request.type, getattr(request, "session", ""))
+        return verdict

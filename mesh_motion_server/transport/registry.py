@@ -3,8 +3,6 @@
 Values only: no process, no socket. The supervisor uses them.
 """
 
-from __future__ import annotations
-
 import hmac
 from bisect import bisect_right
 from collections import OrderedDict, deque
@@ -124,12 +122,7 @@ class RequestBook:
 
 
 class Registry:
-    """The live sessions, and the store for all others.
-
-    Parameters
-    ----------
-    store : SessionStore
-    """
+    """The live sessions, and the store for all others."""
 
     def __init__(self, store: Any) -> None:
         self._store = store

@@ -1,7 +1,5 @@
 """The replies that transport itself gives, and the encoding of all replies as frames."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

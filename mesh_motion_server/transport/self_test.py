@@ -3,8 +3,6 @@
 A CURVE socket whose handler is missing or wrong looks like any other; only a connection shows the difference.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

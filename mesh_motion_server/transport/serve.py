@@ -1,7 +1,5 @@
 """The entry point: check the endpoint, start the supervisor, report that the server is ready, serve until stopped."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os

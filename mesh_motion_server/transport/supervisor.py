@@ -4,8 +4,6 @@ Single-threaded, without sockets of its own. All input comes from its children's
 the lifeline. When a child dies, its channel ends at once.
 """
 
-from __future__ import annotations
-
 import os
 import selectors
 import signal
@@ -50,8 +48,6 @@ class Supervisor:
 
     Parameters
     ----------
-    settings : ServerSettings
-    hosting : Hosting
     level : str
         Log level, handed to the children.
     protection : Protection, optional

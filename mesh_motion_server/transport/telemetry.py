@@ -3,8 +3,6 @@
 Limits of frequency, length and exceptions: :mod:`.log_bounds`; streams that accept no line: :mod:`.log_stream`.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import sys
@@ -61,7 +59,6 @@ class _Line(logging.Formatter):
         self._json = json_lines
 
     def format(self, record: logging.LogRecord) -> str:
-        """See :class:`logging.Formatter`."""
         raised = places_of_exception(record.exc_info[1]) if record.exc_info else {}
         values = _NAMES | getattr(record, "values", {}) | raised
         at, event = datetime.fromtimestamp(record.created, UTC).isoformat().replace("+00:00", "Z"), record.getMessage()

@@ -4,8 +4,6 @@ It forks a worker for each line that the supervisor hands over. The worker gets 
 one from its journal; then it listens and serves (:mod:`.worker`).
 """
 
-from __future__ import annotations
-
 import gc
 import importlib
 import os
@@ -34,8 +32,12 @@ from mesh_motion_server.transport.processes import (
     offer_to_the_oom_killer,
     wake_on_signals,
 )
-from mesh_motion_server.transport.protection import Protection, forward_handshakes, keep_secrets_out_of_core_files
-from mesh_motion_server.transport.rights import Rights
+from mesh_motion_server.transport.protection import (
+    Protection,
+    Rights,
+    forward_handshakes,
+    keep_secrets_out_of_core_files,
+)
 from mesh_motion_server.transport.self_test import check_refuses
 from mesh_motion_server.transport.telemetry import configure, log, name_session
 from mesh_motion_server.transport.worker import Worker

@@ -3,8 +3,6 @@
 The supervisor's loop calls :meth:`Watch.beat`, so each report also shows that the loop runs.
 """
 
-from __future__ import annotations
-
 import platform
 import time
 from collections import Counter
@@ -45,10 +43,8 @@ class Watch:
 
     Parameters
     ----------
-    settings : ServerSettings
     level : str
         Log level, handed to the attendants.
-    manager : ServiceManager
     disk : DiskWatch
         Of the state folder.
 

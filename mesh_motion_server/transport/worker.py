@@ -7,8 +7,6 @@ The lease holds while any connection is open. ``lease_seconds`` after the last o
 ``idle_seconds`` the process ends; the session stays resumable. A session without a mesh ends with its lease.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Mapping, Sequence
@@ -30,8 +28,8 @@ from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.endpoints import connection_event
 from mesh_motion_server.transport.hosting import SessionHost
+from mesh_motion_server.transport.protection import Rights
 from mesh_motion_server.transport.replies import encoded, undecodable, unexpected
-from mesh_motion_server.transport.rights import Rights
 from mesh_motion_server.transport.telemetry import log, tell_suppressed
 
 __all__ = ["Lease", "Worker"]
@@ -83,8 +81,6 @@ class Worker:
         To the supervisor.
     socket : zmq.Socket
         Bound ROUTER.
-    host : SessionHost
-    settings : ServerSettings
     rights : Rights
         Which requests each user may make to this session.
     """

@@ -23,9 +23,8 @@ from mesh_motion_server.settings import MethodSettings, ServerSettings
 from mesh_motion_server.transport.control import Control
 from mesh_motion_server.transport.endpoints import bind, router
 from mesh_motion_server.transport.gateway import Gateway
-from mesh_motion_server.transport.protection import Protection
+from mesh_motion_server.transport.protection import Protection, Rights
 from mesh_motion_server.transport.registry import Registry
-from mesh_motion_server.transport.rights import Rights
 from mesh_motion_server.transport.worker import Worker
 
 

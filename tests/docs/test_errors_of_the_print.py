@@ -7,8 +7,9 @@ import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 
+from docs.studies.thesis._decompositions import polar, rotation_angle
+from docs.studies.thesis._linear_polynomial import WithPolynomial
 from mesh_motion_server.numerics.correction.enrichment.functions import values as enrichment_values
-from mesh_motion_server.numerics.decomposition import polar, rotation_angle
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.interpolation.kernels import BASES, values
@@ -31,7 +32,7 @@ def test_a_displacement_of_2_6_has_no_row_of_zeros() -> None:
     """[φ_in,b P_in] times the coefficients has a row a node; the print sets d + 1 rows more beside d_in."""
     points = np.random.default_rng(1).uniform(size=(12, 2))
     told = np.stack([points[:, 0] ** 2, points[:, 1]], axis=1)
-    found = factorize(points, support_radius=0.8, polynomial="linear").solve(told)
+    found = WithPolynomial(factorize(points, support_radius=0.8)).solve(told)
     nodes = np.array([[0.3, 0.4], [0.6, 0.2]])
     phi = values(found.basis, np.linalg.norm(nodes[:, None] - points[None], axis=2) / 0.8)
     printed = np.hstack([phi, found.polynomial.basis.matrix(nodes)]) @ np.vstack(

@@ -216,7 +216,12 @@ def test_the_page_is_true(check: Callable[[str], list[str]]) -> None:
 @pytest.mark.parametrize(
     ("check", "right", "wrong", "found"),
     [
-        (unresolved_names, "`numerics.decomposition.qr`", "`numerics.decomposition.rq`", "numerics.decomposition.rq"),
+        (
+            unresolved_names,
+            "`numerics.decomposition.svd`",
+            "`numerics.decomposition.sdv`",
+            "numerics.decomposition.sdv",
+        ),
         (misplaced_names, "/numerics/decomposition.py", "/numerics/metrics.py", "numerics.decomposition.eigen"),
         (dead_links, "studies/thesis/volume_reduction.py", "studies/volume.py", "studies/volume.py"),
         (dead_links, "beyond.md)", "beyond.md#nowhere)", "beyond.md#nowhere"),

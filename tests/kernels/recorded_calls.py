@@ -27,7 +27,7 @@ _TESTS = (
     "../docs/studies/volume_reduction/test_background_grid.py",
     "test_centres.py", "test_closest_point.py", "test_evaluation.py", "test_hashed_cells.py", "test_linked_unknowns.py",
     "test_newton.py",
-    "test_prediction.py", "two_scale/test_grid_sums.py", "two_scale/test_nested_grid.py",
+    "../docs/studies/test_predictors.py", "two_scale/test_grid_sums.py", "two_scale/test_nested_grid.py",
 )  # fmt: skip
 #: Of each loop so many forms of calls are kept, none longer than so many bytes; and so many of fuzzing.
 _FORMS, _BYTES, _FUZZED = 20, 2_000_000, 20

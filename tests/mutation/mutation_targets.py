@@ -90,7 +90,12 @@ TARGETS: Mapping[str, Target] = MappingProxyType(
     | _targets(
         "mesh_motion_server.session",
         _SESSION,
-        {"journal.replies": ("replies",), "state": ("state",), "session": ("session", "durability", "quality_report")},
+        {
+            "journal.replies": ("replies",),
+            "state": ("state",),
+            "position": ("session", "durability"),
+            "session": ("session", "durability", "quality_report"),
+        },
     )
     | _targets(
         "mesh_motion_protocol",

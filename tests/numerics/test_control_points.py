@@ -13,28 +13,6 @@ def test_a_copy_comes_back():
     assert np.array_equal(checked, points)
 
 
-@pytest.mark.parametrize("shape", [(5,), (5, 4), (5, 0), (2, 3, 2)])
-def test_wrong_shapes(shape):
-    with pytest.raises(InvalidInput, match="shape \\(nc, d\\)") as caught:
-        checked_control_points(np.zeros(shape))
-    assert caught.value.code == "INVALID_ARGUMENT.SHAPE"
-
-
-def test_no_point():
-    with pytest.raises(InvalidInput, match="at least one control point"):
-        checked_control_points(np.empty((0, 2)))
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_the_first_point_that_is_not_finite_is_named(bad):
-    points = np.random.default_rng(0).random((9, 2))
-    points[[4, 7], 1] = bad
-    with pytest.raises(InvalidInput, match="control point 4 is not finite") as caught:
-        checked_control_points(points)
-    assert caught.value.code == "INVALID_ARGUMENT.NONFINITE"
-    assert caught.value.details == {"control_point": 4}
-
-
 @pytest.mark.parametrize("copies", [2, 3])
 @pytest.mark.parametrize("offset", [0.0, 1e-14])
 def test_two_that_coincide_are_named(copies, offset):

@@ -13,14 +13,14 @@ def radius_of(name):
     return 0.4 if BASES[name].compact else 0.15
 
 
-def made(name, d, *, n=60, k=None, radius=None, polynomial="auto", seed=0):
+def made(name, d, *, n=60, k=None, radius=None, seed=0):
     """An interpolant of random data on a jittered grid, dense enough to be well posed."""
     rng = np.random.default_rng(seed)
     side = int(np.ceil(n ** (1 / d)))
     grid = np.stack(np.meshgrid(*[np.linspace(0, 1, side)] * d, indexing="ij"), axis=-1).reshape(-1, d)
     points = grid + rng.uniform(-0.2, 0.2, grid.shape) / side
     data = rng.standard_normal((len(points), k or d))
-    return factorize(points, basis=name, support_radius=radius or radius_of(name), polynomial=polynomial).solve(data)
+    return factorize(points, basis=name, support_radius=radius or radius_of(name)).solve(data)
 
 
 def brute(interpolant, points):

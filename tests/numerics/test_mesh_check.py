@@ -10,7 +10,7 @@ from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.quality.mesh_check import check_mesh, checked_mesh
+from mesh_motion_server.numerics.quality.mesh_check import checked_mesh
 
 
 @dataclass
@@ -32,7 +32,7 @@ class Mesh:
         self.patches["others"] = Patch("fixed", np.flatnonzero((x == 1) | (y == 0) | (y == 1)))
 
     def check(self) -> list[str]:
-        return check_mesh(self.points, CellTable.from_arrays(self.cells), self.patches)
+        return checked_mesh(self.points, CellTable.from_arrays(self.cells), self.patches).warnings
 
 
 @pytest.fixture
@@ -202,8 +202,8 @@ def test_every_cell_type_is_checked(name):
         corner = {"hexahedron": corner, "wedge": corner[[0, 1, 3, 4, 5, 7]], "pyramid": corner[:5]}[name].astype(float)
     cells = CellTable.from_arrays({name: np.arange(kind.n_nodes)[None]})
     patches = {"all": Patch("moving", np.arange(kind.n_nodes))}
-    assert check_mesh(corner, cells, patches) == []
+    assert checked_mesh(corner, cells, patches).warnings == []
     if not kind.is_simplex:
         corner[2] -= 3.0
         with pytest.raises(InvalidInput, match="inverted or degenerate"):
-            check_mesh(corner, cells, patches)
+            checked_mesh(corner, cells, patches)

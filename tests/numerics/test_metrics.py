@@ -9,13 +9,12 @@ from thread_counts import on_one_and_on_all_threads
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.method import KEYS
+from mesh_motion_server.numerics.quality.mesh_summary import lowest_quality
 from mesh_motion_server.numerics.quality.metrics import (
     METRIC_CODES,
     QUALITY_METRICS,
     cell_quality,
     cells_at_rest,
-    minimum_quality,
-    quality_extremes,
     reference_sizes,
     subset_quality,
 )
@@ -153,7 +152,8 @@ def test_a_position_that_is_no_number_is_the_worst(name, value):
     cells = one_cell(name)
     for metric in QUALITY_METRICS:
         assert quality.metric(metric)[0] == -np.inf
-        assert quality_extremes(points, cells, cells_at_rest(IDEAL[name], cells), metric) == (-np.inf, 0, 1)
+        lowest = lowest_quality(points, cells, cells_at_rest(IDEAL[name], cells), metric=metric)
+        assert (lowest.metric.min, lowest.worst[0].number, lowest.inverted) == (-np.inf, 0, 1)
 
 
 @ALL_TYPES
@@ -176,7 +176,8 @@ def test_one_pass_over_a_mixed_mesh_agrees_with_the_stored_quality():
     for metric in QUALITY_METRICS:
         values = quality.metric(metric)
         expected = (values.min(), int(values.argmin()), int(quality.inverted.sum()))
-        assert quality_extremes(moved, cells, sizes, metric) == expected
+        lowest = lowest_quality(moved, cells, sizes, metric=metric)
+        assert (lowest.metric.min, lowest.worst[0].number, lowest.inverted) == expected
     part = subset_quality(moved, cells, sizes, np.array([3, 0, 2]))
     np.testing.assert_array_equal(part.size, quality.size[[3, 0, 2]])
     np.testing.assert_array_equal(part.skew, quality.skew[[3, 0, 2]])
@@ -186,7 +187,7 @@ def test_one_pass_over_a_mixed_mesh_agrees_with_the_stored_quality():
 def test_the_first_of_equal_cells_is_the_worst():
     points, cells = grid(200)
     points = np.round(points * 199) / 199
-    assert quality_extremes(points, cells, reference_sizes(points, cells), "size").cell == 0
+    assert lowest_quality(points, cells, reference_sizes(points, cells), metric="size").worst[0].number == 0
 
 
 def test_threads_do_not_change_a_bit():
@@ -203,7 +204,7 @@ def test_unknown_names_and_wrong_shapes_are_refused_in_words():
     points, cells = grid(3)
     sizes = reference_sizes(points, cells)
     with pytest.raises(InvalidInput, match="unknown quality metric 'shape'; known are size, skew, size-skew"):
-        minimum_quality(points, cells, sizes, "shape")
+        lowest_quality(points, cells, sizes, metric="shape")
     with pytest.raises(InvalidInput, match=r"expected an array of shape \(n, 2\) for 2D cells, got \(9, 3\)") as caught:
         cell_quality(np.zeros((9, 3)), cells, sizes)
     assert caught.value.code == "INVALID_ARGUMENT.SHAPE"

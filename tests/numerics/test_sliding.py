@@ -189,14 +189,6 @@ class TestCurved:
         assert np.allclose(surfaces.project(points[outer] + 0.01), points[outer], rtol=0, atol=1e-15)
 
 
-def test_project_refuses_another_shape():
-    points, cells = grid(3, 3)
-    side = np.flatnonzero(points[:, 0] == 0)
-    surfaces = SlidingSurfaces.build(points, cells, {"s": side}, side)
-    with pytest.raises(InvalidInput, match=r"expected positions of shape \(4, 2\)"):
-        surfaces.project(points)
-
-
 def test_a_node_without_facets_is_named():
     points, cells = grid(3, 3)
     with pytest.raises(InvalidInput, match="node 1 of the sliding patch 's' lies on no boundary facet"):

@@ -22,8 +22,7 @@ from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
 from mesh_motion_server.session.journal.replies import ReplyTable
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation, State
-from mesh_motion_server.transport.protection import Protection
-from mesh_motion_server.transport.rights import Rights
+from mesh_motion_server.transport.protection import Protection, Rights
 from proofs import state_machine
 from proofs.actions import ALL, EVENTS, REQUESTS, TWISTS, Action, read_story, story
 from proofs.check import BrokenPromise, Budget

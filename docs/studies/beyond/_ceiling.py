@@ -20,13 +20,14 @@ from docs.studies.beyond._motions import Body, stored
 from docs.studies.moved_bodies import Turn
 from docs.studies.study import Cell, Table
 from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.correction.correction import CorrectionSettings, correct
+from mesh_motion_server.numerics.correction.correction import correct
 from mesh_motion_server.numerics.correction.distortion import PNorm
 from mesh_motion_server.numerics.correction.free_region import FreeRegion
 from mesh_motion_server.numerics.correction.newton import Accuracy, newton
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh, region_quality, untangle
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
+from mesh_motion_server.numerics.method import Method
 
 __all__ = ["Ceiling", "ceiling", "ceilings", "draw_shares", "shares_table"]
 
@@ -38,6 +39,7 @@ _ITERATIONS = 60
 _SETTLED = Accuracy(full_step_gain=1e-6, least_decrement=1e-6, least_gain=1e-9, cg_reduction=0.05, cg_iterations=200)
 _ACCURACY = {2: replace(_SETTLED, direct_unknowns=4000), 3: _SETTLED}  # in 2D a factorization is cheaper than that
 _SHAKE = 0.3  # of an edge
+_METHOD = Method(quality_metric="size-skew")
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ def ceiling(body: Body, turn: Turn, *, starts: int) -> Ceiling:
     """What the default correction reaches of a motion, and the best there is from so many starts."""
     mesh = body.judge()
     region = mesh.free(~body.held)
-    ends, best = {}, correct(body.moved(_displacement(body, turn)), CorrectionSettings()).points
+    ends, best = {}, correct(body.moved(_displacement(body, turn)), _METHOD).points
     reached = float(mesh.quality(best).min())
     highest = reached
     with one_blas_thread():
@@ -157,7 +159,7 @@ def _along_the_way(body: Body, turn: Turn, steps: int) -> Floats:
             standard=_interpolated(points, (goal - points)[body.held], body, 0.5),
             reference=body.points,
         )
-        points = problem.standard if step == steps else correct(problem, CorrectionSettings()).points
+        points = problem.standard if step == steps else correct(problem, _METHOD).points
     return points
 
 

@@ -15,8 +15,9 @@ from docs.studies.refinement import refined
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.correction.correction import CorrectionProblem, CorrectionSettings, correct
+from mesh_motion_server.numerics.correction.correction import CorrectionProblem, correct
 from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
+from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 Floats = NDArray[np.float64]
@@ -128,10 +129,11 @@ def moved(one: Series, size: float, way: Way, threshold: float | None = None) ->
     model = one.stored.model(
         displacement=way.displacement, support_radius=one.radius, correction="none", allow_invalid=True
     )
-    settings = CorrectionSettings(
+    method = Method(
         correction=way.correction,
+        quality_metric="size-skew",
         quality_threshold=0.95 if threshold is None else threshold,
-        target="maximum" if threshold is None else "threshold",
+        correction_target="maximum" if threshold is None else "threshold",
         enrichment_radius=one.radius,
     )
     body, points = model.points[model.roles.moving], model.points
@@ -151,7 +153,7 @@ def moved(one: Series, size: float, way: Way, threshold: float | None = None) ->
         model.points,
     )
     try:
-        minimum = correct(problem, settings).minimum
+        minimum = correct(problem, method).minimum
     except NumericalError as refusal:
         minimum = float("-inf") if refusal.best is None else refusal.best
     return Reached(0.0 if abs(minimum) < 1e-9 else minimum, time.process_time() - began)

@@ -8,8 +8,8 @@ import numpy as np
 
 from docs.studies.beyond._motions import RADIUS, Body, random_motions, stored
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
+from docs.studies.thesis._cell_corrections import CELL_CORRECTIONS
 from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
-from mesh_motion_server.numerics.correction.enrichment.stretch_correction import CELL_CORRECTIONS
 
 #: Mesh → motions of the full study, of the quick one.
 MESHES = {"thesis_block": (40, 6), "correction_slab": (40, 6), "correction_box": (20, 2)}
@@ -41,7 +41,7 @@ _CAPTION = "Minimum size-skew of each motion with relaxation 2, sorted."
 
 def _tried(body: Body, problems: Any, kind: str, relaxation: float) -> tuple[list[Cell], list[float]]:
     """A row of the table, and the minima."""
-    settings = ExplicitSettings(enrichment_radius=RADIUS, relaxation=relaxation, decomposition=kind)
+    settings = ExplicitSettings(enrichment_radius=RADIUS, relaxation=relaxation, correct_cell=CELL_CORRECTIONS[kind])
     found = [explicit_iterations(problem, settings) for problem in problems]
     minima = [float(body.judge().quality(f.points).min()) for f in found]
     valid = sum(minimum > 0 for minimum in minima)
@@ -77,7 +77,7 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.correction.enrichment.stretch_correction.polar_correction",
+        "docs.studies.thesis._cell_corrections.polar_correction",
         "mesh_motion_server.numerics.correction.enrichment.explicit_iterations.explicit_iterations",
     ),
 )

@@ -18,12 +18,11 @@ from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from mesh_motion_server.numerics.blas import one_blas_thread
 from mesh_motion_server.numerics.correction.correction import CorrectionProblem
 from mesh_motion_server.numerics.correction.enrichment.coefficients import (
-    Enriched,
     optimised_enrichment,
     optimised_placement,
 )
 from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
+from mesh_motion_server.numerics.correction.trial_nodes import Polished, TrialMesh
 
 SAME = 0.99  # of our minimum quality: "the same quality"
 _SHARES = (0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)  # of our minimum, at which the picture shows our time
@@ -56,7 +55,7 @@ class Race:
     """What became of a case: ours, its CPU seconds to the common goal, and L-BFGS by its variables."""
 
     case: Case
-    ours: Enriched
+    ours: Polished
     seconds: float
     others: dict[str, QuasiNewton]
 
@@ -128,7 +127,7 @@ def race(case: Case) -> Race:
     return Race(case, ours, median(seconds), others)
 
 
-def _timed(case: Case, target: float = np.inf) -> tuple[Enriched, float]:
+def _timed(case: Case, target: float = np.inf) -> tuple[Polished, float]:
     """Our minimisation and its CPU seconds, with the functions' values."""
     space, p, mesh = case.space(), case.problem, case.mesh
     began = time.process_time()

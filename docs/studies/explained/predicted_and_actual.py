@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import Turn, stored
 from docs.studies.study import Outcome, Picture, Study, Table
+from docs.studies.thesis._predictors import InterpolantField, predict
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.quality.prediction import InterpolantField, predict
 
 Floats = NDArray[np.float64]
 
@@ -75,5 +75,5 @@ STUDY = Study(
     source="Prediction",
     run=run,
     claims=claims,
-    functions=("mesh_motion_server.numerics.quality.prediction.predict",),
+    functions=("docs.studies.thesis._predictors.predict",),
 )

@@ -11,13 +11,13 @@ import numpy as np
 from matplotlib import colormaps
 from numpy.typing import NDArray
 
+from docs.studies.thesis._predictors import InterpolantField
 from mesh_motion_server.numerics.correction.correction import CorrectionProblem
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.quality.prediction import InterpolantField
 
 Floats = NDArray[np.float64]
 

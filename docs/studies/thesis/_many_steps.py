@@ -22,15 +22,15 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import CellQuality
-from mesh_motion_server.numerics.quality.prediction import (
+from docs.studies.thesis._predictors import (
     DisplacementField,
     centre_positions,
     predict,
     transformed_quality,
 )
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.metrics import CellQuality
 
 __all__ = ["AccumulatedGradients", "ComposedField", "predict_many_steps"]
 
@@ -120,7 +120,7 @@ def predict_many_steps(
     Parameters
     ----------
     name : str
-        One of :data:`~mesh_motion_server.numerics.quality.prediction.PREDICTORS`; ``"centre-gradient"`` is the thesis'.
+        One of :data:`~docs.studies.thesis._predictors.PREDICTORS`; ``"centre-gradient"`` is the thesis'.
     points : (n, d) array, mesh length unit
         Positions before the first step.
     cells : CellTable

@@ -24,8 +24,8 @@ from docs.studies.thesis._prediction import (
     qualities,
     rigid,
 )
+from docs.studies.thesis._predictors import InterpolantField
 from mesh_motion_server.numerics.quality.metrics import cell_quality
-from mesh_motion_server.numerics.quality.prediction import InterpolantField
 
 #: The thesis' formulas (3.21) and (3.24) multiply size and skew without a root.
 METRIC = "size-skew-product"

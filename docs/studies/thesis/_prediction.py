@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.studies.study import Cell, Table
+from docs.studies.thesis._predictors import DisplacementField, InterpolantField, predict
 from mesh_motion_server.files import read_mesh
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import CellQuality, reference_sizes
-from mesh_motion_server.numerics.quality.prediction import DisplacementField, InterpolantField, predict
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -19,8 +19,8 @@ from docs.studies.thesis._prediction import (
     rigid,
     thesis_triangles,
 )
+from docs.studies.thesis._predictors import InterpolantField, centre_positions
 from mesh_motion_server.numerics.quality.metrics import reference_sizes
-from mesh_motion_server.numerics.quality.prediction import InterpolantField, centre_positions
 
 STEPS = (1, 4, 16)
 METRIC = "size-skew-product"

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import StoredMesh, Turn, stored
 from docs.studies.study import Outcome, Picture, Study, Table
+from docs.studies.thesis._linear_polynomial import WithPolynomial
 from mesh_motion_server.numerics.interpolation.assembly import sparse_matrix
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
@@ -32,8 +33,9 @@ WHOLE = Turn((0.3, -0.2), 60.0, centre=(0.5, 0.5))
 
 def moved(mesh: StoredMesh, told: Floats, controls: NDArray[np.int64], radius: float, polynomial: str) -> Floats:
     """Nodes (n, d) after the bare interpolation of ``told`` (n, d) at the control nodes."""
-    factorization = factorize(mesh.points[controls], support_radius=radius, polynomial=polynomial)
-    interpolant = factorization.solve((told - mesh.points)[controls])
+    factorization = factorize(mesh.points[controls], support_radius=radius)
+    system = WithPolynomial(factorization) if polynomial == "linear" else factorization
+    interpolant = system.solve((told - mesh.points)[controls])
     return mesh.points + LocalEvaluator().displacement(interpolant, mesh.points)
 
 
@@ -133,7 +135,6 @@ STUDY = Study(
     claims=claims,
     functions=(
         "mesh_motion_server.numerics.interpolation.polynomial.LinearBasis",
-        "mesh_motion_server.numerics.interpolation.interpolant.chosen_polynomial",
-        "mesh_motion_server.numerics.interpolation.factorizations.bordered.BorderedSystem",
+        "docs.studies.thesis._linear_polynomial.WithPolynomial",
     ),
 )

@@ -8,8 +8,8 @@ import numpy as np
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._prediction import Errors, Floats, errors, line, order
+from docs.studies.thesis._predictors import centre_positions
 from mesh_motion_server.numerics.quality.metrics import reference_sizes
-from mesh_motion_server.numerics.quality.prediction import centre_positions
 
 RADII = (0.4, 1.0)
 MAGNITUDES = (0.05, 0.10, 0.15)
@@ -137,8 +137,8 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.quality.prediction.predict",
-        "mesh_motion_server.numerics.quality.prediction.centre_positions",
+        "docs.studies.thesis._predictors.predict",
+        "docs.studies.thesis._predictors.centre_positions",
         "mesh_motion_server.numerics.quality.metrics.reference_sizes",
     ),
 )

@@ -64,8 +64,8 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.quality.prediction.predict",
-        "mesh_motion_server.numerics.quality.prediction.transformed_quality",
+        "docs.studies.thesis._predictors.predict",
+        "docs.studies.thesis._predictors.transformed_quality",
         "mesh_motion_server.numerics.quality.metrics.cell_quality",
     ),
 )

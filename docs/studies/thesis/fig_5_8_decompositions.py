@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.correction.enrichment.stretch_correction import CELL_CORRECTIONS
-from mesh_motion_server.numerics.decomposition import eigen, polar, qr, rotation_angle, svd
+from docs.studies.thesis._cell_corrections import CELL_CORRECTIONS
+from docs.studies.thesis._decompositions import eigen, polar, qr, rotation_angle, svd
 
 Floats = NDArray[np.float64]
 
@@ -178,9 +178,9 @@ STUDY = Study(
     claims,
     (
         "mesh_motion_server.numerics.decomposition.eigen",
-        "mesh_motion_server.numerics.decomposition.polar",
+        "docs.studies.thesis._decompositions.polar",
         "mesh_motion_server.numerics.decomposition.svd",
-        "mesh_motion_server.numerics.decomposition.qr",
-        "mesh_motion_server.numerics.correction.enrichment.stretch_correction.CELL_CORRECTIONS",
+        "docs.studies.thesis._decompositions.qr",
+        "docs.studies.thesis._cell_corrections.CELL_CORRECTIONS",
     ),
 )

@@ -19,10 +19,11 @@ from docs.studies.moved_bodies import Turn, stored
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._boundary_motions import MeshMotion, layered, mesh_motion, surface_problem, wing
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.correction.correction import CorrectionProblem, CorrectionSettings, correct
+from mesh_motion_server.numerics.correction.correction import CorrectionProblem, correct
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import Factorization, Interpolant, factorize
 from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named
+from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.quality.metrics import reference_sizes
 from mesh_motion_server.numerics.reduction import REDUCTIONS
 from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing, near_surface_radius
@@ -104,14 +105,15 @@ class ReducedMotion:
         problem = CorrectionProblem(
             mesh.points, self.standard, held, mesh.cells, sizes, self.boundary(where), SumEvaluator()
         )
-        settings = CorrectionSettings(
+        method = Method(
             correction=correction,
+            quality_metric="size-skew",
             quality_threshold=0.95,
-            target="maximum",
+            correction_target="maximum",
             enrichment_radius=self.case.support_radius,
         )
         try:
-            return correct(problem, settings).minimum
+            return correct(problem, method).minimum
         except NumericalError as refusal:
             return float(refusal.best or 0.0)
 

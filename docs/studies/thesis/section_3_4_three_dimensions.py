@@ -19,7 +19,7 @@ from docs.studies.thesis._prediction import (
     predicted_errors,
     rigid,
 )
-from mesh_motion_server.numerics.quality.prediction import InterpolantField
+from docs.studies.thesis._predictors import InterpolantField
 
 KINDS = ("tetra", "hexahedron", "wedge", "pyramid")
 GRADIENTS = PREDICTORS[:2]
@@ -92,7 +92,7 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.quality.prediction.predict",
+        "docs.studies.thesis._predictors.predict",
         "mesh_motion_server.numerics.mesh.cells.CellType",
     ),
 )

@@ -12,10 +12,10 @@ import numpy as np
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._prediction import Floats, Mesh, boxes, rigid, thesis_triangles
+from docs.studies.thesis._predictors import InterpolantField, predict
 from docs.studies.thesis._sampling import BOUNDS, ExpandableField, predict_sampled
 from docs.studies.thesis._sampling.groups import group_cells
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.prediction import InterpolantField, predict
 
 SIZES = (8, 32, 128, 256)
 THRESHOLD = 0.2

@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._block import BlockCase, block_case, draw_mesh
-from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
+from docs.studies.thesis._cell_corrections import CELL_CORRECTIONS
+from docs.studies.thesis._field_iterations import predicted_iterations
+from docs.studies.thesis._predictors import predict
+from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import ExplicitSettings
 from mesh_motion_server.numerics.correction.enrichment.imposed_jacobian import (
     ImposedSettings,
     cell_gradients,
@@ -21,7 +24,6 @@ from mesh_motion_server.numerics.correction.enrichment.imposed_jacobian import (
 from mesh_motion_server.numerics.correction.enrichment.placement import Placement
 from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
 from mesh_motion_server.numerics.quality.metrics import cell_quality
-from mesh_motion_server.numerics.quality.prediction import predict
 
 Floats = NDArray[np.float64]
 
@@ -176,10 +178,8 @@ def _text(places: tuple[Floats, Floats], predicted: Floats) -> str:
 
 def _compared(case: BlockCase, best: float) -> Table:
     """Table 5.4, and the rounds of imposed Jacobians."""
-    thesis = ExplicitSettings(
-        enrichment_radius=0.5, threshold=0.19, metric="size", relaxation=1.3, predictor="centre-gradient"
-    )
-    explicit = explicit_iterations(case.problem, thesis, case.field)
+    thesis = ExplicitSettings(enrichment_radius=0.5, threshold=0.19, metric="size", relaxation=1.3)
+    explicit = predicted_iterations(case.problem, thesis, case.field)
     rows: list[list[Cell]] = [
         ["standard", -0.25, case.smallest(case.problem.standard), 0],
         ["imposed gradient, parametric study", 0.26, best, 1],
@@ -187,7 +187,7 @@ def _compared(case: BlockCase, best: float) -> Table:
         ["explicit iterations (actual)", None, case.smallest(explicit.points), explicit.best],
     ]
     for decomposition in ("eigen", "polar"):
-        settings = ImposedSettings(enrichment_radius=0.5, threshold=0.19, decomposition=decomposition)
+        settings = ImposedSettings(enrichment_radius=0.5, threshold=0.19, correct_cell=CELL_CORRECTIONS[decomposition])
         found = imposed_jacobians(case.problem, case.mesh, settings)
         name = f"imposed gradients of cells corrected by {decomposition}, in rounds"
         rows.append([name, None, case.smallest(found.points), len(found.enrichment_points)])

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._block import BlockCase, block_case, draw_mesh, turned
+from docs.studies.thesis._cell_corrections import CELL_CORRECTIONS
+from docs.studies.thesis._field_iterations import predicted_iterations
 from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import (
     ExplicitResult,
     ExplicitSettings,
-    explicit_iterations,
 )
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
@@ -21,9 +22,7 @@ from mesh_motion_server.numerics.interpolation.interpolant import factorize
 Floats = NDArray[np.float64]
 
 #: As the thesis does it; its relaxation is not printed.
-THESIS = ExplicitSettings(
-    enrichment_radius=0.5, threshold=0.2, metric="size", relaxation=1.3, predictor="centre-gradient"
-)
+THESIS = ExplicitSettings(enrichment_radius=0.5, threshold=0.2, metric="size", relaxation=1.3)
 
 #: Case → threshold, printed minimum of the standard motion, after the iterations, and their number.
 PRINTED = {
@@ -34,9 +33,9 @@ PRINTED = {
 DECOMPOSITIONS = ("eigen", "polar", "svd", "qr")
 
 
-def explicit(case: BlockCase, settings: ExplicitSettings) -> ExplicitResult:
-    """The iterations; the exact predictor needs no field."""
-    return explicit_iterations(case.problem, settings, case.field)
+def explicit(case: BlockCase, settings: ExplicitSettings, predictor: str = "centre-gradient") -> ExplicitResult:
+    """The iterations, by default with the thesis' predictor."""
+    return predicted_iterations(case.problem, settings, case.field, predictor)
 
 
 def run(quick: bool) -> Outcome:
@@ -119,8 +118,8 @@ def _variants(quick: bool) -> Table:
         for relaxation in (1.3, 2.0) if quick else (1.0, 1.3, 1.6, 2.0):
             row: list[Cell] = [predictor, relaxation]
             for name, (threshold, *_) in PRINTED.items():
-                settings = replace(THESIS, threshold=threshold, relaxation=relaxation, predictor=predictor)
-                found = explicit(block_case(name), settings)
+                settings = replace(THESIS, threshold=threshold, relaxation=relaxation)
+                found = explicit(block_case(name), settings, predictor)
                 row += [_count(found), found.history[found.best].actual]
             rows.append(row)
     columns = ["predictor", "relaxation"]
@@ -139,8 +138,8 @@ def _decompositions() -> Table:
     for name in DECOMPOSITIONS:
         row: list[Cell] = [name]
         for case, (threshold, *_) in PRINTED.items():
-            settings = replace(THESIS, threshold=threshold, decomposition=name, predictor="trial-nodes")
-            found = explicit(block_case(case), settings)
+            settings = replace(THESIS, threshold=threshold, correct_cell=CELL_CORRECTIONS[name])
+            found = explicit(block_case(case), settings, "trial-nodes")
             row += [_count(found), found.history[found.best].actual]
         rows.append(row)
     columns = ["decomposition"]
@@ -234,6 +233,6 @@ STUDY = Study(
     (
         "mesh_motion_server.numerics.correction.enrichment.explicit_iterations.explicit_iterations",
         "mesh_motion_server.numerics.correction.enrichment.eigen_correction.eigen_correction",
-        "mesh_motion_server.numerics.correction.enrichment.stretch_correction.CELL_CORRECTIONS",
+        "docs.studies.thesis._cell_corrections.CELL_CORRECTIONS",
     ),
 )

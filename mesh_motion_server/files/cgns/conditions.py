@@ -1,14 +1,11 @@
 """The boundary conditions of a CGNS zone: the patch of each, and the nodes or elements that it lists."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.files.cgns.tree import Node
-from mesh_motion_server.files.mesh_file import IntArray
+from mesh_motion_server.numerics.arrays import Integers, Marks
 
 __all__ = ["Condition", "read_conditions"]
 
@@ -22,34 +19,31 @@ class Condition:
 
     Attributes
     ----------
-    node : Node
-    patch : str
     location : str
         The grid location in the file; Gmsh writes CellCenter for faces, too.
     of_nodes : bool
         Whether it lists nodes (otherwise elements).
     values : (k,) array
         Numbers counted from 1, or the first and the last of a range.
-    is_range : bool
     """
 
     node: Node
     patch: str
     location: str
     of_nodes: bool
-    values: IntArray
+    values: Integers
     is_range: bool
 
-    def elements(self, numbers: IntArray) -> NDArray[np.bool_]:
+    def elements(self, numbers: Integers) -> Marks:
         """Mask of the elements with these numbers that it lists."""
         if self.of_nodes:
             return np.zeros(len(numbers), dtype=bool)
         if self.is_range:
-            within: NDArray[np.bool_] = (numbers >= self.values[0]) & (numbers <= self.values[1])
+            within: Marks = (numbers >= self.values[0]) & (numbers <= self.values[1])
             return within
         return np.isin(numbers, self.values)
 
-    def check(self, facets: IntArray, cells: IntArray, what: str) -> None:
+    def check(self, facets: Integers, cells: Integers, what: str) -> None:
         """Check that all listed elements are among the ``facets`` or, for a volume, among the ``cells`` (numbers).
 
         Raises
@@ -62,7 +56,7 @@ class Condition:
         if unknown is not None and not of_a_volume:
             raise self.node.refused(f"it names element {unknown}, which is no {what}")
 
-    def _first_unknown(self, numbers: IntArray) -> int | None:
+    def _first_unknown(self, numbers: Integers) -> int | None:
         """The first listed element that is not among the numbers; a range may be longer than any array."""
         if not self.is_range:
             wrong = self.values[~np.isin(self.values, numbers)]
@@ -74,7 +68,7 @@ class Condition:
         return unknown if unknown <= last else None
 
     @property
-    def nodes(self) -> IntArray:
+    def nodes(self) -> Integers:
         """The listed nodes, counted from 0."""
         if not self.of_nodes:
             return np.empty(0, dtype=np.int64)

@@ -6,14 +6,12 @@ Element numbers continue through all sections. Before version 4 (in fact 3.4) MI
 https://cgns.github.io/CGNS_docs_current/sids/conv.html#unstructgrid
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 
 from mesh_motion_server.files.cgns.tree import Node
-from mesh_motion_server.files.mesh_file import IntArray
+from mesh_motion_server.numerics.arrays import Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["NFACE", "NGON", "VERTEX", "Elements", "ListedElements", "read_elements"]
@@ -32,8 +30,8 @@ class Elements:
     """Elements of one type: nodes (m, k) counted from 0, and element numbers (m,) in the zone."""
 
     name: str
-    nodes: IntArray
-    numbers: IntArray
+    nodes: Integers
+    numbers: Integers
     section: str
 
 
@@ -46,13 +44,13 @@ class ListedElements:
 
     kind: int
     section: str
-    starts: IntArray
-    entries: IntArray
+    starts: Integers
+    entries: Integers
     first: int
-    parents: IntArray | None
+    parents: Integers | None
 
     @property
-    def numbers(self) -> IntArray:
+    def numbers(self) -> Integers:
         """(m,) their numbers in the zone."""
         return self.first + np.arange(len(self.starts) - 1)
 
@@ -87,7 +85,7 @@ def read_elements(section: Node) -> list[Elements | ListedElements]:
     return [Elements(_NAMES[kind], connectivity.reshape(count, width) - 1, np.arange(low, high + 1), section.name)]
 
 
-def _array(section: Node, name: str) -> IntArray:
+def _array(section: Node, name: str) -> Integers:
     """Read an array that the section must have."""
     found = section.child(name)
     if found is None:
@@ -95,14 +93,14 @@ def _array(section: Node, name: str) -> IntArray:
     return found.integers()
 
 
-def _first(section: Node, values: IntArray, count: int) -> IntArray:
+def _first(section: Node, values: Integers, count: int) -> Integers:
     """The first ``count`` values of an array; refuse a shorter array."""
     if len(values) < count:
         raise section.refused(f"an array of {len(values)} values, expected {count}")
     return values[:count]
 
 
-def _offsets(section: Node, size: int, count: int) -> IntArray | None:
+def _offsets(section: Node, size: int, count: int) -> Integers | None:
     """(count + 1,) ``ElementStartOffset``, if the section has it."""
     if section.child("ElementStartOffset") is None:
         return None
@@ -112,7 +110,7 @@ def _offsets(section: Node, size: int, count: int) -> IntArray | None:
     return starts
 
 
-def _listed(section: Node, connectivity: IntArray, count: int) -> tuple[IntArray, IntArray]:
+def _listed(section: Node, connectivity: Integers, count: int) -> tuple[Integers, Integers]:
     """Starts and entries of elements of variable length."""
     starts = _offsets(section, len(connectivity), count)
     if starts is not None:
@@ -130,7 +128,7 @@ def _listed(section: Node, connectivity: IntArray, count: int) -> tuple[IntArray
     return starts, np.delete(connectivity, starts[:-1] + np.arange(count))
 
 
-def _mixed(section: Node, connectivity: IntArray, low: int, count: int) -> list[Elements | ListedElements]:
+def _mixed(section: Node, connectivity: Integers, low: int, count: int) -> list[Elements | ListedElements]:
     """Elements of a MIXED section: the type precedes the nodes."""
     starts = _offsets(section, len(connectivity), count)
     if starts is None:
@@ -151,7 +149,7 @@ def _mixed(section: Node, connectivity: IntArray, low: int, count: int) -> list[
     return found
 
 
-def _walked(section: Node, connectivity: IntArray, count: int) -> IntArray:
+def _walked(section: Node, connectivity: Integers, count: int) -> Integers:
     """(count + 1,) where the elements of a MIXED section begin, found from the types before their nodes."""
     starts = np.empty(count + 1, dtype=np.int64)
     place, values = 0, connectivity.tolist()
@@ -169,7 +167,7 @@ def _walked(section: Node, connectivity: IntArray, count: int) -> IntArray:
     return starts
 
 
-def _parents(section: Node, count: int) -> IntArray | None:
+def _parents(section: Node, count: int) -> Integers | None:
     """(count, 2) the cells on both sides of each face; HDF5 has CGNS' arrays transposed."""
     node = section.child("ParentElements")
     if node is None:

@@ -1,15 +1,13 @@
 """Polyhedral zones of CGNS as meshes by faces: NGON_n sections are the faces, NFACE_n or their parents the cells."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 
 from mesh_motion_server.files.cgns.elements import NFACE, NGON, ListedElements
 from mesh_motion_server.files.cgns.tree import Node
-from mesh_motion_server.files.mesh_file import FloatArray, IntArray
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh
+from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["NumberedFaces", "join_faces"]
 
@@ -22,10 +20,10 @@ class NumberedFaces:
     """
 
     mesh: FaceMesh
-    numbers: IntArray
+    numbers: Integers
 
 
-def join_faces(zone: Node, points: FloatArray, sections: list[ListedElements]) -> NumberedFaces:
+def join_faces(zone: Node, points: Floats, sections: list[ListedElements]) -> NumberedFaces:
     """Make the mesh of a zone.
 
     Raises
@@ -48,8 +46,8 @@ def join_faces(zone: Node, points: FloatArray, sections: list[ListedElements]) -
 
 
 def _sides(
-    zone: Node, cells: list[ListedElements], polygons: list[ListedElements], numbers: IntArray, rows: IntArray
-) -> IntArray:
+    zone: Node, cells: list[ListedElements], polygons: list[ListedElements], numbers: Integers, rows: Integers
+) -> Integers:
     """(f, 2) for each face the cell that its normal points out of and the cell that it points into; -1 for none.
 
     ``numbers`` (f,) are the element numbers of the faces, ascending; ``rows`` (f,) are the corresponding faces.
@@ -82,7 +80,7 @@ def _sides(
 
 
 def _ordered(
-    zone: Node, points: FloatArray, nodes: IntArray, sizes: IntArray, sides: IntArray, numbers: IntArray
+    zone: Node, points: Floats, nodes: Integers, sizes: Integers, sides: Integers, numbers: Integers
 ) -> NumberedFaces:
     """The mesh with its inner faces first; faces that point into their only cell are turned."""
     starts = np.concatenate([[0], np.cumsum(sizes)])

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.mesh_file import FloatArray, IntArray
 from mesh_motion_server.files.packages import load_h5py, reason_of
+from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["Node", "open_cgns"]
 
@@ -89,7 +89,7 @@ class Node:
             raise self.refused(f"a link to {link.path}{place}, which is not there")
         return found
 
-    def only(self, label: str, what: str, hint: str = "") -> Node:
+    def only(self, label: str, what: str) -> Node:
         """The only node under this one with a label.
 
         Raises
@@ -100,18 +100,18 @@ class Node:
         found = self.children(label)
         if len(found) != 1:
             names = f": {', '.join(node.name for node in found[:8])}" if found else ""
-            raise self.refused(f"{len(found)} {what}{names}; one is expected", hint)
+            raise self.refused(f"{len(found)} {what}{names}; one is expected")
         return found[0]
 
     def text(self) -> str:
         """The array as characters."""
         return self._array("iuS").tobytes().decode("utf-8", errors="replace").rstrip("\0 ") if self._has_data else ""
 
-    def integers(self) -> IntArray:
+    def integers(self) -> Integers:
         """(k,) the array, in the order of the file."""
         return self._array("iu").astype(np.int64).ravel()
 
-    def reals(self) -> FloatArray:
+    def reals(self) -> Floats:
         """(k,) the array as real numbers."""
         return self._array("f").astype(np.float64).ravel()
 

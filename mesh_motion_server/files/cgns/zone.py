@@ -7,8 +7,6 @@ names; for polyhedra, these are the NGON_n sections that have no face between tw
 https://cgns.github.io/CGNS_docs_current/sids/index.html
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
@@ -19,9 +17,10 @@ from mesh_motion_server.files.cgns.conditions import read_conditions
 from mesh_motion_server.files.cgns.elements import NFACE, NGON, VERTEX, Elements, ListedElements, read_elements
 from mesh_motion_server.files.cgns.faces import NumberedFaces, join_faces
 from mesh_motion_server.files.cgns.tree import Node, open_cgns
-from mesh_motion_server.files.mesh_file import FloatArray, IntArray, MeshFile, assemble, chosen_zone
+from mesh_motion_server.files.mesh_file import MeshFile, assemble, chosen_zone
 from mesh_motion_server.files.polyhedra.cells import find_cells
 from mesh_motion_server.files.polyhedra.pieces import divide
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["read_cgns"]
@@ -74,7 +73,7 @@ def _coordinate_nodes(zone: Node) -> list[Node]:
     return found
 
 
-def _points(zone: Node) -> FloatArray:
+def _points(zone: Node) -> Floats:
     """(n, 2 | 3) the coordinates."""
     counts = zone.integers()
     columns = [node.reals() for node in _coordinate_nodes(zone)]
@@ -96,16 +95,16 @@ def _check_nodes(zone: Node, part: Elements, n_points: int) -> None:
         )
 
 
-def _simple(path: Path, base: Node, zone: Node, points: FloatArray, fixed: list[Elements]) -> MeshFile:
+def _simple(path: Path, base: Node, zone: Node, points: Floats, fixed: list[Elements]) -> MeshFile:
     """A zone of cells of known types."""
-    cells: dict[str, list[IntArray]] = defaultdict(list)
+    cells: dict[str, list[Integers]] = defaultdict(list)
     for part in fixed:
         if part.name != VERTEX:
             cells[part.name].append(part.nodes)
     dimension = max((CELL_TYPES[name].dimension for name in cells), default=0)
     flat = [part for part in fixed if part.name == VERTEX or CELL_TYPES[part.name].dimension < dimension]
     numbers = _numbers(flat), _numbers([part for part in fixed if part not in flat])
-    nodes_of: dict[str, list[IntArray]] = defaultdict(list)
+    nodes_of: dict[str, list[Integers]] = defaultdict(list)
     conditions = read_conditions(base, zone, len(points))
     for condition in conditions:
         condition.check(*numbers, "element of lower dimension than the cells")
@@ -120,19 +119,19 @@ def _simple(path: Path, base: Node, zone: Node, points: FloatArray, fixed: list[
     return assemble(path, points, joined, patches)
 
 
-def _numbers(parts: list[Elements]) -> IntArray:
+def _numbers(parts: list[Elements]) -> Integers:
     """The numbers of all their elements."""
     return np.concatenate([np.empty(0, dtype=np.int64), *(part.numbers for part in parts)])
 
 
-def _patches(nodes_of: dict[str, list[IntArray]]) -> dict[str, IntArray]:
+def _patches(nodes_of: dict[str, list[Integers]]) -> dict[str, Integers]:
     """Nodes of each patch that has any."""
     joined = {name: np.concatenate(parts) for name, parts in nodes_of.items() if parts}
     return {name: nodes for name, nodes in joined.items() if len(nodes)}
 
 
 def _polyhedral(
-    path: Path, base: Node, zone: Node, points: FloatArray, listed: list[ListedElements], fixed: list[Elements]
+    path: Path, base: Node, zone: Node, points: Floats, listed: list[ListedElements], fixed: list[Elements]
 ) -> MeshFile:
     """A zone of polyhedra; cells that are not simple are divided into pieces."""
     single = [part for part in fixed if part.name == VERTEX]
@@ -143,8 +142,8 @@ def _polyhedral(
     boundary = np.arange(faces.mesh.n_inner, faces.mesh.n_faces)
     numbers = np.concatenate([faces.numbers[boundary], _numbers(single)])
     volumes = np.concatenate([numbers[:0], *(part.numbers for part in listed if part.kind == NFACE)])
-    chosen: dict[str, list[IntArray]] = defaultdict(list)
-    nodes_of: dict[str, list[IntArray]] = defaultdict(list)
+    chosen: dict[str, list[Integers]] = defaultdict(list)
+    nodes_of: dict[str, list[Integers]] = defaultdict(list)
     conditions = read_conditions(base, zone, len(points))
     for condition in conditions:
         condition.check(numbers, volumes, "face of the boundary")
@@ -158,7 +157,7 @@ def _polyhedral(
     return assemble(path, pieces.points, pieces.cells, _patches(nodes_of))
 
 
-def _boundary_sections(listed: list[ListedElements], faces: NumberedFaces) -> dict[str, list[IntArray]]:
+def _boundary_sections(listed: list[ListedElements], faces: NumberedFaces) -> dict[str, list[Integers]]:
     """{section: [(k,) faces]} of the NGON_n sections without a face between two cells."""
     found = {}
     for part in listed:

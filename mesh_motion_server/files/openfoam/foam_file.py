@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.mesh_file import FloatArray, IntArray
+from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["FoamFile", "dictionaries"]
 
@@ -41,12 +41,10 @@ class FoamFile:
         The path, with ``.gz`` if compressed.
     kind : str
         Value of ``class`` in the header.
-    binary : bool
     label, scalar : dtype
         Types of labels and scalars in a binary file.
     header : bytes
         Everything before the content.
-    body : bytes
     """
 
     path: Path
@@ -102,7 +100,7 @@ class FoamFile:
         """An error that names the file."""
         return InvalidInput(f"{self.path}: {reason}")
 
-    def labels(self, *, at_most: int) -> IntArray:
+    def labels(self, *, at_most: int) -> Integers:
         """The content as a list of labels, at most ``at_most`` long."""
         if self.binary:
             return self._binary(0, self.label, 1, at_most)[0][:, 0].astype(np.int64)
@@ -112,14 +110,14 @@ class FoamFile:
         found = self._numbers(values, np.int64)
         return self._counted(np.repeat(found, count) if uniform and len(found) == 1 else found, count)
 
-    def vectors(self) -> FloatArray:
+    def vectors(self) -> Floats:
         """(n, 3) the content as a list of vectors."""
         if self.binary:
             return self._binary(0, self.scalar, 3, len(self.body))[0].astype(np.float64)
         count, values, _ = self._ascii()
         return self._counted(self._numbers(values, np.float64), 3 * count).reshape(count, 3)
 
-    def faces(self) -> tuple[IntArray, IntArray]:
+    def faces(self) -> tuple[Integers, Integers]:
         """The content as faces: (f + 1,) where the points of each face begin, and the points of all faces."""
         if self.kind == "faceCompactList":
             return self._compact_faces()
@@ -142,7 +140,7 @@ class FoamFile:
         counts = starts[:-1] + np.arange(count)
         return starts, np.delete(flat, counts)
 
-    def _compact_faces(self) -> tuple[IntArray, IntArray]:
+    def _compact_faces(self) -> tuple[Integers, Integers]:
         """Two lists: where each face begins, and the points."""
         size = len(self.body)
         if self.binary:
@@ -156,7 +154,7 @@ class FoamFile:
         first, second = (self._counted(self._numbers(values, np.int64), int(count)) for count, values in lists)
         return self._checked_starts(first, second)
 
-    def _checked_starts(self, starts: IntArray, nodes: IntArray) -> tuple[IntArray, IntArray]:
+    def _checked_starts(self, starts: Integers, nodes: Integers) -> tuple[Integers, Integers]:
         """Check that the two lists fit together."""
         short = np.flatnonzero(np.diff(starts) < 3)
         if not len(starts) or starts[0] != 0 or starts[-1] != len(nodes):

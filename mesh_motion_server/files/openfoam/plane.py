@@ -5,16 +5,13 @@ nodes, and its faces are the cells. A point of the other plane belongs to the no
 of more than four points becomes triangles around a node in its middle.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.mesh_file import FloatArray, IntArray
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, FacePatch
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 
 __all__ = ["Plane", "plane_axes", "project"]
 
@@ -35,11 +32,11 @@ class Plane:
         The node of each point of the mesh.
     """
 
-    points: FloatArray
-    cells: dict[str, IntArray]
-    node_of: IntArray
+    points: Floats
+    cells: dict[str, Integers]
+    node_of: Integers
 
-    def edges(self, mesh: FaceMesh, patch: FacePatch) -> IntArray:
+    def edges(self, mesh: FaceMesh, patch: FacePatch) -> Integers:
         """(m, 2) the edges in the plane that represent the faces of a patch."""
         short = mesh.short[mesh.boundary_faces(patch)]
         nodes = np.sort(np.where(short >= 0, self.node_of[short], -1), axis=1)
@@ -107,7 +104,7 @@ def project(mesh: FaceMesh, axes: tuple[int, ...]) -> Plane:
     return Plane(np.ascontiguousarray(points), _polygons(mesh, faces, long, node_of, len(front), flip), node_of)
 
 
-def _edges_across(mesh: FaceMesh, in_front: NDArray[np.bool_]) -> IntArray:
+def _edges_across(mesh: FaceMesh, in_front: Marks) -> Integers:
     """(k, 2) the point in front and the point behind of each edge between the planes."""
     ends = np.arange(1, len(mesh.nodes) + 1)
     ends[mesh.starts[1:] - 1] = mesh.starts[:-1]
@@ -119,8 +116,8 @@ def _edges_across(mesh: FaceMesh, in_front: NDArray[np.bool_]) -> IntArray:
 
 
 def _polygons(
-    mesh: FaceMesh, faces: IntArray, long: IntArray, node_of: IntArray, first: int, flip: bool
-) -> dict[str, IntArray]:
+    mesh: FaceMesh, faces: Integers, long: Integers, node_of: Integers, first: int, flip: bool
+) -> dict[str, Integers]:
     """{type: (m, k)} the faces of the plane as cells."""
     cells = {}
     for name, size in (("triangle", 3), ("quad", 4)):

@@ -5,19 +5,18 @@ layer of cells between empty patches becomes a mesh in the plane (:mod:`.plane`)
 the same. Patches keep their names; empty patches and patches without faces are dropped.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.mesh_file import IntArray, MeshFile
+from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.openfoam.foam_file import FoamFile, dictionaries
 from mesh_motion_server.files.openfoam.plane import plane_axes, project
 from mesh_motion_server.files.polyhedra.cells import find_cells
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, FacePatch
 from mesh_motion_server.files.polyhedra.pieces import divide
+from mesh_motion_server.numerics.arrays import Integers
 
 __all__ = ["read_face_mesh", "read_polymesh"]
 
@@ -47,8 +46,8 @@ def read_polymesh(path: Path) -> MeshFile:
 def _mesh(
     path: Path,
     points: np.ndarray,
-    cells: dict[str, IntArray],
-    nodes: dict[str, IntArray],
+    cells: dict[str, Integers],
+    nodes: dict[str, Integers],
     cyclic: tuple[str, ...],
 ) -> MeshFile:
     """The mesh; ``nodes`` has the face nodes of each patch, with repeats."""

@@ -5,15 +5,12 @@ the other ends of the edges that leave the base's nodes. The cell has the candid
 :data:`~mesh_motion_server.numerics.mesh.local_facets.LOCAL_FACETS`; otherwise it is a polyhedron, like all other cells.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mesh_motion_server.files.mesh_file import IntArray
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh
+from mesh_motion_server.numerics.arrays import Integers, Marks
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
@@ -39,9 +36,9 @@ class FoundCells:
         Cell numbers of the polyhedra.
     """
 
-    nodes: dict[str, IntArray]
-    numbers: dict[str, IntArray]
-    others: IntArray
+    nodes: dict[str, Integers]
+    numbers: dict[str, Integers]
+    others: Integers
 
 
 def find_cells(mesh: FaceMesh) -> FoundCells:
@@ -68,7 +65,7 @@ def find_cells(mesh: FaceMesh) -> FoundCells:
     return FoundCells(nodes, numbers, np.flatnonzero(~simple))
 
 
-def _shaped(mesh: FaceMesh, name: str, base: int, cells: IntArray) -> tuple[IntArray, NDArray[np.bool_]]:
+def _shaped(mesh: FaceMesh, name: str, base: int, cells: Integers) -> tuple[Integers, Marks]:
     """(m, k) nodes of the cells if they had this type, and (m,) whether they have it."""
     n_faces = len(LOCAL_FACETS[name])
     faces = mesh.cell_faces[mesh.cell_starts[cells, None] + np.arange(n_faces)]
@@ -89,7 +86,7 @@ def _shaped(mesh: FaceMesh, name: str, base: int, cells: IntArray) -> tuple[IntA
     return nodes, _has_facets(nodes, mesh.short[faces], name)
 
 
-def _edges(faces: IntArray) -> tuple[IntArray, IntArray]:
+def _edges(faces: Integers) -> tuple[Integers, Integers]:
     """(m, e) the ends of the edges of faces (m, f, 4), each edge in both directions; -1 for none."""
     after = np.roll(faces, -1, axis=2)
     triangle = faces[:, :, 3] < 0
@@ -98,7 +95,7 @@ def _edges(faces: IntArray) -> tuple[IntArray, IntArray]:
     return np.concatenate([a, b], axis=1), np.concatenate([b, a], axis=1)
 
 
-def _has_facets(nodes: IntArray, faces: IntArray, name: str) -> NDArray[np.bool_]:
+def _has_facets(nodes: Integers, faces: Integers, name: str) -> Marks:
     """(m,) whether the faces (m, f, 4) are those of cells with these nodes; each is a set of bits."""
     bits = np.zeros(faces.shape, dtype=np.int64)
     for local in range(nodes.shape[1]):
@@ -107,5 +104,5 @@ def _has_facets(nodes: IntArray, faces: IntArray, name: str) -> NDArray[np.bool_
     masks = np.bitwise_or.reduce(bits, axis=2)
     expected = sorted(sum(1 << node for node in facet) for facet in LOCAL_FACETS[name])
     same = (np.sort(masks, axis=1) == expected).all(axis=1)
-    found: NDArray[np.bool_] = same & ~foreign & (nodes >= 0).all(axis=1)
+    found: Marks = same & ~foreign & (nodes >= 0).all(axis=1)
     return found

@@ -3,8 +3,6 @@
 Each face has an owner cell, which its normal points out of. Inner faces come first and also have a neighbour cell.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.mesh_file import FloatArray, IntArray
+from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["FaceMesh", "FacePatch", "corner_normals"]
 
@@ -43,7 +41,6 @@ class FaceMesh:
     owner : (f,) array
     neighbour : (i,) array
         Neighbour cells of the inner faces.
-    patches : tuple of FacePatch
 
     Raises
     ------
@@ -52,11 +49,11 @@ class FaceMesh:
     """
 
     path: Path
-    points: FloatArray
-    starts: IntArray
-    nodes: IntArray
-    owner: IntArray
-    neighbour: IntArray
+    points: Floats
+    starts: Integers
+    nodes: Integers
+    owner: Integers
+    neighbour: Integers
     patches: tuple[FacePatch, ...]
 
     def __post_init__(self) -> None:
@@ -127,12 +124,12 @@ class FaceMesh:
         return len(self.cell_starts) - 1
 
     @cached_property
-    def sizes(self) -> IntArray:
+    def sizes(self) -> Integers:
         """(f,) number of points of each face."""
         return np.diff(self.starts)
 
     @cached_property
-    def _by_cell(self) -> tuple[IntArray, IntArray]:
+    def _by_cell(self) -> tuple[Integers, Integers]:
         cells = np.concatenate([self.owner, self.neighbour])
         order = np.argsort(cells, kind="stable")
         counts = np.bincount(cells)
@@ -140,21 +137,21 @@ class FaceMesh:
         return np.concatenate([[0], np.cumsum(counts)]), faces
 
     @property
-    def cell_starts(self) -> IntArray:
+    def cell_starts(self) -> Integers:
         """(c + 1,) where the faces of each cell begin in ``cell_faces``."""
         return self._by_cell[0]
 
     @property
-    def cell_faces(self) -> IntArray:
+    def cell_faces(self) -> Integers:
         """(f + i,) faces of all cells."""
         return self._by_cell[1]
 
-    def face(self, number: int) -> IntArray:
+    def face(self, number: int) -> Integers:
         """The points of a face."""
         return self.nodes[self.starts[number] : self.starts[number + 1]]
 
     @cached_property
-    def short(self) -> IntArray:
+    def short(self) -> Integers:
         """(f, 4) points of the triangles and quadrilaterals; a triangle ends with -1, longer faces are -1 only."""
         table = np.full((self.n_faces, 4), -1, dtype=np.int64)
         for size in (3, 4):
@@ -162,12 +159,12 @@ class FaceMesh:
             table[faces, :size] = self.nodes[self.starts[faces, None] + np.arange(size)]
         return table
 
-    def boundary_faces(self, patch: FacePatch) -> IntArray:
+    def boundary_faces(self, patch: FacePatch) -> Integers:
         """(p,) numbers of the faces of a patch."""
         return np.arange(patch.start, patch.start + patch.count)
 
     @np.errstate(all="ignore")
-    def middles(self, faces: IntArray) -> FloatArray:
+    def middles(self, faces: Integers) -> Floats:
         """(k, 3) mean of the points of each face; in a quadrilateral with a reflex corner, of it and its opposite."""
         out = np.empty((len(faces), 3))
         for size in np.unique(self.sizes[faces]):
@@ -181,7 +178,7 @@ class FaceMesh:
                 out[rows[bent]] = 0.5 * (corners[bent, corner[bent]] + corners[bent, (corner[bent] + 2) % 4])
         return out
 
-    def edges(self, faces: IntArray) -> tuple[IntArray, IntArray]:
+    def edges(self, faces: Integers) -> tuple[Integers, Integers]:
         """(e, 2) the edges of the faces, in their direction, and (e,) the row of ``faces`` of each."""
         counts = self.sizes[faces]
         rows = np.repeat(np.arange(len(faces)), counts)
@@ -189,7 +186,7 @@ class FaceMesh:
         begin = self.starts[faces][rows]
         return np.column_stack([self.nodes[begin + place], self.nodes[begin + (place + 1) % counts[rows]]]), rows
 
-    def faces_of(self, cells: IntArray) -> tuple[IntArray, IntArray]:
+    def faces_of(self, cells: Integers) -> tuple[Integers, Integers]:
         """(k,) the faces of the cells, and (k,) the cell of each."""
         counts = np.diff(self.cell_starts)[cells]
         places = np.arange(counts.sum()) + np.repeat(self.cell_starts[cells] - np.cumsum(counts) + counts, counts)
@@ -197,7 +194,7 @@ class FaceMesh:
 
     @cached_property
     @np.errstate(all="ignore")  # absurd coordinates are the mesh check's matter
-    def areas_and_centres(self) -> tuple[FloatArray, FloatArray]:
+    def areas_and_centres(self) -> tuple[Floats, Floats]:
         """(f, 3) area vectors and (f, 3) centroids, from triangles about the mean of each face's points."""
         areas, centres = np.empty((self.n_faces, 3)), np.empty((self.n_faces, 3))
         for size in np.unique(self.sizes):
@@ -215,7 +212,7 @@ class FaceMesh:
         return areas, centres
 
     @np.errstate(all="ignore")
-    def volumes_and_centres(self) -> tuple[FloatArray, FloatArray]:
+    def volumes_and_centres(self) -> tuple[Floats, Floats]:
         """(c,) volumes and (c, 3) centroids, from pyramids about the mean of each cell's face centroids."""
         areas, centres = self.areas_and_centres
         counts = np.diff(self.cell_starts)
@@ -230,11 +227,11 @@ class FaceMesh:
         return volumes.astype(np.float64), np.where(np.isfinite(centroid), centroid, estimate)
 
 
-def corner_normals(corners: FloatArray) -> FloatArray:
+def corner_normals(corners: Floats) -> Floats:
     """(m, k, 3) product of the edges at each corner of polygons (m, k, 3): as long as their parallelogram is large."""
     return np.cross(np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners)
 
 
-def _sums(rows: NDArray[np.integer], values: FloatArray, count: int) -> FloatArray:
+def _sums(rows: NDArray[np.integer], values: Floats, count: int) -> Floats:
     """(count, 3) sums of values (k, 3) that belong to the same row."""
     return np.column_stack([np.bincount(rows, values[:, axis], count) for axis in range(3)])

@@ -7,17 +7,14 @@ edge. The cell on the other side of such a face is divided in the same way, even
 fit. So is a simple cell with an inverted corner. The mesh's own points keep their numbers; middles and centres follow.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.mesh_file import FloatArray, IntArray
 from mesh_motion_server.files.polyhedra.cells import FoundCells
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, corner_normals
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["Pieces", "divide"]
@@ -43,11 +40,11 @@ class Pieces:
         The node in the middle of each face, or -1.
     """
 
-    points: FloatArray
-    cells: dict[str, IntArray]
-    middles: IntArray
+    points: Floats
+    cells: dict[str, Integers]
+    middles: Integers
 
-    def facets(self, mesh: FaceMesh, faces: IntArray) -> dict[str, IntArray]:
+    def facets(self, mesh: FaceMesh, faces: Integers) -> dict[str, Integers]:
         """{type: (m, k)} the facets that these faces are divided into."""
         split = self.middles[faces] >= 0
         whole = np.where(split, 0, mesh.sizes[faces])
@@ -89,7 +86,7 @@ def divide(mesh: FaceMesh, found: FoundCells) -> Pieces:
 
 
 @np.errstate(all="ignore")
-def _crossed(mesh: FaceMesh, found: FoundCells) -> IntArray:
+def _crossed(mesh: FaceMesh, found: FoundCells) -> Integers:
     """Numbers of the simple cells with an inverted corner."""
     crossed = [np.empty(0, dtype=np.int64)]
     for name, nodes in found.nodes.items():
@@ -99,14 +96,14 @@ def _crossed(mesh: FaceMesh, found: FoundCells) -> IntArray:
     return np.concatenate(crossed)
 
 
-def _nonpositive(determinants: FloatArray) -> NDArray[np.bool_]:
+def _nonpositive(determinants: Floats) -> Marks:
     """Whether one of the determinants (m, k) of a cell is not positive, but for rounding."""
-    least: NDArray[np.bool_] = determinants.min(axis=1) <= _ROUNDING * np.abs(determinants).max(axis=1)
+    least: Marks = determinants.min(axis=1) <= _ROUNDING * np.abs(determinants).max(axis=1)
     return least
 
 
 @np.errstate(all="ignore")
-def _hidden(mesh: FaceMesh, cells: IntArray, centres: FloatArray) -> tuple[IntArray, IntArray]:
+def _hidden(mesh: FaceMesh, cells: Integers, centres: Floats) -> tuple[Integers, Integers]:
     """The quadrilaterals of these cells to be split, and the cells of which the centre does not see all triangles.
 
     A quadrilateral is split where a corner is not seen. If a triangle is not seen, a face or part of a split one, all
@@ -125,7 +122,7 @@ def _hidden(mesh: FaceMesh, cells: IntArray, centres: FloatArray) -> tuple[IntAr
     return np.unique(faces[np.concatenate([hidden, quads[np.isin(own[quads], hiding)]])]), hiding
 
 
-def _fan_planes(mesh: FaceMesh, faces: IntArray, cells: IntArray) -> tuple[FloatArray, FloatArray, IntArray]:
+def _fan_planes(mesh: FaceMesh, faces: Integers, cells: Integers) -> tuple[Floats, Floats, Integers]:
     """Of the triangles from the edges of faces to their middles: inward normals, corners and rows of the faces."""
     edges, rows = mesh.edges(faces)
     middles = mesh.middles(faces)
@@ -136,7 +133,7 @@ def _fan_planes(mesh: FaceMesh, faces: IntArray, cells: IntArray) -> tuple[Float
 
 
 @np.errstate(all="ignore")
-def _seeing_all(mesh: FaceMesh, cell: int, centre: FloatArray) -> FloatArray:
+def _seeing_all(mesh: FaceMesh, cell: int, centre: Floats) -> Floats:
     """A point of a cell that is inside the triangles of all its faces, and deep if there is such a one.
 
     From the centre it steps across the plane that it is furthest outside of: the relaxation method of Motzkin and
@@ -169,8 +166,8 @@ def _seeing_all(mesh: FaceMesh, cell: int, centre: FloatArray) -> FloatArray:
 
 
 def _pieces(
-    mesh: FaceMesh, faces: IntArray, cells: IntArray, middles: IntArray, centre: IntArray
-) -> dict[str, IntArray]:
+    mesh: FaceMesh, faces: Integers, cells: Integers, middles: Integers, centre: Integers
+) -> dict[str, Integers]:
     """{type: (m, k) nodes of the pieces}, bases anticlockwise from the centre."""
     own, split = mesh.owner[faces] == cells, middles[faces] >= 0
     found = {}
@@ -188,7 +185,7 @@ def _pieces(
     return found
 
 
-def _joined(first: dict[str, IntArray], second: dict[str, IntArray]) -> dict[str, IntArray]:
+def _joined(first: dict[str, Integers], second: dict[str, Integers]) -> dict[str, Integers]:
     """{type: nodes} of both; empty types are left out."""
     both = {name: np.concatenate([part[name] for part in (first, second) if name in part]) for name in first | second}
     return {name: nodes for name, nodes in both.items() if len(nodes)}

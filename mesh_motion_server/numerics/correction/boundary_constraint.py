@@ -11,11 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.correction.free_region import FreeRegion
-from mesh_motion_server.numerics.correction.linked_unknowns import LinkedUnknowns
-from mesh_motion_server.numerics.correction.node_constraint import StepSolver
+from mesh_motion_server.numerics.correction.linked_unknowns import LinkedUnknowns, StepSolver
 from mesh_motion_server.numerics.correction.outward_facets import OutwardFacets
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -23,10 +22,7 @@ from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_server.numerics.mesh.roles import SLIDING_ROLES, Patch
 from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
 
-__all__ = ["BoundaryConstraint"]
-
-Floats = NDArray[np.float64]
-Marks = NDArray[np.bool_]
+__all__ = ["BoundaryConstraint", "RegionConstraint"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +35,6 @@ class BoundaryConstraint:
         Nodes that may move.
     sliding : SlidingSurfaces or None
         Surfaces of the nodes that slide.
-    periodic : PeriodicNodes or None
     facets : OutwardFacets
         Facets of the sliding patches.
     """
@@ -63,10 +58,6 @@ class BoundaryConstraint:
         Parameters
         ----------
         points : (n, d) array, mesh length unit
-        cells : CellTable
-        patches : mapping of name to Patch
-        sliding : SlidingSurfaces or None
-        periodic : PeriodicNodes or None
         """
         released = np.zeros(len(points), dtype=bool)
         if periodic is not None:
@@ -89,7 +80,7 @@ class BoundaryConstraint:
         """The marked (n,) nodes and their periodic images."""
         return marked if self.periodic is None else self.periodic.closed(marked)
 
-    def of(self, region: FreeRegion) -> _RegionConstraint | None:
+    def of(self, region: FreeRegion) -> RegionConstraint | None:
         """The constraint of a region's free nodes; None if they all are free."""
         free = np.zeros(len(self.released), dtype=bool)
         free[region.free] = True
@@ -108,11 +99,11 @@ class BoundaryConstraint:
             own = nodes if self.periodic is None else self.periodic.root_of(nodes)
             sliding = self.sliding.of(free[nodes] & (own == nodes))
         links = LinkedUnknowns.build(region.adjacency, representatives)
-        return _RegionConstraint(links, sliding, orbits, local, self.facets.among(free, local))
+        return RegionConstraint(links, sliding, orbits, local, self.facets.among(free, local))
 
 
 @dataclass(frozen=True, eq=False)
-class _RegionConstraint:
+class RegionConstraint:
     """The constraint of a region's free nodes: sliding nodes with periodic images are roots.
 
     ``local`` (n,) is the region's numbering.
@@ -121,11 +112,21 @@ class _RegionConstraint:
     links: LinkedUnknowns
     sliding: SlidingSurfaces | None
     orbits: PeriodicNodes | None
-    local: NDArray[np.int64]
+    local: Integers
     facets: OutwardFacets
 
     def step(self, points: Floats, hessian: Floats, right: Floats, solve: StepSolver) -> Floats:
-        """A tangential step (f, d), alike for periodic images."""
+        """A tangential step (f, d), alike for periodic images: admissible to first order.
+
+        Parameters
+        ----------
+        points : (l, d) array, mesh length unit
+            Admissible positions of the region's nodes.
+        hessian : (b, d, d) array
+            In the pattern of the region's :class:`NodeAdjacency`.
+        right : (f, d) array
+            −g.
+        """
         d = points.shape[1]
         matrices = np.broadcast_to(np.eye(d), (len(right), d, d)).copy()
         if self.sliding is not None:

@@ -14,8 +14,6 @@ there, as in the metric: otherwise a cell that was poor at rest could compensate
 The derivatives use the corners' Jacobians, see kernels/src/correction/cells.h.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -24,6 +22,7 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.correction.distortion import CornerSimplices, PNorm
 from mesh_motion_server.numerics.mesh.cells import CellTable, CellType
 from mesh_motion_server.numerics.quality.metrics import AtRest, block_slices, sizes_of, skews_of, uses_angles
@@ -37,7 +36,6 @@ class CellGroup:
 
     Attributes
     ----------
-    type : CellType
     nodes : (m, k) int32 array
     reference_sizes : (m,) array, length^d
     ideal : (1, d, d) or (m, d, d) array
@@ -48,15 +46,15 @@ class CellGroup:
 
     type: CellType
     nodes: NDArray[np.int32]
-    reference_sizes: NDArray[np.float64]
-    ideal: NDArray[np.float64]
-    offset: NDArray[np.float64]
+    reference_sizes: Floats
+    ideal: Floats
+    offset: Floats
 
     def __len__(self) -> int:
         return len(self.nodes)
 
     @cached_property
-    def corners(self) -> NDArray[np.int64]:
+    def corners(self) -> Integers:
         """(c, d + 1) local nodes of every corner."""
         return self.type.corner_array
 
@@ -73,7 +71,6 @@ def cell_groups(cells: CellTable, at_rest: AtRest, simplices: CornerSimplices) -
 
     Parameters
     ----------
-    cells : CellTable
     at_rest : (m,) array or CellsAtRest
     simplices : CornerSimplices
         Of these cells.
@@ -95,9 +92,7 @@ def cell_groups(cells: CellTable, at_rest: AtRest, simplices: CornerSimplices) -
     return tuple(groups)
 
 
-def mean_cell_distortion(
-    points: NDArray[np.float64], groups: tuple[CellGroup, ...], norm: PNorm
-) -> tuple[float, NDArray[np.float64]]:
+def mean_cell_distortion(points: Floats, groups: tuple[CellGroup, ...], norm: PNorm) -> tuple[float, Floats]:
     """E and the weights w (m,) of the cells at the points (n, d); E is ``inf`` where a corner is not positive."""
     measure = np.empty(sum(len(group) for group in groups))
     for group, rows in _rows(groups):
@@ -105,9 +100,7 @@ def mean_cell_distortion(
     return kernels.p_mean(measure, norm.p), measure
 
 
-def cell_gradient(
-    points: NDArray[np.float64], groups: tuple[CellGroup, ...], weights: NDArray[np.float64], norm: PNorm
-) -> list[NDArray[np.float64]]:
+def cell_gradient(points: Floats, groups: tuple[CellGroup, ...], weights: Floats, norm: PNorm) -> list[Floats]:
     """Gradient of E by cell: for each group (m, k, d), the cell's share of dE/dx of each of its nodes."""
     shares = []
     for group, rows in _rows(groups):
@@ -117,9 +110,9 @@ def cell_gradient(
 
 
 def cell_blocks(
-    points: NDArray[np.float64],
+    points: Floats,
     groups: tuple[CellGroup, ...],
-    weights: NDArray[np.float64],
+    weights: Floats,
     norm: PNorm,
     blocks: list[NDArray[np.float32]],
     *,
@@ -138,7 +131,7 @@ def _rows(groups: tuple[CellGroup, ...]) -> list[tuple[CellGroup, slice]]:
     return [(group, slice(a, b)) for group, a, b in zip(groups, ends, ends[1:], strict=False)]
 
 
-def _arrays(points: NDArray[np.float64], group: CellGroup, norm: PNorm) -> tuple[NDArray[Any] | float, ...]:
+def _arrays(points: Floats, group: CellGroup, norm: PNorm) -> tuple[NDArray[Any] | float, ...]:
     """The arguments of a group and of the norm that every kernel takes."""
     return (
         np.ascontiguousarray(points),

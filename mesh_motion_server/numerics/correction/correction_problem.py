@@ -1,40 +1,22 @@
 """The input of a correction: a predicted motion, which correction to use, and how far to raise the quality."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.correction.node_constraint import NodeConstraint
+from mesh_motion_server.numerics.arrays import Floats, Marks
+from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint
 from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolation.interpolant import Factorization
 from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.quality.metrics import AtRest
 
-__all__ = [
-    "CORRECTIONS",
-    "IN_TIME",
-    "SMALL_MESH",
-    "TARGETS",
-    "CorrectionProblem",
-    "CorrectionSettings",
-    "goal",
-    "target_quality",
-]
+__all__ = ["SMALL_MESH", "CorrectionProblem", "goal", "target_quality"]
 
-Floats = NDArray[np.float64]
-
-
-TARGETS = ("auto", "threshold", "maximum")
-
-CORRECTIONS = ("none", "imposed-gradient", "explicit", "enrichment", "optimised")
-IN_TIME = ("independent", "smooth")
 
 SMALL_MESH = {1: 1_000_000, 2: 30_000, 3: 5_000}
 """Free nodes, by dimension, up to which "auto" goes for the maximum: a second or two there, of hexahedra several."""
@@ -54,14 +36,12 @@ class CorrectionProblem:
         Node positions of the standard motion.
     held : (n,) bool array
         Nodes that no correction may move.
-    cells : CellTable
     reference_sizes : (m,) array, length^d, or CellsAtRest
     factorization : Factorization
         Of the boundary at ``start``.
-    evaluator : Evaluator
     reference : (n, d) array, mesh length unit, optional
         Nodes of the reference mesh, the ideal shape of cells that are not simplices; ``start`` by default.
-    constraint : NodeConstraint, optional
+    constraint : BoundaryConstraint, optional
         Held nodes that ``optimised`` may move: along their surface, or in pairs.
     smooth : SmoothInTime, optional
         The prepared correction of this mesh, for ``in_time`` "smooth"; built when needed by default.
@@ -82,19 +62,19 @@ class CorrectionProblem:
 
     start: Floats
     standard: Floats
-    held: NDArray[np.bool_]
+    held: Marks
     cells: CellTable
     reference_sizes: AtRest
     factorization: Factorization
     evaluator: Evaluator
     reference: Floats | None = None
-    constraint: NodeConstraint | None = None
+    constraint: BoundaryConstraint | None = None
     smooth: SmoothInTime | None = None
     near: Floats | None = None
     valid: Floats | None = None
     known: float | None = None
     last: Floats | None = None
-    near_walls: Callable[[], NDArray[np.bool_]] | None = None
+    near_walls: Callable[[], Marks] | None = None
     elsewhere: Elsewhere | None = None
 
     @property
@@ -108,56 +88,14 @@ class CorrectionProblem:
         return self.standard if self.valid is None else self.valid
 
 
-@dataclass(frozen=True)
-class CorrectionSettings:
-    """Which correction to use, and how far to correct.
-
-    Attributes
-    ----------
-    correction : str
-        One of :data:`CORRECTIONS`.
-    quality_metric : str
-    quality_threshold : float
-        A motion that is at least this good is left alone.
-    target : {"auto", "threshold", "maximum"}
-        Stop at the threshold, or maximise the minimum quality; "auto": the maximum if it costs little.
-    enrichment_radius : float, mesh length unit
-        R_l.
-    max_enrichment_points : int
-        Bounds the enrichment, not the freed nodes.
-    in_time : {"independent", "smooth"}
-        "smooth" uses no threshold and no target: it is always active.
-
-    Raises
-    ------
-    InvalidInput
-        On an unknown correction, target or in_time, or an in_time that the correction does not support.
-    """
-
-    correction: str = "optimised"
-    quality_metric: str = "size-skew"
-    quality_threshold: float = 0.2
-    target: str = "auto"
-    enrichment_radius: float = 0.0
-    max_enrichment_points: int = 20
-    in_time: str = "independent"
-
-    def __post_init__(self) -> None:
-        for name, known in (("correction", CORRECTIONS), ("target", TARGETS), ("in_time", IN_TIME)):
-            if getattr(self, name) not in known:
-                raise InvalidInput(f"unknown {name} {getattr(self, name)!r}; known are {', '.join(known)}")
-        if self.in_time == "smooth" and self.correction != "optimised":
-            raise InvalidInput(f"in_time 'smooth' expects correction 'optimised', got {self.correction!r}")
-
-
-def target_quality(problem: CorrectionProblem, settings: CorrectionSettings) -> float:
+def target_quality(problem: CorrectionProblem, method: Method) -> float:
     """The quality at which a correction stops; inf for the best possible."""
     free = int(np.count_nonzero(~problem.held))
     small = free <= SMALL_MESH[problem.start.shape[1]]
-    maximum = settings.target == "maximum" or (settings.target == "auto" and small)
-    return float("inf") if maximum else goal(settings)
+    maximum = method.correction_target == "maximum" or (method.correction_target == "auto" and small)
+    return float("inf") if maximum else goal(method)
 
 
-def goal(settings: CorrectionSettings) -> float:
+def goal(method: Method) -> float:
     """The threshold, or just a valid mesh if the threshold would accept inverted cells."""
-    return max(settings.quality_threshold, _VALID)
+    return max(method.quality_threshold, _VALID)

@@ -23,14 +23,13 @@ J. M. Escobar et al., Simultaneous untangling and smoothing of tetrahedral meshe
 V. Garanzha et al., Foldover-free maps in 50 lines of code, ACM Trans. Graph. 40 (2021).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Marks
 from mesh_motion_server.numerics.mesh.cells import CellTable, CellType
 from mesh_motion_server.numerics.quality.metrics import AtRest, sizes_of, skews_of
 
@@ -93,8 +92,8 @@ class CornerSimplices:
     """
 
     nodes: NDArray[np.int32]
-    ideal: NDArray[np.float64]
-    offset: NDArray[np.float64] | None = None
+    ideal: Floats
+    offset: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.nodes)
@@ -105,14 +104,13 @@ class CornerSimplices:
         return int(self.nodes.shape[1]) - 1
 
 
-def corner_simplices(reference: NDArray[np.float64], cells: CellTable, reference_sizes: AtRest) -> CornerSimplices:
+def corner_simplices(reference: Floats, cells: CellTable, reference_sizes: AtRest) -> CornerSimplices:
     """All corner simplices of some cells.
 
     Parameters
     ----------
     reference : (n, d) array, mesh length unit
         Nodes of the reference mesh: the ideal shape of quad, hexahedron, wedge and pyramid corners.
-    cells : CellTable
     reference_sizes : (m,) array, length^d, or CellsAtRest
         Σ_k det A_k of each cell in the reference mesh: the ideal size.
 
@@ -142,19 +140,15 @@ def corner_simplices(reference: NDArray[np.float64], cells: CellTable, reference
 
 
 def _ideal_maps(
-    reference: NDArray[np.float64],
-    corners: NDArray[np.int32],
-    dets: NDArray[np.float64],
-    cell_type: CellType,
-    itself: NDArray[np.bool_],
-) -> NDArray[np.float64]:
+    reference: Floats, corners: NDArray[np.int32], dets: Floats, cell_type: CellType, itself: Marks
+) -> Floats:
     """(c, d, d) maps P of the corners (c, d + 1) of one cell type.
 
     P comes from the type's ideal with determinants ``dets`` (c,), or from the reference corner where ``itself`` (c,).
     """
     w, d = cell_type.ideal_array, cell_type.dimension
     scale = (abs(np.linalg.det(w)) / np.abs(dets)) ** (1 / d)
-    ideal: NDArray[np.float64] = scale[:, None, None] * np.linalg.inv(w)
+    ideal: Floats = scale[:, None, None] * np.linalg.inv(w)
     if not itself.any():
         return ideal
     edges = np.swapaxes(reference[corners[:, 1:]] - reference[corners[:, :1]], 1, 2)
@@ -165,9 +159,7 @@ def _ideal_maps(
     return ideal
 
 
-def mean_distortion(
-    points: NDArray[np.float64], simplices: CornerSimplices, norm: PNorm
-) -> tuple[float, NDArray[np.float64]]:
+def mean_distortion(points: Floats, simplices: CornerSimplices, norm: PNorm) -> tuple[float, Floats]:
     """E and the weights w (c,) of the corners at the points (n, d).
 
     E is ``inf`` where the barrier is violated (ε = 0 and some τ ≤ 0) or anything is not finite.
@@ -177,9 +169,7 @@ def mean_distortion(
     return kernels.p_mean(measure, norm.p), measure
 
 
-def distortion_gradient(
-    points: NDArray[np.float64], simplices: CornerSimplices, weights: NDArray[np.float64], norm: PNorm
-) -> NDArray[np.float64]:
+def distortion_gradient(points: Floats, simplices: CornerSimplices, weights: Floats, norm: PNorm) -> Floats:
     """Gradient of E by corner: (c, d + 1, d), the corner's share of dE/dx of each of its nodes."""
     gradient = np.empty((*simplices.nodes.shape, simplices.dimension))
     kernels.distortion_gradients(*_arrays(points, simplices), weights, *_law(norm), gradient)
@@ -187,9 +177,9 @@ def distortion_gradient(
 
 
 def corner_blocks(
-    points: NDArray[np.float64],
+    points: Floats,
     simplices: CornerSimplices,
-    weights: NDArray[np.float64],
+    weights: Floats,
     norm: PNorm,
     blocks: NDArray[np.float32],
     *,
@@ -207,16 +197,14 @@ def corner_blocks(
     kernels.corner_blocks(*_arrays(points, simplices), weights, *least, norm.p, *_law(norm), blocks)
 
 
-def determinants(points: NDArray[np.float64], simplices: CornerSimplices) -> NDArray[np.float64]:
+def determinants(points: Floats, simplices: CornerSimplices) -> Floats:
     """τ (c,) of every corner at the points (n, d)."""
     out = np.empty(len(simplices))
     kernels.determinants(*_arrays(points, simplices), out)
     return out
 
 
-def _arrays(
-    points: NDArray[np.float64], simplices: CornerSimplices
-) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+def _arrays(points: Floats, simplices: CornerSimplices) -> tuple[Floats, NDArray[np.int32], Floats]:
     return np.ascontiguousarray(points), simplices.nodes, simplices.ideal
 
 

@@ -4,18 +4,16 @@ The cells between two held nodes together absorb the change of their distance, s
 when all τ are equal.
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_server.numerics.quality.metrics import sizes_of
 
 __all__ = ["equal_stretch"]
 
 
-def equal_stretch(points: NDArray[np.float64], mesh: TrialMesh) -> NDArray[np.float64]:
+def equal_stretch(points: Floats, mesh: TrialMesh) -> Floats:
     """Positions (n, 1) of all nodes, the held ones where ``points`` (n, 1) has them.
 
     A node beyond the last held node of its chain keeps its reference distance from it.
@@ -33,7 +31,7 @@ def equal_stretch(points: NDArray[np.float64], mesh: TrialMesh) -> NDArray[np.fl
     return moved
 
 
-def _chains(mesh: TrialMesh) -> list[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+def _chains(mesh: TrialMesh) -> list[tuple[Integers, Floats]]:
     """Connected chains of nodes, and the positions of their nodes as sums of reference sizes."""
     nodes = np.concatenate([block.nodes for block in mesh.cells])
     order = np.argsort(mesh.reference[nodes[:, 0], 0], kind="stable")

@@ -5,8 +5,6 @@ not on the mesh. Scatters from corners to nodes are gathers over fixed lists: no
 order for any number of threads.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +13,7 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.correction.cell_distortion import CellGroup, cell_groups
 from mesh_motion_server.numerics.correction.distortion import CornerSimplices, corner_simplices
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -43,10 +42,10 @@ class NodeAdjacency:
         Block rows of the Hessian.
     """
 
-    starts: NDArray[np.int64]
+    starts: Integers
     entries: NDArray[np.int32]
     slots: NDArray[np.int32]
-    row_starts: NDArray[np.int64]
+    row_starts: Integers
     columns: NDArray[np.int32]
 
     @cached_property
@@ -56,23 +55,17 @@ class NodeAdjacency:
         size = max(_LEAST_AGGREGATE, math.ceil(n_free / most))
         return np.asarray(kernels.node_aggregates(self.row_starts, self.columns, size))
 
-    def gather(self, corner_values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def gather(self, corner_values: Floats) -> Floats:
         """Sum the corners' shares (c, d + 1, d) at the free nodes: (f, d)."""
         return _gathered(self.starts, self.entries, corner_values)
 
-    def assemble(self, blocks: NDArray[np.float32], d: int) -> NDArray[np.float64]:
+    def assemble(self, blocks: NDArray[np.float32], d: int) -> Floats:
         """Hessian blocks (b, d, d) from the corners' blocks (c, d², d²), see :mod:`.distortion`."""
         hessian = np.empty((len(self.columns), d, d))
         self.reassemble(blocks, np.ones(len(blocks)), 0.0, hessian)
         return hessian
 
-    def reassemble(
-        self,
-        blocks: NDArray[np.float32],
-        weights: NDArray[np.float64],
-        least_weight: float,
-        hessian: NDArray[np.float64],
-    ) -> None:
+    def reassemble(self, blocks: NDArray[np.float32], weights: Floats, least_weight: float, hessian: Floats) -> None:
         """Update the Hessian (b, d, d) after the blocks of corners with ``weights`` (c,) above the least changed."""
         pattern = self.starts, self.entries, self.slots, self.row_starts
         kernels.assemble_corners(*pattern, blocks, weights, least_weight, hessian)
@@ -90,15 +83,15 @@ class CellAdjacency:
     slots : (e, k) int32 array
     """
 
-    starts: NDArray[np.int64]
+    starts: Integers
     entries: NDArray[np.int32]
     slots: NDArray[np.int32]
 
-    def gather(self, cell_values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def gather(self, cell_values: Floats) -> Floats:
         """Sum the cells' shares (m, k, d) at the free nodes: (f, d)."""
         return _gathered(self.starts, self.entries, cell_values)
 
-    def add(self, blocks: NDArray[np.float32], hessian: NDArray[np.float64]) -> None:
+    def add(self, blocks: NDArray[np.float32], hessian: Floats) -> None:
         """Add the cells' blocks (m, k², d²) to the Hessian (b, d, d)."""
         kernels.add_cells(self.starts, self.entries, self.slots, blocks, hessian)
 
@@ -111,7 +104,6 @@ class FreeRegion:
     ----------
     nodes : (l) int64 array
         Global numbers of the local nodes: the free ones first, then the other nodes of their cells.
-    n_free : int
     cell_numbers : (k) int64 array
         Global numbers of the cells.
     cells : CellTable
@@ -119,12 +111,11 @@ class FreeRegion:
     reference_sizes : (k) array, length^d, or CellsAtRest
     simplices : CornerSimplices
         Their corners, in local node numbers.
-    adjacency : NodeAdjacency
     """
 
-    nodes: NDArray[np.int64]
+    nodes: Integers
     n_free: int
-    cell_numbers: NDArray[np.int64]
+    cell_numbers: Integers
     cells: CellTable
     reference_sizes: AtRest
     simplices: CornerSimplices
@@ -145,12 +136,12 @@ class FreeRegion:
         )
 
     @property
-    def free(self) -> NDArray[np.int64]:
+    def free(self) -> Integers:
         """Global numbers of the free nodes."""
         return self.nodes[: self.n_free]
 
 
-def nodes_of_cells(cells: CellTable, chosen: NDArray[np.bool_], n_nodes: int) -> NDArray[np.bool_]:
+def nodes_of_cells(cells: CellTable, chosen: Marks, n_nodes: int) -> Marks:
     """Mark (n) the nodes of the chosen (m) cells."""
     marked = np.zeros(n_nodes, dtype=bool)
     for block, first in zip(cells, cells.offsets, strict=False):
@@ -158,12 +149,12 @@ def nodes_of_cells(cells: CellTable, chosen: NDArray[np.bool_], n_nodes: int) ->
     return marked
 
 
-def cells_of_nodes(cells: CellTable, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def cells_of_nodes(cells: CellTable, marked: Marks) -> Marks:
     """Mark (m) the cells that have a marked (n) node."""
     return np.concatenate([kernels.touched_cells(block.nodes, marked).view(np.bool_) for block in cells])
 
 
-def grow(cells: CellTable, marked: NDArray[np.bool_], rings: int) -> NDArray[np.bool_]:
+def grow(cells: CellTable, marked: Marks, rings: int) -> Marks:
     """Marked nodes (n) and their neighbours through ``rings`` layers of cells."""
     for _ in range(rings):
         marked = nodes_of_cells(cells, cells_of_nodes(cells, marked), len(marked))
@@ -171,12 +162,7 @@ def grow(cells: CellTable, marked: NDArray[np.bool_], rings: int) -> NDArray[np.
 
 
 def free_region(
-    reference: NDArray[np.float64],
-    cells: CellTable,
-    reference_sizes: AtRest,
-    free: NDArray[np.bool_],
-    *,
-    chosen: NDArray[np.bool_] | None = None,
+    reference: Floats, cells: CellTable, reference_sizes: AtRest, free: Marks, *, chosen: Marks | None = None
 ) -> FreeRegion:
     """Cut the region of the free nodes out of the mesh.
 
@@ -184,7 +170,6 @@ def free_region(
     ----------
     reference : (n, d) array, mesh length unit
         Nodes of the reference mesh.
-    cells : CellTable
     reference_sizes : (m,) array, length^d, or CellsAtRest
     free : (n,) bool array
         At least one node is free, and each belongs to a cell.
@@ -210,15 +195,13 @@ def free_region(
     return FreeRegion(nodes, n_free, np.flatnonzero(chosen), table, sizes, simplices, adjacency)
 
 
-def _diagonals(cells: CellTable) -> NDArray[np.int64]:
+def _diagonals(cells: CellTable) -> Integers:
     """(h, 2) pairs of nodes that share a cell but no corner simplex: the diagonals of hexahedra."""
     pairs = [block.nodes[:, _DIAGONALS].reshape(-1, 2) for block in cells if block.type.name == "hexahedron"]
     return np.concatenate([*pairs, np.empty((0, 2), dtype=np.int64)])
 
 
-def _gathered(
-    starts: NDArray[np.int64], entries: NDArray[np.int32], shares: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _gathered(starts: Integers, entries: NDArray[np.int32], shares: Floats) -> Floats:
     """Sums (f, d) of shares (m, k, d)."""
     sums = np.empty((len(starts) - 1, shares.shape[2]))
     kernels.gather_shares(starts, entries, shares, sums)

@@ -7,18 +7,19 @@ A direction that a representative must not take gets its own stiffness and no fo
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.correction.free_region import NodeAdjacency
 
-__all__ = ["LinkedUnknowns"]
+__all__ = ["LinkedUnknowns", "StepSolver"]
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+StepSolver = Callable[[NodeAdjacency, Floats, Floats], Floats]
+"""(adjacency, Hessian blocks (b, d, d), −g (f, d)) → step (f, d)."""
 
 
 @dataclass(frozen=True, eq=False)

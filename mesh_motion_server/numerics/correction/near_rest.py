@@ -12,15 +12,13 @@ A flow solver takes every displacement of a node for a velocity. So no node move
 :data:`_FURTHEST` times the boundary: a large step is raised, a short time step of a coupled run is left as it is.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.correction.correction_problem import CorrectionProblem, CorrectionSettings
+from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.correction.correction_problem import CorrectionProblem
 from mesh_motion_server.numerics.correction.free_region import cells_of_nodes
 from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_server.numerics.correction.trial_nodes import (
@@ -31,9 +29,8 @@ from mesh_motion_server.numerics.correction.trial_nodes import (
     polish,
     reach,
 )
+from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.quality.metrics import CellQuality
-
-Floats = NDArray[np.float64]
 
 __all__ = ["NEAR_REST", "NOTICED", "leans", "nearer_rest", "raises", "reshaped", "spoils"]
 
@@ -51,11 +48,12 @@ _FURTHEST = 1.5
 _WORTH = 0.92
 
 
-def raises(problem: CorrectionProblem, settings: CorrectionSettings) -> bool:
-    """Whether the settings and the mesh are such that the mesh is raised beyond the threshold."""
+def raises(problem: CorrectionProblem, method: Method) -> bool:
+    """Whether the method and the mesh are such that the mesh is raised beyond the threshold."""
     dimension = problem.start.shape[1]
-    default = settings.correction == "optimised" and settings.target == "auto" and settings.in_time == "independent"
-    relative = settings.quality_metric == "relative-size-skew" and dimension > 1
+    independent = method.correction_in_time == "independent"
+    default = method.correction == "optimised" and method.correction_target == "auto" and independent
+    relative = method.quality_metric == "relative-size-skew" and dimension > 1
     return default and relative and int(np.count_nonzero(~problem.held)) <= _LARGEST[dimension]
 
 

@@ -8,8 +8,6 @@ Newton method needs no more accuracy (Dembo, Eisenstat & Steihaug, SIAM J. Numer
 A :class:`QuadraticTerm` may be added to the distortion, and :class:`Accuracy` says where to stop.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,17 +15,18 @@ from functools import partial
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import bsr_matrix
 from scipy.sparse.linalg import splu
 
+from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.correction.boundary_constraint import RegionConstraint
 from mesh_motion_server.numerics.correction.distortion import FLOOR, PNorm
 from mesh_motion_server.numerics.correction.free_region import FreeRegion, NodeAdjacency
-from mesh_motion_server.numerics.correction.node_constraint import RegionConstraint, StepSolver
+from mesh_motion_server.numerics.correction.linked_unknowns import StepSolver
 from mesh_motion_server.numerics.correction.region_measure import RegionMeasure, region_measure
 from mesh_motion_server.numerics.stopwatch import check_time
 
-__all__ = ["Accuracy", "Descent", "QuadraticTerm", "StepSolver", "newton"]
+__all__ = ["Accuracy", "Descent", "QuadraticTerm", "newton"]
 
 _ARMIJO, _HALVINGS = 1e-4, 25
 _UNTANGLING_CG = 0.05, 200  # rough steps do not untangle large meshes
@@ -75,10 +74,10 @@ class QuadraticTerm:
         K, symmetric and positive semi-definite, in the pattern of the region's :class:`NodeAdjacency`.
     """
 
-    rest: NDArray[np.float64]
-    stiffness: NDArray[np.float64]
+    rest: Floats
+    stiffness: Floats
 
-    def gradient(self, points: NDArray[np.float64], adjacency: NodeAdjacency) -> tuple[float, NDArray[np.float64]]:
+    def gradient(self, points: Floats, adjacency: NodeAdjacency) -> tuple[float, Floats]:
         """The term and its gradient K v (f, d) at the free nodes' points (f, d)."""
         pull = np.empty_like(self.rest)
         pattern = adjacency.row_starts, adjacency.columns
@@ -89,19 +88,19 @@ class QuadraticTerm:
 class Descent:
     """Result of :func:`newton`: points (l, d), sum of distortion E and quadratic term, iterations made, measure."""
 
-    points: NDArray[np.float64]
+    points: Floats
     distortion: float
     iterations: int
     measure: RegionMeasure
 
 
 def newton(
-    points: NDArray[np.float64],
+    points: Floats,
     region: FreeRegion,
     norm: PNorm,
     *,
     iterations: int = 12,
-    good_enough: Callable[[NDArray[np.float64]], bool] | None = None,
+    good_enough: Callable[[Floats], bool] | None = None,
     solve: StepSolver | None = None,
     quadratic: QuadraticTerm | None = None,
     accuracy: Accuracy | None = None,
@@ -113,8 +112,6 @@ def newton(
     Parameters
     ----------
     points : (l, d) array, mesh length unit
-    region : FreeRegion
-    norm : PNorm
     iterations : int
         Largest number of iterations.
     good_enough : callable, optional
@@ -123,7 +120,6 @@ def newton(
         Gives the step; by default every free node moves on its own.
     quadratic : QuadraticTerm, optional
         Added to E.
-    accuracy : Accuracy, optional
     constraint : RegionConstraint, optional
         Of free nodes that slide or move alike; the points must be admissible.
     earlier : RegionMeasure, optional
@@ -166,14 +162,14 @@ class _Objective:
     measure: RegionMeasure
     quadratic: QuadraticTerm | None
 
-    def __call__(self, points: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    def __call__(self, points: Floats) -> tuple[float, Floats]:
         """The objective at the points (l, d), and the weights of the measured corners or cells."""
         energy, weights = self.measure.mean(points)
         if self.quadratic is not None and math.isfinite(energy):
             energy += self.quadratic.gradient(points[: self.region.n_free], self.region.adjacency)[0]
         return energy, weights
 
-    def gradient(self, points: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    def gradient(self, points: Floats, weights: Floats) -> Floats:
         """Gradient (f, d) of the objective."""
         gradient = self.measure.gradient(points, weights)
         if self.quadratic is not None:
@@ -182,13 +178,13 @@ class _Objective:
 
 
 def _line_search(
-    points: NDArray[np.float64],
+    points: Floats,
     objective: _Objective,
-    step: NDArray[np.float64],
+    step: Floats,
     energy: float,
     slope: float,
     constraint: RegionConstraint | None,
-) -> tuple[float, NDArray[np.float64], float, NDArray[np.float64]] | None:
+) -> tuple[float, Floats, float, Floats] | None:
     """Halve the step (f, d) until Armijo's rule holds: (length, points, E, w), or None if the step gets too short."""
     if not slope < 0.0:
         return None
@@ -205,14 +201,7 @@ def _line_search(
     return None
 
 
-def _solve(
-    adjacency: NodeAdjacency,
-    hessian: NDArray[np.float64],
-    right: NDArray[np.float64],
-    accuracy: Accuracy,
-    *,
-    untangling: bool,
-) -> NDArray[np.float64]:
+def _solve(adjacency: NodeAdjacency, hessian: Floats, right: Floats, accuracy: Accuracy, *, untangling: bool) -> Floats:
     """The step (f, d) of H (b, d, d) dx = right (f, d)."""
     if right.size <= (_UNTANGLING_DIRECT if untangling else accuracy.direct_unknowns):
         matrix = bsr_matrix((hessian, adjacency.columns, adjacency.row_starts), shape=(right.size, right.size))

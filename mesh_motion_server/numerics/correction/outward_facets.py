@@ -11,15 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.closest_point import FacetSet
 from mesh_motion_server.numerics.mesh.smooth_pieces import Piece, area_vectors
 
 __all__ = ["OutwardFacets"]
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +29,10 @@ class _Facets:
     """
 
     facets: Integers
-    normals: Array
+    normals: Floats
     reference: FacetSet | None
 
-    def outward(self, points: Array) -> NDArray[np.bool_]:
+    def outward(self, points: Floats) -> Marks:
         """(f,) whether each facet faces outwards with the nodes at points (l, d)."""
         normals = self.normals
         if self.reference is not None:
@@ -52,7 +49,7 @@ class OutwardFacets:
     blocks: tuple[_Facets, ...]
 
     @classmethod
-    def of_pieces(cls, points: Array, pieces: Sequence[Piece]) -> OutwardFacets:
+    def of_pieces(cls, points: Floats, pieces: Sequence[Piece]) -> OutwardFacets:
         """Build them for pieces of the reference mesh with nodes at points (n, d)."""
         blocks = []
         for piece in pieces:
@@ -64,7 +61,7 @@ class OutwardFacets:
                 blocks.append(_Facets(piece.facets, area_vectors(points, simplices), corners))
         return cls(tuple(blocks))
 
-    def among(self, free: NDArray[np.bool_], local: Integers) -> OutwardFacets:
+    def among(self, free: Marks, local: Integers) -> OutwardFacets:
         """The facets with a free (n,) node, in the numbering ``local`` (n,) of a region with all their nodes."""
         blocks = []
         for block in self.blocks:
@@ -75,7 +72,7 @@ class OutwardFacets:
                 blocks.append(_Facets(facets, block.normals, block.reference))
         return OutwardFacets(tuple(blocks))
 
-    def outward(self, points: Array) -> NDArray[np.bool_]:
+    def outward(self, points: Floats) -> Marks:
         """Whether each facet faces outwards with the nodes at points (l, d)."""
         return np.concatenate([np.empty(0, dtype=bool), *(block.outward(points) for block in self.blocks)])
 

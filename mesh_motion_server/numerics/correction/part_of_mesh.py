@@ -5,12 +5,11 @@ positions that it gives with the whole mesh, as long as it frees no node that ha
 is nearly bad. Where that does not suffice, :class:`RegionTooSmall` says so, and a larger region is to be tried.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.arrays import Integers, Marks
 
 __all__ = ["Elsewhere", "RegionTooSmall"]
 
@@ -24,7 +23,7 @@ class RegionTooSmall(Exception):
         Indices of these nodes.
     """
 
-    def __init__(self, nodes: NDArray[np.int64]) -> None:
+    def __init__(self, nodes: Integers) -> None:
         super().__init__("the region is too small")
         self.nodes = nodes
 
@@ -43,11 +42,11 @@ class Elsewhere:
         The smallest relative skew and the smallest size of the cells elsewhere.
     """
 
-    rim: NDArray[np.bool_]
+    rim: Marks
     free: int
     extremes: tuple[float, float]
 
-    def require_here(self, free: NDArray[np.bool_]) -> None:
+    def require_here(self, free: Marks) -> None:
         """Raise RegionTooSmall if a node (n,) that is to be free has cells elsewhere."""
         nodes = np.flatnonzero(free & self.rim)
         if len(nodes):

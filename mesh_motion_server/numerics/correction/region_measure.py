@@ -12,15 +12,13 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.correction.cell_distortion import cell_blocks, cell_gradient, mean_cell_distortion
 from mesh_motion_server.numerics.correction.distortion import PNorm, corner_blocks, distortion_gradient, mean_distortion
 from mesh_motion_server.numerics.correction.free_region import FreeRegion
 
 __all__ = ["MEASURES", "RegionMeasure", "region_measure"]
-
-Floats = NDArray[np.float64]
 
 
 class RegionMeasure(Protocol):

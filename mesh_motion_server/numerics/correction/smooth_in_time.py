@@ -26,8 +26,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Marks
 from mesh_motion_server.numerics.correction.distortion import PNorm, determinants, mean_distortion
 from mesh_motion_server.numerics.correction.free_region import FreeRegion
 from mesh_motion_server.numerics.correction.newton import Accuracy, QuadraticTerm, newton
@@ -36,7 +36,6 @@ from mesh_motion_server.numerics.mesh.paths import split_rigid
 
 __all__ = ["PENALTY", "SmoothInTime", "gradient_stiffness", "travel"]
 
-Floats = NDArray[np.float64]
 
 PENALTY = 0.1
 """a: between 0.01 and 0.1 the quality differs by a hundredth."""
@@ -66,7 +65,6 @@ class SmoothInTime:
 
     Attributes
     ----------
-    mesh : TrialMesh
     region : FreeRegion
         Every node that is not held.
     stiffness : (b, d, d) array, 1 / length²
@@ -163,7 +161,7 @@ def gradient_stiffness(region: FreeRegion) -> Floats:
     return stiffness
 
 
-def travel(start: Floats, moved: Floats, held: NDArray[np.bool_]) -> float:
+def travel(start: Floats, moved: Floats, held: Marks) -> float:
     """|u|: largest displacement of a held (n) node from ``start`` to ``moved`` (n, d), without their rigid motion."""
     _, remainder = split_rigid(start[held], moved[held] - start[held])
     return float(np.sqrt(np.max(np.sum(remainder * remainder, axis=1))))

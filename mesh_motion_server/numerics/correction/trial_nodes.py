@@ -15,12 +15,13 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
+from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint, RegionConstraint
 from mesh_motion_server.numerics.correction.distortion import PNorm, determinants
 from mesh_motion_server.numerics.correction.free_region import FreeRegion, free_region, grow, nodes_of_cells
+from mesh_motion_server.numerics.correction.linked_unknowns import StepSolver
 from mesh_motion_server.numerics.correction.newton import Accuracy, newton
-from mesh_motion_server.numerics.correction.node_constraint import NodeConstraint, RegionConstraint, StepSolver
 from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_server.numerics.correction.region_measure import RegionMeasure
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -101,25 +102,24 @@ class TrialMesh:
     ----------
     reference : (n, d) array, mesh length unit
         Nodes of the reference mesh, the ideal shape of cells that are not simplices.
-    cells : CellTable
     reference_sizes : (m,) array, length^d, or CellsAtRest
     held : (n,) bool array
         Nodes that must not move.
     metric : str
         One of :data:`~mesh_motion_server.numerics.quality.metrics.QUALITY_METRICS`, :data:`RELATIVE_SHAPE` or
         :data:`RELATIVE_BOTH`.
-    constraint : NodeConstraint or None
+    constraint : BoundaryConstraint or None
         The constraint of nodes that are not held but may move only with restrictions.
     elsewhere : Elsewhere or None
         The rest of the mesh, if this is a region of it.
     """
 
-    reference: NDArray[np.float64]
+    reference: Floats
     cells: CellTable
     reference_sizes: AtRest
-    held: NDArray[np.bool_]
+    held: Marks
     metric: str = "size-skew"
-    constraint: NodeConstraint | None = None
+    constraint: BoundaryConstraint | None = None
     elsewhere: Elsewhere | None = None
 
     @property
@@ -127,25 +127,25 @@ class TrialMesh:
         """Number of nodes that are not held, of the whole mesh."""
         return int(np.count_nonzero(~self.held)) + (0 if self.elsewhere is None else self.elsewhere.free)
 
-    def released(self, constraint: NodeConstraint | None) -> TrialMesh:
+    def released(self, constraint: BoundaryConstraint | None) -> TrialMesh:
         """The mesh in which the nodes that a constraint releases are no longer held."""
         if constraint is None:
             return self
         return replace(self, held=self.held & ~constraint.released, constraint=constraint)
 
-    def quality(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def quality(self, points: Floats) -> Floats:
         """The metric (m,) of every cell; negative where a cell is inverted."""
         return signed(self.cell_quality(points), self.metric)
 
-    def cell_quality(self, points: NDArray[np.float64]) -> CellQuality:
+    def cell_quality(self, points: Floats) -> CellQuality:
         """Size, skew and validity of every cell."""
         return cell_quality(points, self.cells, self.reference_sizes)
 
-    def quality_of(self, points: NDArray[np.float64], numbers: NDArray[np.int64]) -> NDArray[np.float64]:
+    def quality_of(self, points: Floats, numbers: Integers) -> Floats:
         """As :meth:`quality`, for the cells with these numbers (k,) only."""
         return signed(subset_quality(points, self.cells, self.reference_sizes, numbers), self.metric)
 
-    def free(self, marked: NDArray[np.bool_]) -> FreeRegion:
+    def free(self, marked: Marks) -> FreeRegion:
         """The region in which the marked (n) nodes and those tied to them are free, except held nodes."""
         marked = marked if self.constraint is None else self.constraint.closed(marked)
         free = marked & ~self.held
@@ -154,7 +154,7 @@ class TrialMesh:
         return free_region(self.reference, self.cells, self.reference_sizes, free)
 
 
-def signed(quality: CellQuality, metric: str) -> NDArray[np.float64]:
+def signed(quality: CellQuality, metric: str) -> Floats:
     """The metric (m,) of cells; negative where any corner is inverted, whatever the metric says."""
     if metric == RELATIVE_SHAPE:
         values = np.abs(quality.size) ** _SHAPE_SIZE * quality.relative_skew
@@ -163,7 +163,7 @@ def signed(quality: CellQuality, metric: str) -> NDArray[np.float64]:
     return np.where(quality.inverted, np.minimum(-np.abs(values), -_TINY), values)
 
 
-def region_quality(points: NDArray[np.float64], region: FreeRegion, metric: str) -> NDArray[np.float64]:
+def region_quality(points: Floats, region: FreeRegion, metric: str) -> Floats:
     """The metric (k,) of the cells of a region at its local points (l, d)."""
     return signed(cell_quality(points, region.cells, region.reference_sizes), metric)
 
@@ -179,21 +179,19 @@ class Polished:
         Smallest quality over the mesh (of :func:`polish`: over the region); negative if it stays tangled.
     freed : int
         Number of nodes that were free at the end.
-    iterations : int
-    history : tuple of Stage
     forecast : float
         Estimate of what all levels would have reached, if some were skipped.
     quality : (m,) array, of :func:`reach` only
         The metric of every cell at ``points``.
     """
 
-    points: NDArray[np.float64]
+    points: Floats
     minimum: float
     freed: int = 0
     iterations: int = 0
     history: tuple[Stage, ...] = ()
     forecast: float = math.inf
-    quality: NDArray[np.float64] | None = None
+    quality: Floats | None = None
 
 
 @dataclass(eq=False)
@@ -203,14 +201,14 @@ class _Search:
     region: FreeRegion
     metric: str
     target: float
-    points: NDArray[np.float64]
+    points: Floats
     solve: StepSolver | None = None
     constraint: RegionConstraint | None = None
     measure: RegionMeasure | None = None
     minimum: float = -math.inf
     history: list[Stage] = field(default_factory=list)
 
-    def judge(self, points: NDArray[np.float64]) -> bool:
+    def judge(self, points: Floats) -> bool:
         """Keep the points if they are better; return whether the target is met."""
         quality = region_quality(points, self.region, self.metric)
         if quality.min() > self.minimum:
@@ -234,7 +232,7 @@ class _Search:
         rough = Accuracy()
         return rough if norm.epsilon else replace(rough, full_step_gain=max(rough.full_step_gain, _MILD_GAIN / norm.p))
 
-    def descend(self, points: NDArray[np.float64], norm: PNorm, iterations: int) -> NDArray[np.float64]:
+    def descend(self, points: Floats, norm: PNorm, iterations: int) -> Floats:
         """Newton iterations with one p-mean; judged on the way and at the end."""
         norm = replace(norm, size_weight=SIZE_WEIGHTS[self.metric])
         result = newton(
@@ -264,7 +262,7 @@ class _Search:
 
 
 def polish(
-    points: NDArray[np.float64],
+    points: Floats,
     mesh: TrialMesh,
     region: FreeRegion,
     *,
@@ -278,7 +276,6 @@ def polish(
     ----------
     points : (n, d) array, mesh length unit
         Trial positions of all nodes.
-    mesh : TrialMesh
     region : FreeRegion
         From ``mesh.free``.
     target : float
@@ -314,12 +311,12 @@ def _descend_all(search: _Search, thorough: bool) -> bool:
     return barrier
 
 
-def untangle(points: NDArray[np.float64], region: FreeRegion, metric: str) -> NDArray[np.float64]:
+def untangle(points: Floats, region: FreeRegion, metric: str) -> Floats:
     """Positions (l, d) of a region with positive determinants, or the last positions tried if that fails."""
     return _untangle(_Search(region, metric, math.inf, points), points)[0]
 
 
-def _untangle(search: _Search, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
+def _untangle(search: _Search, points: Floats) -> tuple[Floats, bool]:
     """Untangled positions (l, d), and whether all determinants are positive."""
     least = [float(determinants(points, search.region.simplices).min())]
     while least[-1] <= _UNTANGLED and len(least) <= _STAGES and not search.met:
@@ -334,19 +331,13 @@ def _untangle(search: _Search, points: NDArray[np.float64]) -> tuple[NDArray[np.
 
 
 def reach(
-    points: NDArray[np.float64],
-    mesh: TrialMesh,
-    target: float,
-    *,
-    most: float = math.inf,
-    quality: NDArray[np.float64] | None = None,
+    points: Floats, mesh: TrialMesh, target: float, *, most: float = math.inf, quality: Floats | None = None
 ) -> Polished:
     """Free the nodes of the cells below a threshold, and more nodes only while it is not met.
 
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-    mesh : TrialMesh
     target : float
         Quality that every cell must reach.
     most : float
@@ -392,7 +383,7 @@ def _better(best: Polished, found: Polished, minimum: float) -> Polished:
     )
 
 
-def _grown(mesh: TrialMesh, marked: NDArray[np.bool_], least: float) -> NDArray[np.bool_]:
+def _grown(mesh: TrialMesh, marked: Marks, least: float) -> Marks:
     """Add rings of neighbours, at least one, until ``least`` nodes are free."""
     while True:
         larger = grow(mesh.cells, marked, 1) & ~mesh.held

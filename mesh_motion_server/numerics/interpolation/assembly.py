@@ -1,7 +1,5 @@
 """Entries of the interpolation matrix: dense blocks, and sparse rows found through the cells of centres."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import mesh_motion_kernels as kernels
@@ -9,13 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.kernels import Basis
 
 __all__ = ["dense_block", "mean_row_entries", "rows_near", "sparse_matrix", "sparse_rows"]
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Shorts = NDArray[np.int32]
 
 #: Largest width, in radii, of a grid's cells or of all centres; beyond it, a grid that stores few of its cells is used.
@@ -24,7 +21,7 @@ _WIDER = 1.5
 _SLACK = 1.0 + 1e-6
 
 
-def dense_block(basis: Basis, support_radius: float, rows: Array, columns: Array) -> Array:
+def dense_block(basis: Basis, support_radius: float, rows: Floats, columns: Floats) -> Floats:
     """(m, n) block of φ between (m, 3) and (n, 3) points."""
     out = np.empty((len(rows), len(columns)))
     columns = np.ascontiguousarray(columns.T)
@@ -46,8 +43,8 @@ class _Search(NamedTuple):
     """
 
     order: Integers
-    coordinates: Array
-    grid: tuple[Array, float, Integers, Integers, Integers, Shorts, Shorts]
+    coordinates: Floats
+    grid: tuple[Floats, float, Integers, Integers, Integers, Shorts, Shorts]
 
 
 def _search(layout: CentreLayout, support_radius: float) -> _Search:
@@ -64,15 +61,15 @@ def _search(layout: CentreLayout, support_radius: float) -> _Search:
 
 
 def rows_near(
-    layout: CentreLayout, support_radius: float, points: Array, *, unasked: Integers | None = None
-) -> tuple[Integers, Array]:
+    layout: CentreLayout, support_radius: float, points: Floats, *, unasked: Integers | None = None
+) -> tuple[Integers, Floats]:
     """Rows (r,) of (n, d) points that may be closer than R to a centre, and these points (r, 3), by their places.
 
     The ``unasked`` rows (u,) are left out.
     """
     search = _search(layout, support_radius)
     left_out = np.empty(0, dtype=np.int64) if unasked is None else unasked
-    found: tuple[Integers, Array] = kernels.rows_near(
+    found: tuple[Integers, Floats] = kernels.rows_near(
         np.ascontiguousarray(points), left_out, search.coordinates, *search.grid
     )
     return found
@@ -90,13 +87,13 @@ def sparse_matrix(layout: CentreLayout, basis: Basis, support_radius: float) -> 
     return _sparse(search, basis, support_radius, points, search.order)
 
 
-def sparse_rows(layout: CentreLayout, basis: Basis, support_radius: float, points: Array) -> csr_array:
+def sparse_rows(layout: CentreLayout, basis: Basis, support_radius: float, points: Floats) -> csr_array:
     """(n, nc) values of a compact basis at (n, 3) points, columns in the control points' own order."""
     search = _search(layout, support_radius)
     return _sparse(search, basis, support_radius, points, layout.order[search.order])
 
 
-def _sparse(search: _Search, basis: Basis, support_radius: float, points: Array, numbers: Integers) -> csr_array:
+def _sparse(search: _Search, basis: Basis, support_radius: float, points: Floats, numbers: Integers) -> csr_array:
     """φ between points (n, 3) and the sorted centres, which have the column ``numbers`` (nc,)."""
     pointers, columns, entries = kernels.near_rows(
         basis.code, points, search.coordinates, numbers, support_radius, *search.grid

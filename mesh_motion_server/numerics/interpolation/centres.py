@@ -15,8 +15,8 @@ from functools import cached_property
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.interpolation.hashed_cells import HashedCells
 from mesh_motion_server.numerics.interpolation.kernels import Basis
 from mesh_motion_server.numerics.mesh.points import padded
@@ -45,16 +45,16 @@ class CentreLayout:
         Mean share of the centres in the cells around a centre, which a sum visits.
     """
 
-    order: NDArray[np.int64]
-    coordinates: NDArray[np.float64]
-    origin: NDArray[np.float64]
+    order: Integers
+    coordinates: Floats
+    origin: Floats
     inverse_side: float
-    shape: NDArray[np.int64]
-    starts: NDArray[np.int64]
+    shape: Integers
+    starts: Integers
     fraction: float
 
     @classmethod
-    def build(cls, control_points: NDArray[np.float64], basis: Basis, support_radius: float) -> CentreLayout:
+    def build(cls, control_points: Floats, basis: Basis, support_radius: float) -> CentreLayout:
         """Arrange (nc, d) control points, by cells if the basis is compact and that saves enough."""
         reach = support_radius if basis.compact else 0.0
         return cls(*kernels.lay_out_centres(padded(control_points), reach))
@@ -68,15 +68,15 @@ class CentreLayout:
         """Whether every centre is visited for every point."""
         return self.starts.size == 2
 
-    def sort(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sort(self, weights: Floats) -> Floats:
         """(k, nc) sorted rows of (nc, k) weights."""
         return np.ascontiguousarray(weights[self.order].T)
 
-    def grid(self) -> tuple[NDArray[np.float64], float, NDArray[np.int64], NDArray[np.int64]]:
+    def grid(self) -> tuple[Floats, float, Integers, Integers]:
         """The arguments of the compiled loops for the grid."""
         return self.origin, self.inverse_side, self.shape, self.starts
 
-    def within_reach(self, points: NDArray[np.float64], *, threads: int | None = None) -> NDArray[np.int64]:
+    def within_reach(self, points: Floats, *, threads: int | None = None) -> Integers:
         """Rows (r,) of (n, d) points with a centre in their cell or next to it; for the others every sum is zero."""
         inside = np.empty(len(points), dtype=np.bool_)
         with limited_to(threads):
@@ -96,7 +96,7 @@ class CentreLayout:
         return {}
 
     @cached_property
-    def _reached_cells(self) -> NDArray[np.bool_]:
+    def _reached_cells(self) -> Marks:
         """Whether a cell or a neighbour contains a centre: flat, x fastest, with one extra cell on each side."""
         reached = np.zeros(int(np.prod(self.shape + 2)), dtype=np.bool_)
         kernels.mark_neighbours(self.starts, self.shape, reached)
@@ -107,12 +107,12 @@ class CentreLayout:
         kernel: Callable[..., None],
         basis: Basis,
         support_radius: float,
-        points: NDArray[np.float64],
-        weights: NDArray[np.float64],
-        out: NDArray[np.float64],
+        points: Floats,
+        weights: Floats,
+        out: Floats,
         *,
         threads: int | None = None,
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """``sum_values`` or ``sum_gradients`` at (n, 3) points with (k, nc) sorted weights, into ``out``, returned."""
         with limited_to(threads):
             kernel(basis.code, points, self.coordinates, weights, 1.0 / support_radius, *self.grid(), out)

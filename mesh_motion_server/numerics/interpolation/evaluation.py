@@ -7,17 +7,15 @@ centres.
 (a far-field grid, workers of an engine that have the points) is an :class:`Evaluator` too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
 from mesh_motion_server.numerics.interpolation.kernels import require_gradient
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
@@ -30,7 +28,7 @@ __all__ = ["Evaluator", "LocalEvaluator", "NearOperators", "Prepared", "Preparin
 
 
 class Prepared(Protocol):
-    """What an evaluator has computed for control points and places; it does not depend on the weights."""
+    """What is computed once and may be cached: of an evaluator, what does not depend on the weights."""
 
     @property
     def nbytes(self) -> int:
@@ -41,11 +39,11 @@ class Prepared(Protocol):
 class Evaluator(Protocol):
     """Gives an interpolant's values and gradients at points."""
 
-    def displacement(self, interpolant: AnyInterpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def displacement(self, interpolant: AnyInterpolant, points: Floats) -> Floats:
         """(n, k) values at (n, d) points."""
         ...
 
-    def gradient(self, interpolant: AnyInterpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def gradient(self, interpolant: AnyInterpolant, points: Floats) -> Floats:
         """(n, k, d) gradients ``[i, c, m] = ∂u_c/∂x_m`` at (n, d) points."""
         ...
 
@@ -54,22 +52,14 @@ class Evaluator(Protocol):
 class PreparingEvaluator(Evaluator, Protocol):
     """An evaluator that saves work if many interpolants of the same control points are evaluated at the same points."""
 
-    def prepare(
-        self,
-        interpolant: TwoScaleInterpolant,
-        points: NDArray[np.float64],
-        *,
-        unasked: NDArray[np.int64] | None = None,
-    ) -> Prepared:
+    def prepare(self, interpolant: TwoScaleInterpolant, points: Floats, *, unasked: Integers | None = None) -> Prepared:
         """Compute what depends only on the interpolant's control points and on (n, d) points.
 
         The values at the rows ``unasked`` (r,) will not be used.
         """
         ...
 
-    def displacement(
-        self, interpolant: AnyInterpolant, points: NDArray[np.float64], prepared: Prepared | None = None
-    ) -> NDArray[np.float64]:
+    def displacement(self, interpolant: AnyInterpolant, points: Floats, prepared: Prepared | None = None) -> Floats:
         """(n, k) values at (n, d) points, bitwise the same with and without ``prepared``.
 
         Except at the rows that were ``unasked`` in :meth:`prepare`.
@@ -105,11 +95,7 @@ class LocalEvaluator:
         self._threads = checked_threads(threads)
 
     def prepare(
-        self,
-        interpolant: TwoScaleInterpolant,
-        points: NDArray[np.float64],
-        *,
-        unasked: NDArray[np.int64] | None = None,
+        self, interpolant: TwoScaleInterpolant, points: Floats, *, unasked: Integers | None = None
     ) -> NearOperators:
         """The compact levels' operators at (n, d) points; at the rows ``unasked`` (r,) the operators are zero.
 
@@ -126,14 +112,11 @@ class LocalEvaluator:
             )
         )
 
-    def displacement(
-        self, interpolant: AnyInterpolant, points: NDArray[np.float64], prepared: Prepared | None = None
-    ) -> NDArray[np.float64]:
+    def displacement(self, interpolant: AnyInterpolant, points: Floats, prepared: Prepared | None = None) -> Floats:
         """(n, k) values at (n, d) points, thesis (2.5).
 
         Parameters
         ----------
-        interpolant : Interpolant or TwoScaleInterpolant
         points : (n, d) array, mesh length unit
         prepared : NearOperators, optional
             Of :meth:`prepare` for these points and for an interpolant of the same factorization.
@@ -155,9 +138,7 @@ class LocalEvaluator:
             out += interpolant.polynomial(points)
         return out
 
-    def _coarse_values(
-        self, coarse: NestedSpline | Interpolant, points: NDArray[np.float64], out: NDArray[np.float64]
-    ) -> None:
+    def _coarse_values(self, coarse: NestedSpline | Interpolant, points: Floats, out: Floats) -> None:
         """Fill ``out`` (n, k) with a coarse field at (n, d) points."""
         if isinstance(coarse, Interpolant):
             out[:] = self.displacement(coarse, points)
@@ -165,7 +146,7 @@ class LocalEvaluator:
         with limited_to(self._threads):
             coarse.values(points, out)
 
-    def gradient(self, interpolant: AnyInterpolant, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def gradient(self, interpolant: AnyInterpolant, points: Floats) -> Floats:
         """(n, k, d) gradients ``[i, c, m] = ∂u_c/∂x_m`` at (n, d) points.
 
         Raises
@@ -191,13 +172,7 @@ class LocalEvaluator:
             out += interpolant.polynomial.gradient
         return out
 
-    def _sum(
-        self,
-        kernel: Callable[..., None],
-        interpolant: Interpolant,
-        points: NDArray[np.float64],
-        out: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+    def _sum(self, kernel: Callable[..., None], interpolant: Interpolant, points: Floats, out: Floats) -> Floats:
         """Run a compiled sum over the interpolant's centres."""
         _check_dimension(interpolant, points)
         weights = interpolant.layout.sort(interpolant.weights)
@@ -206,7 +181,7 @@ class LocalEvaluator:
         )
 
 
-def _check_dimension(interpolant: AnyInterpolant, points: NDArray[np.float64]) -> None:
+def _check_dimension(interpolant: AnyInterpolant, points: Floats) -> None:
     """Refuse points whose shape is not (n, d)."""
     if points.ndim != 2 or points.shape[1] != interpolant.dimension:
         raise InvalidInput(

@@ -1,7 +1,5 @@
 """The source of a motion's factorizations: made each time here, taken from a cache in a session."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,8 +7,8 @@ from functools import cached_property
 from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator, Prepared, PreparingEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import Factorization, factorize
 from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named, checked_radius
@@ -23,7 +21,6 @@ __all__ = [
     "CacheReport",
     "DeferredFactorization",
     "FactorSource",
-    "Kept",
     "MakeEachTime",
     "Recorded",
     "factorization_of",
@@ -32,16 +29,7 @@ __all__ = [
 ]
 
 
-class Kept(Protocol):
-    """An object that can be cached."""
-
-    @property
-    def nbytes(self) -> int:
-        """Memory it holds."""
-        ...
-
-
-K = TypeVar("K", bound=Kept)
+K = TypeVar("K", bound=Prepared)
 
 CacheReport = dict[str, str | int | dict[str, int]]
 """``"reused"`` or ``"made"`` for each kind of what is kept, and ``bytes`` held of each."""
@@ -77,12 +65,7 @@ class MakeEachTime:
 
 
 class Recorded:
-    """A factor source that records what a motion found in another one.
-
-    Parameters
-    ----------
-    source : FactorSource
-    """
+    """A factor source that records what a motion found in another one."""
 
     def __init__(self, source: FactorSource) -> None:
         self._source = source
@@ -104,39 +87,34 @@ class Recorded:
         return {**found, "bytes": self.held()}
 
 
-def factorization_of(
-    control_points: NDArray[np.float64], method: Method, factors: FactorSource
-) -> tuple[Factorization, bool]:
-    """The factorization for these control points (c, d), and whether it was reused.
+def factorization_of(control_points: Floats, method: Method, factors: FactorSource) -> Factorization:
+    """The factorization for these control points (c, d).
 
     The key is a digest of all its inputs, so a cache never returns a wrong factorization.
     """
     basis, radius = method.basis, method.support_radius
     digest = hashlib.sha256(repr((basis, radius, control_points.shape)).encode())
     digest.update(np.ascontiguousarray(control_points).data)
-    return factors.get_or_make(digest.digest(), lambda: factorize(control_points, basis=basis, support_radius=radius))
+    return factors.get_or_make(digest.digest(), lambda: factorize(control_points, basis=basis, support_radius=radius))[
+        0
+    ]
 
 
 def two_scale_factorization_of(
-    control_points: NDArray[np.float64], box: NDArray[np.float64], plan: TwoScalePlan, factors: FactorSource
-) -> tuple[Factorization, bool]:
-    """The factorization in two scales of control points (c, d) for places in a box (2, d), and whether it was reused.
+    control_points: Floats, box: Floats, plan: TwoScalePlan, factors: FactorSource
+) -> Factorization:
+    """The factorization in two scales of control points (c, d) for places in a box (2, d).
 
     A session has one plan per number of control points, except for the radius; so points, radius and box identify it.
     """
     digest = hashlib.sha256(repr(("two-scale", plan.support_radius, control_points.shape)).encode())
     digest.update(np.ascontiguousarray(box).data)
     digest.update(np.ascontiguousarray(control_points).data)
-    return factors.get_or_make(digest.digest(), lambda: plan.factorize(control_points, box[0], box[1]))
+    return factors.get_or_make(digest.digest(), lambda: plan.factorize(control_points, box[0], box[1]))[0]
 
 
 def prepared_for(
-    evaluator: Evaluator,
-    interpolant: AnyInterpolant,
-    points: NDArray[np.float64],
-    factors: FactorSource,
-    *,
-    unasked: NDArray[np.int64],
+    evaluator: Evaluator, interpolant: AnyInterpolant, points: Floats, factors: FactorSource, *, unasked: Integers
 ) -> Prepared | None:
     """The evaluator's preparation for an interpolant in two scales at points (n, d), except the ``unasked`` rows.
 
@@ -161,7 +139,7 @@ class DeferredFactorization:
     A reduced motion needs the factorization of all boundary nodes only if a correction uses it.
     """
 
-    control_points: NDArray[np.float64]
+    control_points: Floats
     method: Method
     factors: FactorSource
 
@@ -181,10 +159,10 @@ class DeferredFactorization:
     def nbytes(self) -> int:
         return self._made.nbytes
 
-    def solve(self, values: NDArray[np.float64]) -> AnyInterpolant:
+    def solve(self, values: Floats) -> AnyInterpolant:
         """Interpolant of (nc, k) values."""
         return self._made.solve(values)
 
     @cached_property
     def _made(self) -> Factorization:
-        return factorization_of(self.control_points, self.method, self.factors)[0]
+        return factorization_of(self.control_points, self.method, self.factors)

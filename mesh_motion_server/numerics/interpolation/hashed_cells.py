@@ -13,10 +13,10 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
+
 __all__ = ["HashedCells"]
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Shorts = NDArray[np.int32]
 
 
@@ -30,7 +30,6 @@ class HashedCells:
         Row ``j`` of the sorted arrays is point ``order[j]``.
     coordinates : (3, n) array
     origin : (3,) array
-    inverse_side : float
     keys : (t,) int64 array
         A hash table of the stored cells by their place in the grid, −1 in free entries; t is a power of two. For points
         on a surface about a third of it is used.
@@ -41,14 +40,14 @@ class HashedCells:
     """
 
     order: Integers
-    coordinates: Array
-    origin: Array
+    coordinates: Floats
+    origin: Floats
     inverse_side: float
     keys: Integers
     spans: Shorts
     runs: Shorts
 
     @classmethod
-    def build(cls, points: Array, side: float) -> HashedCells:
+    def build(cls, points: Floats, side: float) -> HashedCells:
         """Sort points (n, 3) by cells of the given side; by wider cells if an axis would have a million of them."""
         return cls(*kernels.store_cells(points, side))

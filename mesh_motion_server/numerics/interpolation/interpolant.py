@@ -15,14 +15,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.control_points import checked_control_points
-from mesh_motion_server.numerics.interpolation.factorizations import System
-from mesh_motion_server.numerics.interpolation.factorizations.bordered import BorderedSystem
-from mesh_motion_server.numerics.interpolation.factorizations.choice import SOLVERS, choose_solver
+from mesh_motion_server.numerics.interpolation.factorizations import LinearSolver
+from mesh_motion_server.numerics.interpolation.factorizations.choice import choose_solver
 from mesh_motion_server.numerics.interpolation.factorizations.conditional import NullSpaceCholesky
 from mesh_motion_server.numerics.interpolation.kernels import DEFAULT_BASIS, Basis, basis_named, checked_radius
 from mesh_motion_server.numerics.interpolation.polynomial import LinearBasis, Polynomial
@@ -30,12 +29,7 @@ from mesh_motion_server.numerics.interpolation.polynomial import LinearBasis, Po
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
 
-__all__ = ["POLYNOMIALS", "AllCentreFactorization", "Factorization", "Interpolant", "chosen_polynomial", "factorize"]
-
-Array = NDArray[np.float64]
-
-#: "auto" adds the linear polynomial if the basis requires it.
-POLYNOMIALS = ("auto", "none", "linear")
+__all__ = ["AllCentreFactorization", "Factorization", "Interpolant", "factorize"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,22 +41,17 @@ class Interpolant:
     control_points : (nc, d) array, mesh length unit
     weights : (nc, k) array
         γ.
-    basis : Basis
     support_radius : float, mesh length unit
     layout : CentreLayout
         The control points laid out for evaluation.
-    polynomial : Polynomial or None
-    largest : float, unit of the values
-        Largest value, as a Euclidean norm, to which a tolerance of its evaluation refers; 0: only exact sums.
     """
 
-    control_points: Array
-    weights: Array
+    control_points: Floats
+    weights: Floats
     basis: Basis
     support_radius: float
     layout: CentreLayout
     polynomial: Polynomial | None = None
-    largest: float = 0.0
 
     @property
     def dimension(self) -> int:
@@ -79,7 +68,7 @@ class Factorization(Protocol):
     """A prepared interpolation matrix."""
 
     @property
-    def control_points(self) -> Array:
+    def control_points(self) -> Floats:
         """(nc, d) array."""
         ...
 
@@ -99,20 +88,15 @@ class Factorization(Protocol):
         """Memory it holds."""
         ...
 
-    def solve(self, values: Array) -> AnyInterpolant:
+    def solve(self, values: Floats) -> AnyInterpolant:
         """Interpolant of (nc, k) values at the control points."""
         ...
 
 
 def factorize(
-    control_points: ArrayLike,
-    *,
-    basis: str = DEFAULT_BASIS,
-    support_radius: float | None,
-    solver: str = "auto",
-    polynomial: str = "auto",
+    control_points: ArrayLike, *, basis: str = DEFAULT_BASIS, support_radius: float | None, solver: str = "auto"
 ) -> AllCentreFactorization:
-    """Prepare the interpolation from control points.
+    """Prepare the interpolation from control points, with the linear polynomial (thesis §2.1.2) if the basis needs it.
 
     Parameters
     ----------
@@ -123,14 +107,14 @@ def factorize(
     support_radius : float, mesh length unit
         R; None only if the interpolant does not depend on it.
     solver : {"auto", "dense", "sparse", "iterative"}
-        "auto" chooses by the number of points and the fraction of nonzero entries
+        Of a positive definite basis; "auto" chooses by the number of points and the fraction of nonzero entries
         (:func:`~mesh_motion_server.numerics.interpolation.factorizations.choice.choose_solver`).
-    polynomial : {"auto", "none", "linear"}
 
     Raises
     ------
     InvalidInput
-        On unusable points, two that coincide, an unknown or unusable name, or names that do not fit together.
+        On two points that coincide, points that do not determine the polynomial, an unusable basis or radius, or a
+        solver that does not fit the basis.
     NumericalError
         If the matrix is singular to working precision.
     ResourceError
@@ -139,55 +123,22 @@ def factorize(
     row = basis_named(basis)
     radius = checked_radius(support_radius, row)
     points = checked_control_points(control_points)
-    linear = chosen_polynomial(polynomial, row, points)
-    if solver not in SOLVERS:
-        raise InvalidInput(f"unknown solver {solver!r}", hint=f"known are {', '.join(SOLVERS)}")
     layout = CentreLayout.build(points, row, radius)
-    system = _system(solver, points, layout, row, radius, None if linear is None else linear.matrix(points))
-    return AllCentreFactorization(points, row, radius, layout, system, linear)
-
-
-def _system(
-    solver: str, points: Array, layout: CentreLayout, basis: Basis, radius: float, polynomial_matrix: Array | None
-) -> System:
-    """The prepared matrix of thesis (2.4)."""
-    if basis.needs_polynomial and polynomial_matrix is not None:
-        if solver not in {"auto", "dense"}:
-            raise InvalidInput(
-                f"the basis {basis.name!r} has only a dense solver, not {solver!r}", hint="solver = 'auto'"
-            )
-        return NullSpaceCholesky(points, basis, radius, polynomial_matrix)
-    return BorderedSystem(choose_solver(solver, points, layout, basis, radius), polynomial_matrix)
-
-
-def chosen_polynomial(choice: str, basis: Basis, points: Array) -> LinearBasis | None:
-    """The linear polynomial (thesis §2.1.2) of (nc, d) control points, if it is chosen or needed.
-
-    Raises
-    ------
-    InvalidInput
-        If the choice is unknown, "none" although the basis needs one, or the points do not determine it.
-    """
-    if choice not in POLYNOMIALS:
-        raise InvalidInput(f"unknown polynomial {choice!r}", hint=f"known are {', '.join(POLYNOMIALS)}")
-    if choice == "none" and basis.needs_polynomial:
-        raise InvalidInput(
-            f"the basis {basis.name!r} is only conditionally definite (order {basis.order}): it needs a polynomial",
-            hint="polynomial = 'linear' (or 'auto'), or another basis",
-        )
-    return LinearBasis.around(points) if choice == "linear" or basis.needs_polynomial else None
+    if row.needs_polynomial:
+        linear = LinearBasis.around(points)
+        return AllCentreFactorization(points, row, radius, layout, NullSpaceCholesky(points, row, radius, linear))
+    return AllCentreFactorization(points, row, radius, layout, choose_solver(solver, points, layout, row, radius))
 
 
 @dataclass(frozen=True, eq=False)
 class AllCentreFactorization:
-    """A system with the points and names from which it was made."""
+    """A prepared matrix with the points and names from which it was made."""
 
-    control_points: Array
+    control_points: Floats
     basis: Basis
     support_radius: float
     layout: CentreLayout
-    system: System
-    linear: LinearBasis | None
+    system: LinearSolver | NullSpaceCholesky
 
     @property
     def solver(self) -> str:
@@ -197,13 +148,10 @@ class AllCentreFactorization:
     def nbytes(self) -> int:
         return self.system.nbytes + self.layout.coordinates.nbytes + self.control_points.nbytes
 
-    def solve(self, values: Array) -> Interpolant:
-        values = np.asarray(values, dtype=np.float64)
-        if values.ndim != 2 or len(values) != len(self.control_points):
-            raise InvalidInput(
-                f"expected values of shape ({len(self.control_points)}, k), a row a control point, got {values.shape}",
-                code="INVALID_ARGUMENT.SHAPE",
-            )
-        weights, beta = self.system.solve(values)
-        polynomial = None if self.linear is None or beta is None else Polynomial(self.linear, beta)
+    def solve(self, values: Floats) -> Interpolant:
+        values, polynomial = np.asarray(values, dtype=np.float64), None
+        if isinstance(self.system, NullSpaceCholesky):
+            weights, polynomial = self.system.solve(values)
+        else:
+            weights = self.system.solve(values)
         return Interpolant(self.control_points, weights, self.basis, self.support_radius, self.layout, polynomial)

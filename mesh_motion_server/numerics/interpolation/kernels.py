@@ -12,17 +12,16 @@ supported radial functions of minimal degree", Adv. Comput. Math. 4 (1995) 389�
 scattered data", Constr. Approx. 2 (1986) 11–22. The thesis reproduces de Boer's tables as 2.1 and 2.2.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["BASES", "DEFAULT_BASIS", "Basis", "basis_named", "checked_radius", "slopes", "values"]
 
@@ -57,7 +56,6 @@ class Basis:
         "free" (the interpolant does not depend on it).
     unusable : str
         Why this row cannot be used; empty when it can.
-    source : str
     """
 
     name: str
@@ -141,7 +139,6 @@ def basis_named(name: str, *, gradient: bool = False) -> Basis:
 
     Parameters
     ----------
-    name : str
     gradient : bool
         Whether gradients at centres will be needed.
 
@@ -192,14 +189,14 @@ def checked_radius(radius: float | None, basis: Basis) -> float:
     return float(radius)
 
 
-def values(basis: Basis, xi: ArrayLike) -> NDArray[np.float64]:
+def values(basis: Basis, xi: ArrayLike) -> Floats:
     """φ(ξ) of an array of ξ ≥ 0, same shape."""
     out = np.array(xi, dtype=np.float64, order="C")
     kernels.map_phi(basis.code, out.reshape(-1))
     return out
 
 
-def slopes(basis: Basis, xi: ArrayLike) -> NDArray[np.float64]:
+def slopes(basis: Basis, xi: ArrayLike) -> Floats:
     """φ'(ξ)/ξ of an array of ξ ≥ 0, same shape; ``∇φ = slopes(ξ) (x − x_j) / R²``."""
     out = np.array(xi, dtype=np.float64, order="C")
     kernels.map_slope(basis.code, out.reshape(-1))

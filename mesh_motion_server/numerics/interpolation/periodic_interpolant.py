@@ -13,18 +13,15 @@ If control points are so close to each other or to an image that the matrix woul
 them, as on other boundaries (:mod:`.two_scale.factorization`).
 """
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.interpolation.assembly import dense_block, sparse_matrix
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.control_points import checked_control_points
@@ -50,8 +47,6 @@ from mesh_motion_server.numerics.method import Method
 
 __all__ = ["PeriodicFactorization", "periodic_factorization_of"]
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Largest order that is factorized densely; above it the matrix is assembled sparse.
 _DENSE_ORDER = 10_000
@@ -71,8 +66,8 @@ class _Images:
     """
 
     owners: Integers
-    places: Array
-    rotations: Array | None
+    places: Floats
+    rotations: Floats | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,11 +78,10 @@ class PeriodicFactorization:
     ----------
     control_points : (nc, d) array, mesh length unit
         One of each orbit.
-    basis : Basis
     support_radius : float, mesh length unit
     """
 
-    control_points: Array
+    control_points: Floats
     basis: Basis
     support_radius: float
     images: _Images
@@ -102,15 +96,9 @@ class PeriodicFactorization:
     def nbytes(self) -> int:
         return self.system.nbytes + self.layout.coordinates.nbytes + 2 * self.images.places.nbytes
 
-    def solve(self, values: Array) -> Interpolant:
+    def solve(self, values: Floats) -> Interpolant:
         """Interpolant of (nc, d) values at the control points."""
         values = np.asarray(values, dtype=np.float64)
-        if values.shape != self.control_points.shape:
-            raise InvalidInput(
-                f"expected values of shape {self.control_points.shape}, a displacement a control point, "
-                f"got {values.shape}",
-                code="INVALID_ARGUMENT.SHAPE",
-            )
         images = self.images
         if images.rotations is None:
             weights = self.system.solve(values)[images.owners]
@@ -121,31 +109,24 @@ class PeriodicFactorization:
 
 
 def periodic_factorization_of(
-    control_points: Array,
-    generators: tuple[Transform, ...],
-    box: Array,
-    method: Method,
-    factors: FactorSource,
-) -> tuple[Factorization, bool]:
-    """The factorization of periodic control points, and whether it was reused.
+    control_points: Floats, generators: tuple[Transform, ...], box: Floats, method: Method, factors: FactorSource
+) -> Factorization:
+    """The factorization of periodic control points.
 
     Parameters
     ----------
     control_points : (nc, d) array, mesh length unit
         One of each orbit.
-    generators : tuple of Transform
     box : (2, d) array
         Least and largest coordinates of the points where the interpolant will be evaluated.
-    method : Method
-    factors : FactorSource
     """
     digest = hashlib.sha256(repr(("periodic", method.basis, method.support_radius)).encode())
     for array in (control_points, box, *(a for g in generators for a in (g.rotation, g.shift))):
         digest.update(np.ascontiguousarray(array).data)
-    return factors.get_or_make(digest.digest(), lambda: _factorize(control_points, generators, box, method))
+    return factors.get_or_make(digest.digest(), lambda: _factorize(control_points, generators, box, method))[0]
 
 
-def _factorize(control_points: Array, generators: tuple[Transform, ...], box: Array, method: Method) -> Factorization:
+def _factorize(control_points: Floats, generators: tuple[Transform, ...], box: Floats, method: Method) -> Factorization:
     basis = basis_named(method.basis)
     radius = checked_radius(method.support_radius, basis)
     points = checked_control_points(control_points)
@@ -189,7 +170,7 @@ def _separated(images: _Images, count: int, separation: float, first: Integers) 
     return np.flatnonzero(taken[rank])
 
 
-def _level(points: Array, images: _Images, basis: Basis, radius: float) -> PeriodicFactorization:
+def _level(points: Floats, images: _Images, basis: Basis, radius: float) -> PeriodicFactorization:
     """The interpolation from all of some control points (nc, d)."""
     layout = CentreLayout.build(images.places, basis, radius)
     order = points.size if images.rotations is not None else len(points)
@@ -211,7 +192,7 @@ class PeriodicLevels:
         The last has all control points.
     """
 
-    control_points: Array
+    control_points: Floats
     levels: list[tuple[Integers, PeriodicFactorization]]
 
     @property
@@ -230,7 +211,7 @@ class PeriodicLevels:
     def nbytes(self) -> int:
         return sum(level.nbytes for _, level in self.levels)
 
-    def solve(self, values: Array) -> TwoScaleInterpolant:
+    def solve(self, values: Floats) -> TwoScaleInterpolant:
         """Interpolant of (nc, d) values at the control points."""
         evaluator, left, found = LocalEvaluator(), np.array(values, dtype=np.float64), []
         for members, level in self.levels:
@@ -239,10 +220,10 @@ class PeriodicLevels:
         return TwoScaleInterpolant(found[0], tuple(found[1:]), self.basis, 0)
 
 
-def _near_images(points: Array, generators: tuple[Transform, ...], box: Array, radius: float) -> _Images:
+def _near_images(points: Floats, generators: tuple[Transform, ...], box: Floats, radius: float) -> _Images:
     """The images that come closer than the radius to the box; the control points (nc, d) themselves are the first."""
 
-    def near(transform: Transform) -> NDArray[np.bool_]:
+    def near(transform: Transform) -> Marks:
         places = transform(points)
         away = np.maximum(np.maximum(box[0] - places, places - box[1]), 0.0)
         return np.asarray(np.sum(away * away, axis=1) < radius * radius)
@@ -260,7 +241,7 @@ def _near_images(points: Array, generators: tuple[Transform, ...], box: Array, r
     return _Images(owners, places, rotations)
 
 
-def _dense(points: Array, images: _Images, layout: CentreLayout, *, basis: Basis, radius: float) -> LinearSolver:
+def _dense(points: Floats, images: _Images, layout: CentreLayout, *, basis: Basis, radius: float) -> LinearSolver:
     """Cholesky factor of the matrix, of order nc or nc · d."""
     del layout
     rows, width = padded(points), 1 if images.rotations is None else points.shape[1]
@@ -268,7 +249,7 @@ def _dense(points: Array, images: _Images, layout: CentreLayout, *, basis: Basis
     starts = np.searchsorted(images.owners[by_owner], np.arange(len(points) + 1))
     places = padded(images.places)
 
-    def columns(low: int, high: int, bottom: int) -> Array:
+    def columns(low: int, high: int, bottom: int) -> Floats:
         """Columns of the control points low … high, from the rows of ``bottom`` down."""
         chosen = by_owner[starts[low] : starts[high]]
         values = dense_block(basis, radius, rows[bottom:], places[chosen])
@@ -280,7 +261,7 @@ def _dense(points: Array, images: _Images, layout: CentreLayout, *, basis: Basis
 
     braces = _braces(points, images)
 
-    def panel(first: int, last: int) -> Array:
+    def panel(first: int, last: int) -> Floats:
         """Columns first … last of the matrix, from the diagonal down."""
         low, high = first // width, -(-last // width)
         share = max(1, _IMAGES_AT_ONCE * len(points) // len(images.owners))
@@ -296,7 +277,7 @@ def _dense(points: Array, images: _Images, layout: CentreLayout, *, basis: Basis
     return PanelCholesky(len(points) * width, panel)
 
 
-def _braces(points: Array, images: _Images) -> dict[int, Array]:
+def _braces(points: Floats, images: _Images) -> dict[int, Floats]:
     """A stiffness (d, d) for each control point on an axis, in the directions in which its images cancel."""
     if images.rotations is None:
         return {}
@@ -313,7 +294,7 @@ def _braces(points: Array, images: _Images) -> dict[int, Array]:
     return found
 
 
-def _sparse(points: Array, images: _Images, layout: CentreLayout, *, basis: Basis, radius: float) -> LinearSolver:
+def _sparse(points: Floats, images: _Images, layout: CentreLayout, *, basis: Basis, radius: float) -> LinearSolver:
     """Factors of the sparse matrix, of order nc or nc · d."""
     nc, d = points.shape
     among = sparse_matrix(layout, basis, radius).tocoo()

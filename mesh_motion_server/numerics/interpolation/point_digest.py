@@ -5,18 +5,17 @@ hashed on all threads by four lanes of multiplications and rotations each (the r
 by SHA-256. It is one pass over the coordinates at memory speed; SHA-256 over all of them would take ten times as long.
 """
 
-from __future__ import annotations
-
 import hashlib
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["point_digest"]
 
 
-def point_digest(points: NDArray[np.float64]) -> bytes:
+def point_digest(points: Floats) -> bytes:
     """32 bytes that identify the shape and the bits of points (n, d)."""
     lanes = kernels.hash_blocks(np.ascontiguousarray(points).reshape(-1).view(np.uint64))
     return hashlib.sha256(repr(points.shape).encode() + lanes.tobytes()).digest()

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["LinearBasis", "Polynomial"]
 
@@ -26,11 +26,11 @@ class LinearBasis:
     scale : float, mesh length unit
     """
 
-    centre: NDArray[np.float64]
+    centre: Floats
     scale: float
 
     @classmethod
-    def around(cls, points: NDArray[np.float64]) -> LinearBasis:
+    def around(cls, points: Floats) -> LinearBasis:
         """Centred at the middle of the bounding box of (n, d) points.
 
         Raises
@@ -49,7 +49,7 @@ class LinearBasis:
             )
         return basis
 
-    def matrix(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def matrix(self, points: Floats) -> Floats:
         """(n, d + 1) matrix P of (n, d) points."""
         return np.column_stack([np.ones(len(points)), (points - self.centre) / self.scale])
 
@@ -60,14 +60,13 @@ class Polynomial:
 
     Attributes
     ----------
-    basis : LinearBasis
     coefficients : (d + 1, k) array
     """
 
     basis: LinearBasis
-    coefficients: NDArray[np.float64]
+    coefficients: Floats
 
-    def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, points: Floats) -> Floats:
         """(n, k) values at (n, d) points."""
         scaled = (points - self.basis.centre) / self.basis.scale
         out = np.tile(self.coefficients[0], (len(points), 1))
@@ -76,6 +75,6 @@ class Polynomial:
         return out
 
     @property
-    def gradient(self) -> NDArray[np.float64]:
+    def gradient(self) -> Floats:
         """(k, d) constant gradient."""
         return self.coefficients[1:].T / self.basis.scale

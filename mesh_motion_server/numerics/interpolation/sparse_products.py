@@ -1,15 +1,12 @@
 """Products of a sparse matrix with few columns at once, compiled: each row is one thread's sum, in stored order."""
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-__all__ = ["nbytes", "product"]
+from mesh_motion_server.numerics.arrays import Floats
 
-Floats = NDArray[np.float64]
+__all__ = ["nbytes", "product"]
 
 
 def product(matrix: csr_array, vectors: Floats) -> Floats:

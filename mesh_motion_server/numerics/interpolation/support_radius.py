@@ -23,12 +23,10 @@ What is best for one motion of a mesh is not for another: bodies that are presse
 channel want a radius near the width of the gap, which ruins large motions of the same bodies (docs/beyond.md).
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
 
@@ -40,13 +38,12 @@ _EACH = 16  # of these every 16th is tested first
 _ROUNDING = 1e-9
 
 
-def suggest_support_radius(points: NDArray[np.float64], roles: BoundaryRoles) -> float:
+def suggest_support_radius(points: Floats, roles: BoundaryRoles) -> float:
     """Support radius for a mesh.
 
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-    roles : BoundaryRoles
 
     Returns
     -------
@@ -59,13 +56,12 @@ def suggest_support_radius(points: NDArray[np.float64], roles: BoundaryRoles) ->
     return float(f"{radius:.2g}")
 
 
-def suggest_enrichment_radius(points: NDArray[np.float64], roles: BoundaryRoles, support_radius: float) -> float:
+def suggest_enrichment_radius(points: Floats, roles: BoundaryRoles, support_radius: float) -> float:
     """Enrichment radius R_l for a mesh.
 
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-    roles : BoundaryRoles
     support_radius : float, mesh length unit
         R: R_l is no larger, and equal to it where no node lies off the boundary.
 
@@ -78,7 +74,7 @@ def suggest_enrichment_radius(points: NDArray[np.float64], roles: BoundaryRoles,
     return min(support_radius, float(f"{widest:.2g}")) if widest > 0.0 else support_radius
 
 
-def widest_ball(points: NDArray[np.float64], roles: BoundaryRoles) -> float:
+def widest_ball(points: Floats, roles: BoundaryRoles) -> float:
     """Diameter of the largest ball about a node (of a sample) without a control point; 0: all nodes are control points.
 
     From one node to another the distance to the nearest control point grows by no more than their distance. So a node

@@ -18,13 +18,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 
 __all__ = ["BoundaryFacets", "crossing_place"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Below this share of the product of lengths, the sign of an area or a volume is not certain.
 _FLAT = 1e-12
@@ -49,11 +48,11 @@ class BoundaryFacets:
         Nodes that move.
     """
 
-    nodes: dict[str, Ints]
-    moving: NDArray[np.bool_]
+    nodes: dict[str, Integers]
+    moving: Marks
 
     @classmethod
-    def build(cls, facets: Mapping[str, Ints], moving: Ints, fixed: Ints, count: int) -> BoundaryFacets:
+    def build(cls, facets: Mapping[str, Integers], moving: Integers, fixed: Integers, count: int) -> BoundaryFacets:
         """From the boundary facets of a mesh of ``count`` nodes, and its moving and fixed nodes; not in 1D."""
         moves, prescribed = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
         moves[moving] = prescribed[moving] = prescribed[fixed] = True
@@ -71,9 +70,7 @@ def crossing_place(boundary: BoundaryFacets, points: Floats) -> Floats | None:
     return None
 
 
-def _crossing(
-    points: Floats, moving: NDArray[np.bool_], ones: tuple[str, Ints], others: tuple[str, Ints]
-) -> Floats | None:
+def _crossing(points: Floats, moving: Marks, ones: tuple[str, Integers], others: tuple[str, Integers]) -> Floats | None:
     """A place where an edge of one kind of facet goes through another kind; one of the two facets moves."""
     for a, b in ((ones, others), (others, ones)):  # a's moving facets with all of b
         rows = np.flatnonzero(moving[a[1]].any(axis=1))
@@ -90,7 +87,7 @@ def _crossing(
     return None
 
 
-def _near(points: Floats, ones: Ints, others: Ints) -> tuple[Ints, Ints]:
+def _near(points: Floats, ones: Integers, others: Integers) -> tuple[Integers, Integers]:
     """Pairs (p,) of facets whose bounding circles or spheres, and boxes, intersect."""
     centres, radii = _circles(points, ones)
     other_centres, other_radii = _circles(points, others)
@@ -112,14 +109,14 @@ def _near(points: Floats, ones: Ints, others: Ints) -> tuple[Ints, Ints]:
     return first[meet], second[meet]
 
 
-def _circles(points: Floats, facets: Ints) -> tuple[Floats, Floats]:
+def _circles(points: Floats, facets: Integers) -> tuple[Floats, Floats]:
     """Centres (f, d) and radii (f,) of circles or spheres around facets (f, k)."""
     corners = points[facets]
     centres = corners.mean(axis=1)
     return centres, np.sqrt(np.max(np.sum((corners - centres[:, None]) ** 2, axis=2), axis=1))
 
 
-def _goes_through(ends: Floats, points: Floats, faces: Ints, kind: str) -> NDArray[np.bool_]:
+def _goes_through(ends: Floats, points: Floats, faces: Integers, kind: str) -> Marks:
     """Whether edges with ends (p, 2, d) go through facets (p, k) with either diagonal."""
     found = np.ones(len(ends), dtype=bool)
     for split in _SPLITS[kind]:
@@ -128,11 +125,11 @@ def _goes_through(ends: Floats, points: Floats, faces: Ints, kind: str) -> NDArr
     return found
 
 
-def _pierces(ends: Floats, simplices: Floats) -> NDArray[np.bool_]:
+def _pierces(ends: Floats, simplices: Floats) -> Marks:
     """Whether edges with ends (p, 2, d) go through simplices (p, d, d): a segment in 2D, a triangle in 3D."""
     d = ends.shape[2]
     below, above = (_signed(np.concatenate([simplices, end[:, None]], axis=1)) for end in (ends[:, 0], ends[:, 1]))
-    through: NDArray[np.bool_] = below * above < 0
+    through: Marks = below * above < 0
     ends, simplices = ends[through], simplices[through]
     inside = np.stack(
         [

@@ -1,27 +1,24 @@
 """The boundary of a mesh: facets that belong to exactly one cell."""
 
-from __future__ import annotations
-
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Integers
 from mesh_motion_server.numerics.mesh.cell_facets import facet_nodes, matched_facets
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
 __all__ = ["LOCAL_FACETS", "boundary_facets", "boundary_nodes"]
 
-Ints = NDArray[np.int64]
 
 _FACET_NAMES = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
 
-_KEPT: WeakKeyDictionary[CellTable, dict[str, Ints]] = WeakKeyDictionary()
+_KEPT: WeakKeyDictionary[CellTable, dict[str, Integers]] = WeakKeyDictionary()
 
 
-def boundary_facets(cells: CellTable) -> dict[str, Ints]:
+def boundary_facets(cells: CellTable) -> dict[str, Integers]:
     """Facets that belong to exactly one cell.
 
     Parameters
@@ -52,7 +49,7 @@ def boundary_facets(cells: CellTable) -> dict[str, Ints]:
     return dict(found)
 
 
-def _found(cells: CellTable) -> dict[str, Ints]:
+def _found(cells: CellTable) -> dict[str, Integers]:
     """The facets of the boundary, by type."""
     single, _, crowded = matched_facets(cells)
     if crowded >= 0:
@@ -63,7 +60,7 @@ def _found(cells: CellTable) -> dict[str, Ints]:
     return {name: found for name, found in by_type.items() if len(found)}
 
 
-def boundary_nodes(cells: CellTable) -> Ints:
+def boundary_nodes(cells: CellTable) -> Integers:
     """(b,) node indices of the boundary, ascending, each once; raises as :func:`boundary_facets`."""
     none = np.empty(0, dtype=np.int64)
     return np.unique(np.concatenate([none, *(nodes.ravel() for nodes in boundary_facets(cells).values())]))

@@ -16,8 +16,8 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.boundary_layer_stacks import column_feet
 from mesh_motion_server.numerics.mesh.boundary_layer_wall import MovingWall, WallPlaces, simplices_of
@@ -27,9 +27,6 @@ from mesh_motion_server.numerics.mesh.roles import SLIDING_ROLES, Patch
 
 __all__ = ["LayerNodes", "layer_nodes"]
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Marks = NDArray[np.bool_]
 
 _SHARE = 0.5  # a layer may reach this share of the distance to another boundary
 _FACING = -0.8  # cosine between the directions to the wall and to a sliding wall: on opposite sides, within 37°
@@ -58,9 +55,6 @@ def layer_nodes(
     ----------
     points : (n, d) array, mesh length unit
         Reference coordinates.
-    cells : CellTable
-    patches : mapping of name to Patch
-    wall : MovingWall
     thickness : float, mesh length unit
     """
     limit = (1.0 + _ROUNDING) * thickness

@@ -5,16 +5,13 @@ share the wall node at the foot of their column, even if the column leans over a
 bisector of a concave corner.
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Integers, Marks
 from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["column_feet"]
 
-Integers = NDArray[np.int64]
 
 #: Opposite facets, local node numbers in the same order, by cell type; each pair is used in both directions.
 _OPPOSITE: dict[str, tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]] = {
@@ -33,7 +30,6 @@ def column_feet(cells: CellTable, wall: Integers, layer: Integers, n: int) -> In
 
     Parameters
     ----------
-    cells : CellTable
     wall : (w,) int64 array
         Nodes of the wall.
     layer : (l,) int64 array
@@ -56,7 +52,7 @@ def column_feet(cells: CellTable, wall: Integers, layer: Integers, n: int) -> In
     return feet
 
 
-def _steps(cells: CellTable, possible: NDArray[np.bool_]) -> list[tuple[Integers, Integers]]:
+def _steps(cells: CellTable, possible: Marks) -> list[tuple[Integers, Integers]]:
     """Facets and opposite facets (c, k) of the cells whose nodes are all ``possible`` (n,)."""
     found = []
     for block in cells:

@@ -23,18 +23,15 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from mesh_motion_server.numerics.decomposition import polar
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
+from mesh_motion_server.numerics.decomposition import nearest_rotation
 from mesh_motion_server.numerics.mesh.closest_point import nearest_within
 
 __all__ = ["MovingWall", "WallPlaces", "simplices_of"]
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Marks = NDArray[np.bool_]
 
 _OPPOSITE = 1e-6  # 1 + cosine: directions nearer to opposite have no least rotation
 _ON_CORNER = 1e-9  # share of a facet's corner below which a place does not touch it
@@ -127,9 +124,9 @@ class MovingWall:
         """(w, d, d) rotation at each node when the nodes are at ``moved`` (w, d)."""
         before, after = self.reference[self.simplices], moved[self.simplices]
         frames, own = _frames(before), _frames(after)
-        turned = polar(own @ np.linalg.inv(frames)).rotation
+        turned = nearest_rotation(own @ np.linalg.inv(frames))
         angles = _angles(before)
-        mean = polar(self._summed(turned, angles)).rotation
+        mean = nearest_rotation(self._summed(turned, angles))
         normal = self._summed(frames[:, :, -1], angles)
         goal = self._summed(own[:, :, -1], _angles(after))
         return _least_rotation(np.einsum("wij,wj->wi", mean, normal), goal) @ mean

@@ -6,28 +6,24 @@ positive for an outer boundary and negative for a hole, and keeps its sign as lo
 of a baffle are a hole without volume; when they separate, V becomes negative.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors
 
 __all__ = ["closed_parts", "of_one_width", "overturned_place"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Rounding error of the sum of a part's contributions, relative to their size.
 _ROUNDING = 1e-12
 
 
 def overturned_place(
-    facets: Mapping[str, Ints], prescribed: NDArray[np.bool_], reference: Floats, points: Floats
+    facets: Mapping[str, Integers], prescribed: Marks, reference: Floats, points: Floats
 ) -> Floats | None:
     """Centre (d,) of the first part of the boundary that is turned inside out, None if there is none.
 
@@ -53,7 +49,7 @@ def overturned_place(
     return centre
 
 
-def closed_parts(rows: Ints, prescribed: NDArray[np.bool_], count: int) -> tuple[Ints, NDArray[np.bool_]]:
+def closed_parts(rows: Integers, prescribed: Marks, count: int) -> tuple[Integers, Marks]:
     """(f,) number of the connected part of the boundary of each facet (f, w); (p,) whether all nodes are prescribed."""
     parts = _parts(rows, count)
     whole = np.ones(parts.max() + 1, dtype=bool)
@@ -61,7 +57,7 @@ def closed_parts(rows: Ints, prescribed: NDArray[np.bool_], count: int) -> tuple
     return parts, whole
 
 
-def of_one_width(facets: Mapping[str, Ints]) -> Ints:
+def of_one_width(facets: Mapping[str, Integers]) -> Integers:
     """All facets in one array: (f, 2) in 2D, (f, 4) in 3D with −1 at the end of a triangle."""
     widest = max(nodes.shape[1] for nodes in facets.values())
     width = 4 if widest > 2 else 2
@@ -70,7 +66,7 @@ def of_one_width(facets: Mapping[str, Ints]) -> Ints:
     )
 
 
-def _parts(rows: Ints, count: int) -> Ints:
+def _parts(rows: Integers, count: int) -> Integers:
     """(f,) number of the connected part of the boundary of each facet."""
     ends = np.where(rows[:, 1:] >= 0, rows[:, 1:], rows[:, :1])
     starts = np.broadcast_to(rows[:, :1], ends.shape)
@@ -79,18 +75,18 @@ def _parts(rows: Ints, count: int) -> Ints:
     return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.int64)
 
 
-def _all_of(chosen: NDArray[np.bool_], rows: Ints) -> NDArray[np.bool_]:
+def _all_of(chosen: Marks, rows: Integers) -> Marks:
     """(f,) whether all nodes of a facet are chosen."""
     return np.asarray(np.all(chosen[rows] | (rows < 0), axis=1))
 
 
-def _signs(parts: Ints, contributions: Floats) -> Floats:
+def _signs(parts: Integers, contributions: Floats) -> Floats:
     """(p,) sign of the volume of each part, 0 where the sum of its contributions (f,) is only rounding."""
     volume, largest = np.bincount(parts, contributions), np.bincount(parts, np.abs(contributions))
     return np.where(np.abs(volume) <= _ROUNDING * largest, 0.0, np.sign(volume))
 
 
-def _contributions(places: Floats, rows: Ints) -> Floats:
+def _contributions(places: Floats, rows: Integers) -> Floats:
     """(f,) x · n dA / d of each facet, x from the middle of the domain to reduce rounding."""
     centred = places - 0.5 * (places.min(axis=0) + places.max(axis=0))
     real = (rows >= 0)[:, :, None]

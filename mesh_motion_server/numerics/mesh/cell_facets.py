@@ -12,12 +12,12 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Integers
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
 __all__ = ["CellFacets", "facet_nodes", "matched_facets"]
 
-Ints = NDArray[np.int64]
 #: The shortest integers that hold the numbers: they are stored for meshes of millions of cells.
 Short = NDArray[np.integer[Any]]
 
@@ -50,12 +50,12 @@ class CellFacets:
         return cls(facet_nodes(cells, chosen), (chosen // 8).astype(short), (pairs[:, 1] // 8).astype(short))
 
     @property
-    def boundary(self) -> Ints:
+    def boundary(self) -> Integers:
         """(b, 4) the facets of one cell only."""
         return self.nodes[len(self.neighbour) :].astype(np.int64)
 
 
-def matched_facets(cells: CellTable, *, pairs: bool = False) -> tuple[Ints, Ints, int]:
+def matched_facets(cells: CellTable, *, pairs: bool = False) -> tuple[Integers, Integers, int]:
     """Numbers (b,) of the facets of one cell, ascending, and on request the pairs (m, 2) of the facets of two cells.
 
     The pairs are ordered by their cells; for a facet of more than two cells they name the first ones. The third result
@@ -66,13 +66,13 @@ def matched_facets(cells: CellTable, *, pairs: bool = False) -> tuple[Ints, Ints
     local = np.stack([np.pad(table, ((0, most - len(table)), (0, 0)), constant_values=-1) for table in tables])
     blocks = np.array([block.nodes.shape for block in cells])
     nodes = [block.nodes.reshape(-1) for block in cells]
-    found: tuple[Ints, Ints, int] = kernels.match_facets(
+    found: tuple[Integers, Integers, int] = kernels.match_facets(
         nodes[0] if len(nodes) == 1 else np.concatenate(nodes), blocks, local, pairs
     )
     return found
 
 
-def facet_nodes(cells: CellTable, numbers: Ints) -> Short:
+def facet_nodes(cells: CellTable, numbers: Integers) -> Short:
     """(m, 4) nodes of the facets with these numbers (m,), anticlockwise from outside, filled up with -1."""
     largest = max(int(block.nodes.max()) for block in cells)
     found = np.full((len(numbers), 4), -1, dtype=np.int32 if largest < 2**31 else np.int64)
@@ -84,6 +84,6 @@ def facet_nodes(cells: CellTable, numbers: Ints) -> Short:
     return found
 
 
-def _table(name: str) -> Ints:
+def _table(name: str) -> Integers:
     """(f, 4) local nodes of the facets of a type of cell, filled up with -1."""
     return np.array([facet + (-1,) * (4 - len(facet)) for facet in LOCAL_FACETS[name]], dtype=np.int64)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["CELL_TYPES", "CellBlock", "CellTable", "CellType"]
 
@@ -36,7 +37,6 @@ class CellType:
         As in the mesh file's ``cells_<name>`` and on the wire.
     dimension : int
         1, 2 or 3.
-    n_nodes : int
     corners : tuple of (dimension + 1)-tuples
         Local node numbers (k, a, b[, c]) of each corner simplex, positively oriented in a valid cell.
     ideal : tuple of rows
@@ -61,12 +61,12 @@ class CellType:
         return self.n_nodes == self.dimension + 1
 
     @cached_property
-    def corner_array(self) -> NDArray[np.int64]:
+    def corner_array(self) -> Integers:
         """(n_corners, dimension + 1) local node numbers."""
         return np.array(self.corners, dtype=np.int64)
 
     @cached_property
-    def ideal_array(self) -> NDArray[np.float64]:
+    def ideal_array(self) -> Floats:
         """(dimension, dimension) matrix W."""
         return np.array(self.ideal, dtype=np.float64)
 
@@ -137,13 +137,12 @@ class CellBlock:
 
     Attributes
     ----------
-    type : CellType
     nodes : (m, n_nodes) int64 array
         Node indices, 0-based.
     """
 
     type: CellType
-    nodes: NDArray[np.int64]
+    nodes: Integers
 
     def __len__(self) -> int:
         return len(self.nodes)
@@ -218,7 +217,7 @@ class CellTable:
                 return block, cell - first
         raise IndexError(cell)
 
-    def centres(self, points: NDArray[np.floating], numbers: NDArray[np.integer]) -> NDArray[np.float64]:
+    def centres(self, points: NDArray[np.floating], numbers: NDArray[np.integer]) -> Floats:
         """(s, d) mean of the nodes of each of the cells with these numbers (s,), from positions (n, d)."""
         out = np.empty((len(numbers), points.shape[1]))
         for block, first in zip(self.blocks, self.offsets, strict=False):

@@ -5,20 +5,16 @@ centroid plus the largest facet's radius. Among those candidates the closest poi
 lowest is taken.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.points import padded
 
 __all__ = ["FacetSet", "nearest_within"]
-
-Array = NDArray[np.float64]
 
 
 class FacetSet:
@@ -30,7 +26,7 @@ class FacetSet:
         f > 0.
     """
 
-    def __init__(self, corners: Array) -> None:
+    def __init__(self, corners: Floats) -> None:
         facets, width, self._dimension = corners.shape
         self._corners = padded(corners.reshape(-1, self._dimension)).reshape(facets, width, 3)
         centroids = self._corners.mean(axis=1)
@@ -38,11 +34,11 @@ class FacetSet:
         self._reach = float(np.sqrt(np.max(np.sum(away * away, axis=2))))
         self._tree = cKDTree(centroids)
 
-    def closest(self, points: Array) -> Array:
+    def closest(self, points: Floats) -> Floats:
         """(n, d) points of the facets nearest to (n, d) points."""
         return self.nearest(points)[0]
 
-    def nearest(self, points: Array) -> tuple[Array, NDArray[np.int64]]:
+    def nearest(self, points: Floats) -> tuple[Floats, Integers]:
         """(n, d) points of the facets nearest to (n, d) points, and the row (n,) of the facet of each."""
         facets = np.zeros(len(points), dtype=np.int64)
         if not len(points):
@@ -57,7 +53,7 @@ class FacetSet:
         return np.ascontiguousarray(out[:, : self._dimension]), facets
 
 
-def nearest_within(corners: Array, points: Array, distance: float) -> tuple[Array, NDArray[np.int64]]:
+def nearest_within(corners: Floats, points: Floats, distance: float) -> tuple[Floats, Integers]:
     """The nearest facets within a distance, for facets of very different sizes.
 
     The search radius grows with the largest facet: with facets of a far field it would cover everything. So facets are
@@ -91,12 +87,12 @@ def nearest_within(corners: Array, points: Array, distance: float) -> tuple[Arra
     return places, facets
 
 
-def _near(points: Array, others: Array, distance: float) -> NDArray[np.int64]:
+def _near(points: Floats, others: Floats, distance: float) -> Integers:
     """Rows of the points (n, d) within ``distance`` of one of the others (k, d)."""
     return np.flatnonzero(np.isfinite(cKDTree(others).query(points, distance_upper_bound=distance)[0]))
 
 
-def _by_size(corners: Array) -> Iterator[tuple[NDArray[np.int64], float]]:
+def _by_size(corners: Floats) -> Iterator[tuple[Integers, float]]:
     """Rows of the facets (f, w, d) by octaves of their radius, and the largest radius of each octave."""
     if not len(corners):
         return

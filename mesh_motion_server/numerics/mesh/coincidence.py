@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.boundary_orientation import of_one_width
 from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors
@@ -23,7 +23,7 @@ _SAME_PLACE = 1e-13
 _TOWARDS = 0.5
 
 
-def first_at_place(points: NDArray[np.float64], extent: float) -> NDArray[np.int64]:
+def first_at_place(points: Floats, extent: float) -> Integers:
     """For each point the lowest number of the points closer than 10⁻¹³ of an extent, directly or through a chain.
 
     Parameters
@@ -50,7 +50,7 @@ def first_at_place(points: NDArray[np.float64], extent: float) -> NDArray[np.int
     return np.asarray(first[group][np.searchsorted(distinct, place)])
 
 
-def coincident_nodes(points: NDArray[np.float64], nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+def coincident_nodes(points: Floats, nodes: Integers) -> Integers:
     """(c, 2) pairs of the nodes (b,), ascending, of a mesh ``points`` (n, d): the first at a place, and another."""
     first = nodes[first_at_place(points[nodes], float(np.ptp(bounding_box(points), axis=0).max()))]
     others = first != nodes
@@ -69,13 +69,11 @@ class CoincidentSides:
         The boundary facets with such a node, as :func:`of_one_width` gives them.
     """
 
-    pairs: NDArray[np.int64]
-    facets: NDArray[np.int64]
+    pairs: Integers
+    facets: Integers
 
     @classmethod
-    def build(
-        cls, pairs: NDArray[np.int64], facets: Mapping[str, NDArray[np.int64]], known: NDArray[np.bool_]
-    ) -> CoincidentSides:
+    def build(cls, pairs: Integers, facets: Mapping[str, Integers], known: Marks) -> CoincidentSides:
         """From pairs (c, 2) of :func:`coincident_nodes`, boundary facets by type, and nodes (n,) with known places."""
         alone = np.bincount(pairs[:, 0], minlength=len(known))[pairs[:, 0]] == 1
         pairs = pairs[alone & known[pairs].all(axis=1)]
@@ -84,7 +82,7 @@ class CoincidentSides:
         rows = of_one_width(facets)
         return cls(pairs, rows[np.isin(rows, pairs).any(axis=1)])
 
-    def passing(self, points: NDArray[np.float64]) -> tuple[int, int] | None:
+    def passing(self, points: Floats) -> tuple[int, int] | None:
         """The first pair of nodes that have passed through each other at ``points`` (n, d); None if there is none."""
         normals = np.zeros_like(points)
         areas = area_vectors(points, self.facets)

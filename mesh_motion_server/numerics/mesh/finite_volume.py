@@ -18,8 +18,6 @@ OpenFOAM v1912, src/OpenFOAM/meshes: ``primitiveMeshFaceCentresAndAreas``, ``pri
 ``primitiveMeshTools::faceOrthogonality``, ``::faceSkewness``, ``::boundaryFaceSkewness``, ``polyMeshTools::volRatio``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -28,6 +26,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.cell_facets import CellFacets
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellBlock, CellTable
 from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
@@ -42,7 +41,6 @@ __all__ = [
     "face_measures",
 ]
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.integer[Any]]
 
 #: Cells or faces per batch: about ten megabytes of coordinates.
@@ -126,7 +124,6 @@ def face_measures(points: NDArray[np.floating], cells: CellTable) -> FaceMeasure
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-    cells : CellTable
 
     Notes
     -----
@@ -304,7 +301,7 @@ def extruded_cells(cells: CellTable, count: int) -> CellTable:
     )
 
 
-def extruded_points(points: NDArray[np.floating]) -> NDArray[np.float64]:
+def extruded_points(points: NDArray[np.floating]) -> Floats:
     """(2 n, 3) nodes of one layer about as high as a cell is wide, from positions (n, 2), mesh length unit."""
     n = len(points)
     height = float(np.sqrt(np.prod(np.ptp(points, axis=0)) / max(n, 1))) or 1.0

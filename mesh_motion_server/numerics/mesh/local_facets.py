@@ -1,7 +1,5 @@
 """The local nodes of each facet of a cell: a table that needs no compiled code."""
 
-from __future__ import annotations
-
 __all__ = ["LOCAL_FACETS"]
 
 #: Local node numbers of each cell type's facets, seen anticlockwise from outside (an edge has its cell on the left).

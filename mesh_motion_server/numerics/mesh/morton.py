@@ -5,10 +5,10 @@ References
 G. M. Morton, A computer oriented geodetic data base and a new technique in file sequencing, IBM (1966).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["morton_codes"]
 
@@ -34,7 +34,7 @@ _SPREAD = {
 }
 
 
-def morton_codes(points: NDArray[np.float64]) -> NDArray[np.uint64]:
+def morton_codes(points: Floats) -> NDArray[np.uint64]:
     """Morton code of each point in the bounding box of all points.
 
     Parameters

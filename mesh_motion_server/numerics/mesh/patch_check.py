@@ -1,7 +1,5 @@
 """Checks that the patches of a mesh are usable and cover its boundary."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import combinations
 
@@ -11,12 +9,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Integers, Marks
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import ROLES, Patch
 
 __all__ = ["check_patches", "nodes_behind_fixed", "patch_warnings"]
-
-Ints = NDArray[np.int64]
 
 
 def check_patches(n: int, patches: Mapping[str, Patch]) -> None:
@@ -26,7 +23,6 @@ def check_patches(n: int, patches: Mapping[str, Patch]) -> None:
     ----------
     n : int
         Number of nodes of the mesh.
-    patches : mapping of name to Patch
 
     Raises
     ------
@@ -78,7 +74,7 @@ def _check_nodes(n: int, name: str, nodes: NDArray[np.integer]) -> None:
         )
 
 
-def patch_warnings(boundary: Ints, patches: Mapping[str, Patch], resting: Ints) -> list[str]:
+def patch_warnings(boundary: Integers, patches: Mapping[str, Patch], resting: Integers) -> list[str]:
     """Warnings about usable patches.
 
     Parameters
@@ -93,7 +89,7 @@ def patch_warnings(boundary: Ints, patches: Mapping[str, Patch], resting: Ints) 
     return [*_inside(boundary, patches), *_uncovered(boundary, patches, resting), *_shared(patches)]
 
 
-def nodes_behind_fixed(n: int, cells: CellTable, boundary: Ints, patches: Mapping[str, Patch]) -> Ints:
+def nodes_behind_fixed(n: int, cells: CellTable, boundary: Integers, patches: Mapping[str, Patch]) -> Integers:
     """Boundary nodes (r,) in no patch that fixed nodes separate from all other patches: mostly nodes of halo cells.
 
     Interpolation does not use the cells, so it would move these nodes although fixed nodes separate them.
@@ -114,7 +110,7 @@ def nodes_behind_fixed(n: int, cells: CellTable, boundary: Ints, patches: Mappin
     return floating[meets[part[floating]]]
 
 
-def _parts(n: int, cells: CellTable, joined: NDArray[np.bool_]) -> Ints:
+def _parts(n: int, cells: CellTable, joined: Marks) -> Integers:
     """(n,) number of the part of the mesh of each node, if only ``joined`` (n,) nodes connect cells."""
     pairs = []
     for block in cells:
@@ -126,7 +122,7 @@ def _parts(n: int, cells: CellTable, joined: NDArray[np.bool_]) -> Ints:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def _inside(boundary: Ints, patches: Mapping[str, Patch]) -> list[str]:
+def _inside(boundary: Integers, patches: Mapping[str, Patch]) -> list[str]:
     """A warning about patch nodes that are not on the boundary."""
     found = []
     for name, patch in patches.items():
@@ -138,7 +134,7 @@ def _inside(boundary: Ints, patches: Mapping[str, Patch]) -> list[str]:
     return found
 
 
-def _uncovered(boundary: Ints, patches: Mapping[str, Patch], resting: Ints) -> list[str]:
+def _uncovered(boundary: Integers, patches: Mapping[str, Patch], resting: Integers) -> list[str]:
     """A warning about boundary nodes in no patch, and how they move."""
     fates = {
         "nothing holds them: they follow the interpolation like interior nodes": np.setdiff1d(
@@ -154,7 +150,7 @@ def _uncovered(boundary: Ints, patches: Mapping[str, Patch], resting: Ints) -> l
     ]
 
 
-def _floating(boundary: Ints, patches: Mapping[str, Patch]) -> Ints:
+def _floating(boundary: Integers, patches: Mapping[str, Patch]) -> Integers:
     """Boundary nodes (f,) in no patch."""
     return np.setdiff1d(boundary, np.concatenate([patch.nodes for patch in patches.values()]))
 

@@ -11,18 +11,14 @@ W. Kabsch, "A solution for the best rotation to relate two sets of vectors", Act
 Murray, Z. Li, S. S. Sastry, *A Mathematical Introduction to Robotic Manipulation*, CRC 1994, §2.3 (twists).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["RigidMotion", "fit_rigid_motion", "split_rigid", "substeps"]
 
-Array = NDArray[np.float64]
 
 #: Directions with less than this share of the points' spread are ignored: their rotation is not determined.
 _DEGENERATE = 1e-12
@@ -43,17 +39,17 @@ class RigidMotion:
         Unit vector; (0, 0, 1) in 1D and 2D.
     """
 
-    centre: Array
-    translation: Array
+    centre: Floats
+    translation: Floats
     angle: float
-    axis: Array
+    axis: Floats
 
     @property
-    def rotation(self) -> Array:
+    def rotation(self) -> Floats:
         """(d, d) matrix R."""
         return _rotation(self.axis, self.angle, self.centre.size)
 
-    def apply(self, points: Array, fraction: float = 1.0) -> Array:
+    def apply(self, points: Floats, fraction: float = 1.0) -> Floats:
         """(n, d) points carried along the motion of constant twist, up to a fraction of it."""
         turn = _rotation(self.axis, fraction * self.angle, self.centre.size)
         relative = points - self.centre
@@ -62,18 +58,18 @@ class RigidMotion:
             carried += column[:, None] * direction
         return carried
 
-    def _path(self, fraction: float) -> Array:
+    def _path(self, fraction: float) -> Floats:
         """Displacement of the centre after a fraction: ``∫₀ᵗ R(sθ) ds (∫₀¹ R(sθ) ds)⁻¹ translation``."""
         if self.angle == 0.0 or fraction in {0.0, 1.0}:
             return fraction * self.translation
         d = self.centre.size
         whole = _mean_rotation(self.axis, self.angle, d)
         part = fraction * _mean_rotation(self.axis, fraction * self.angle, d)
-        moved: Array = part @ np.linalg.solve(whole, self.translation)
+        moved: Floats = part @ np.linalg.solve(whole, self.translation)
         return moved
 
 
-def fit_rigid_motion(points: Array, moved: Array) -> RigidMotion:
+def fit_rigid_motion(points: Floats, moved: Floats) -> RigidMotion:
     """The rigid motion that takes points closest to their moved positions, in least squares (Kabsch).
 
     If the points do not determine the motion, a fixed rule decides: no rotation for a single place, the smallest
@@ -82,49 +78,32 @@ def fit_rigid_motion(points: Array, moved: Array) -> RigidMotion:
     Parameters
     ----------
     points, moved : (k, d) arrays, mesh length unit
-
-    Raises
-    ------
-    InvalidInput
-        If the shapes differ or there is no point.
+        k > 0.
     """
-    if points.ndim != 2 or points.shape != moved.shape or not len(points):
-        raise InvalidInput(
-            f"expected points and moved points of one shape (k, d), k > 0, got {points.shape} and {moved.shape}",
-            code="INVALID_ARGUMENT.SHAPE",
-        )
     centre, goal = points.mean(axis=0), moved.mean(axis=0)
     angle, axis = _fitted_rotation(points - centre, moved - goal)
     return RigidMotion(centre, goal - centre, angle, axis)
 
 
-def split_rigid(points: Array, displacement: Array) -> tuple[RigidMotion, Array]:
+def split_rigid(points: Floats, displacement: Floats) -> tuple[RigidMotion, Floats]:
     """The rigid part of a displacement, and the (k, d) remainder: ``x + u = rigid(x) + remainder``."""
     rigid = fit_rigid_motion(points, points + displacement)
     return rigid, points + displacement - rigid.apply(points)
 
 
-def substeps(points: Array, displacement: Array, count: int) -> Array:
+def substeps(points: Floats, displacement: Floats, count: int) -> Floats:
     """Cumulative displacements along the path from rest to a displacement.
 
     Parameters
     ----------
     points : (k, d) array, mesh length unit
     displacement : (k, d) array, mesh length unit
-    count : int
 
     Returns
     -------
     (count, k, d) array
         ``[s]`` after step s + 1; the last is ``displacement``, bitwise.
-
-    Raises
-    ------
-    InvalidInput
-        If the count is less than 1.
     """
-    if count < 1:
-        raise InvalidInput(f"expected at least one sub-step, got {count}")
     out = np.empty((count, *displacement.shape))
     out[-1] = displacement
     if count == 1:
@@ -137,7 +116,7 @@ def substeps(points: Array, displacement: Array, count: int) -> Array:
     return out
 
 
-def _fitted_rotation(x: Array, y: Array) -> tuple[float, Array]:
+def _fitted_rotation(x: Floats, y: Floats) -> tuple[float, Floats]:
     """Angle and axis of the best rotation of centred points."""
     d = x.shape[1]
     up = np.array([0.0, 0.0, 1.0])
@@ -164,7 +143,7 @@ def _plane_angle(cosine: float, sine: float, scale: float) -> float:
     return float(np.arctan2(sine, cosine))
 
 
-def _smallest_rotation(a: Array, b: Array) -> tuple[float, Array]:
+def _smallest_rotation(a: Floats, b: Floats) -> tuple[float, Floats]:
     """Angle and axis of the least rotation from unit vector a to unit vector b."""
     normal = np.cross(a, b)
     sine = float(np.linalg.norm(normal))
@@ -174,7 +153,7 @@ def _smallest_rotation(a: Array, b: Array) -> tuple[float, Array]:
     return float(np.arctan2(sine, float(a @ b))), normal / sine
 
 
-def _angle_axis(r: Array) -> tuple[float, Array]:
+def _angle_axis(r: Floats) -> tuple[float, Floats]:
     """Angle in [0, π] and axis of a rotation matrix."""
     skew = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / 2.0
     sine, cosine = float(np.linalg.norm(skew)), (float(np.trace(r)) - 1.0) / 2.0
@@ -192,29 +171,29 @@ def _angle_axis(r: Array) -> tuple[float, Array]:
     return angle, axis if float(axis @ skew) > 0.0 else -axis
 
 
-def _upward(axis: Array) -> Array:
+def _upward(axis: Floats) -> Floats:
     """The axis or its opposite, with a positive largest component."""
-    upward: Array = axis * np.sign(axis[int(np.argmax(np.abs(axis)))])
+    upward: Floats = axis * np.sign(axis[int(np.argmax(np.abs(axis)))])
     return upward
 
 
-def _rotation(axis: Array, angle: float, d: int) -> Array:
+def _rotation(axis: Floats, angle: float, d: int) -> Floats:
     """(d, d) rotation matrix, by Rodrigues' formula."""
     if angle == 0.0:
         return np.eye(d)
     k = _cross_matrix(axis)
-    full: Array = np.eye(3) + np.sin(angle) * k + 2.0 * np.sin(angle / 2.0) ** 2 * (k @ k)
+    full: Floats = np.eye(3) + np.sin(angle) * k + 2.0 * np.sin(angle / 2.0) ** 2 * (k @ k)
     return full[:d, :d]
 
 
-def _mean_rotation(axis: Array, angle: float, d: int) -> Array:
+def _mean_rotation(axis: Floats, angle: float, d: int) -> Floats:
     """(d, d) matrix ``∫₀¹ R(sθ) ds``; invertible for |θ| < 2π."""
     k = _cross_matrix(axis)
     half = np.sinc(angle / (2.0 * np.pi))
     first = half * np.sin(angle / 2.0)  # (1 − cos θ)/θ
-    full: Array = np.eye(3) + first * k + (1.0 - np.sinc(angle / np.pi)) * (k @ k)
+    full: Floats = np.eye(3) + first * k + (1.0 - np.sinc(angle / np.pi)) * (k @ k)
     return full[:d, :d]
 
 
-def _cross_matrix(a: Array) -> Array:
+def _cross_matrix(a: Floats) -> Floats:
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])

@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.paths import RigidMotion
@@ -24,8 +24,6 @@ from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 
 __all__ = ["PeriodicNodes"]
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Two rotations are equal if their entries differ by less.
 _UNCHANGED = 1e-9
@@ -47,18 +45,17 @@ class PeriodicNodes:
         Turn the root's displacement into the member's.
     projectors : (p, d, d) array
         Onto the displacements that the root's orbit allows; the identity except for nodes on an axis.
-    pairs : tuple of PeriodicPair
     """
 
-    reference: Array
+    reference: Floats
     members: Integers
     roots: Integers
-    rotations: Array
-    projectors: Array
+    rotations: Floats
+    projectors: Floats
     pairs: tuple[PeriodicPair, ...]
 
     @classmethod
-    def of_pairs(cls, points: Array, pairs: Sequence[PeriodicPair]) -> PeriodicNodes:
+    def of_pairs(cls, points: Floats, pairs: Sequence[PeriodicPair]) -> PeriodicNodes:
         """The orbits of the pairs of a mesh with reference coordinates ``points`` (n, d)."""
         links: dict[int, list[tuple[int, Transform]]] = {}
         for pair in pairs:
@@ -82,7 +79,7 @@ class PeriodicNodes:
 
     @classmethod
     def build(
-        cls, points: Array, cells: CellTable, patches: Mapping[str, Patch], roles: BoundaryRoles
+        cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch], roles: BoundaryRoles
     ) -> PeriodicNodes | None:
         """The orbits of a mesh with reference coordinates ``points`` (n, d); None without periodic patches.
 
@@ -114,7 +111,7 @@ class PeriodicNodes:
         number[self.members] = self.roots
         return np.asarray(number[nodes])
 
-    def tied(self, positions: Array, left: Integers) -> Array:
+    def tied(self, positions: Floats, left: Integers) -> Floats:
         """Positions (n, d) with every orbit placed by its root; the nodes ``left`` (k,) stay unchanged."""
         out = positions.copy()
         others = self.of(~np.isin(self.members, left))
@@ -122,17 +119,17 @@ class PeriodicNodes:
         return out
 
     @property
-    def on_axis(self) -> NDArray[np.bool_]:
+    def on_axis(self) -> Marks:
         """(p,) members that a rotation of their orbit maps onto themselves."""
         return np.asarray((self.projectors != np.eye(self.reference.shape[1])).any(axis=(1, 2)))
 
-    def of(self, chosen: NDArray[np.bool_]) -> PeriodicNodes:
+    def of(self, chosen: Marks) -> PeriodicNodes:
         """The ``chosen`` (p,) members alone."""
         rotations, projectors = self.rotations[chosen], self.projectors[chosen]
         roots = self.roots[chosen]
         return PeriodicNodes(self.reference, self.members[chosen], roots, rotations, projectors, self.pairs)
 
-    def closed(self, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def closed(self, marked: Marks) -> Marks:
         """The marked (n,) nodes and all their images."""
         found = np.zeros(len(marked), dtype=bool)
         found[self.roots[marked[self.members]]] = True
@@ -140,7 +137,7 @@ class PeriodicNodes:
         out[self.members] |= found[self.roots]
         return out
 
-    def images(self, positions: Array) -> Array:
+    def images(self, positions: Floats) -> Floats:
         """Positions (p, d) of the members when their roots are at ``positions`` (p, d)."""
         origin, own = self.reference[self.roots], self.reference[self.members]
         step = np.einsum("pij,pj->pi", self.projectors, positions - origin)
@@ -149,14 +146,14 @@ class PeriodicNodes:
         straight &= (self.projectors == np.eye(own.shape[1])).all(axis=2)
         return np.where(straight & (origin == own), positions, own + turned)
 
-    def carry(self, origin: Array, goal: Array) -> RigidMotion | None:
+    def carry(self, origin: Floats, goal: Floats) -> RigidMotion | None:
         """The mean translation that takes control points from origin to goal (k, d); None if the period rotates."""
         if self.turns:
             return None
         shift = np.asarray((goal - origin).mean(axis=0))
         return RigidMotion(np.zeros(len(shift)), shift, 0.0, np.array([0.0, 0.0, 1.0]))
 
-    def check_targets(self, moving: Integers, targets: Array) -> None:
+    def check_targets(self, moving: Integers, targets: Floats) -> None:
         """Refuse targets (k, d) of the moving nodes (k,) that separate a pair.
 
         Raises
@@ -208,7 +205,7 @@ class PeriodicNodes:
             )
 
 
-def _orbit(root: int, links: Mapping[int, list[tuple[int, Transform]]], d: int) -> tuple[dict[int, Array], Array]:
+def _orbit(root: int, links: Mapping[int, list[tuple[int, Transform]]], d: int) -> tuple[dict[int, Floats], Floats]:
     """Rotation from the root to each node of its orbit, and the projector onto what all its cycles leave unchanged."""
     found = {root: np.eye(d)}
     round_trips = [np.zeros((1, d))]

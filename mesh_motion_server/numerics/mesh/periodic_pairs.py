@@ -7,25 +7,21 @@ along it. In both cases every node must then have an image among the other patch
 spacing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
 from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors
 from mesh_motion_server.numerics.mesh.spacing import local_spacing
 
 __all__ = ["PeriodicPair", "periodic_pairs"]
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Largest error of an image, as a share of the distance to the nearest other node of its patch.
 _TOLERANCE = 1e-3
@@ -72,13 +68,13 @@ class _Side:
 
     name: str
     nodes: Integers
-    places: Array
-    spacing: Array
-    area: Array
+    places: Floats
+    spacing: Floats
+    area: Floats
 
 
 def periodic_pairs(
-    points: Array, facets: Mapping[str, Integers], patches: Mapping[str, Integers]
+    points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Integers]
 ) -> tuple[PeriodicPair, ...]:
     """Pair the periodic patches.
 
@@ -109,7 +105,7 @@ def periodic_pairs(
     return tuple(pairs)
 
 
-def _side(points: Array, facets: Mapping[str, Integers], name: str, nodes: Integers) -> _Side:
+def _side(points: Floats, facets: Mapping[str, Integers], name: str, nodes: Integers) -> _Side:
     places = points[nodes]
     spacing = np.full(len(nodes), float(np.ptp(points, axis=0).max()))
     if len(nodes) > 1:
@@ -124,7 +120,7 @@ def _side(points: Array, facets: Mapping[str, Integers], name: str, nodes: Integ
     return _Side(name, nodes, places, spacing, area)
 
 
-def _images(first: _Side, second: _Side, transform: Transform) -> tuple[Array, Integers]:
+def _images(first: _Side, second: _Side, transform: Transform) -> tuple[Floats, Integers]:
     """Distance (p,) of each transformed node of the first side to the second's nearest node, and that node's row."""
     distance, rows = cKDTree(second.places).query(transform(first.places))
     return np.asarray(distance), np.asarray(rows, dtype=np.int64)
@@ -164,7 +160,7 @@ def _rotations(first: _Side, second: _Side) -> Iterator[Transform]:
     yield from sorted(found, key=lambda transform: abs(_angle(transform.rotation)))
 
 
-def _faces(transform: Transform, first: Array, second: Array) -> bool:
+def _faces(transform: Transform, first: Floats, second: Floats) -> bool:
     """Whether the first side's outward area vector maps to the second's inward one: the domain continues behind it."""
     if len(first) == 1:  # the ends of a line
         return True
@@ -191,7 +187,7 @@ def _rigid_candidates(first: _Side, second: _Side) -> Iterator[Transform]:
             )
 
 
-def _fitted(origin: Array, goal: Array) -> Transform:
+def _fitted(origin: Floats, goal: Floats) -> Transform:
     """The proper rigid motion that takes origin (m, d) closest to goal (m, d) (Kabsch)."""
     a, b = origin.mean(axis=0), goal.mean(axis=0)
     u, _, vt = np.linalg.svd((origin - a).T @ (goal - b))
@@ -219,7 +215,7 @@ def _as_sector(found: Transform, spacing: float) -> Transform | None:
     return Transform.about(centre, abs(exact), axis)
 
 
-def _angle(rotation: Array) -> float:
+def _angle(rotation: Floats) -> float:
     """Angle of a rotation, signed in the plane, 0 … π in space."""
     if len(rotation) == 2:
         return math.atan2(rotation[1, 0], rotation[0, 0])
@@ -232,10 +228,10 @@ def _sectors(angle: float) -> int:
     return round(2.0 * math.pi / abs(angle)) if abs(angle) > 1e-6 else 0
 
 
-def _axis(rotation: Array) -> Array:
+def _axis(rotation: Floats) -> Floats:
     """Unit axis (3,) about which a rotation turns anticlockwise."""
     skew = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
-    axis: Array = np.linalg.svd(rotation - np.eye(3))[2][-1].astype(np.float64)
+    axis: Floats = np.linalg.svd(rotation - np.eye(3))[2][-1].astype(np.float64)
     axis = -axis if axis @ skew < 0.0 else axis
     largest = int(np.argmax(np.abs(axis)))
     if np.abs(np.delete(axis, largest)).max() < _AXIS:

@@ -1,14 +1,13 @@
 """Points of one, two or three coordinates: padded to three coordinates, and their bounding box."""
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["bounding_box", "padded"]
 
 
-def padded(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def padded(points: Floats) -> Floats:
     """(n, 3) contiguous copy of (n, d) points; missing coordinates are zero."""
     n, d = points.shape
     if d == 3:
@@ -18,6 +17,6 @@ def padded(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return out
 
 
-def bounding_box(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def bounding_box(points: Floats) -> Floats:
     """(2, d) lower and upper corner of (n, d) points; column by column, which is ten times faster than along rows."""
     return np.array([[column.min() for column in points.T], [column.max() for column in points.T]])

@@ -7,13 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["Transform", "generated_group"]
 
-Array = NDArray[np.float64]
 
 #: Elements that differ by less (a rotation's entries, a shift relative to the scale) are equal but for rounding.
 _SAME = 1e-6
@@ -32,19 +31,19 @@ class Transform:
         s.
     """
 
-    rotation: Array
-    shift: Array
+    rotation: Floats
+    shift: Floats
 
     @classmethod
     def identity(cls, dimension: int) -> Transform:
         return cls(np.eye(dimension), np.zeros(dimension))
 
     @classmethod
-    def translation(cls, shift: Array) -> Transform:
+    def translation(cls, shift: Floats) -> Transform:
         return cls(np.eye(len(shift)), shift)
 
     @classmethod
-    def about(cls, centre: Array, angle: float, axis: Array | None = None) -> Transform:
+    def about(cls, centre: Floats, angle: float, axis: Floats | None = None) -> Transform:
         """Rotation by an angle about a point of the plane, or about an axis (3,) through a point of space."""
         if axis is None:
             c, s = math.cos(angle), math.sin(angle)
@@ -59,7 +58,7 @@ class Transform:
         """Whether the transform rotates."""
         return not np.array_equal(self.rotation, np.eye(len(self.shift)))
 
-    def __call__(self, points: Array) -> Array:
+    def __call__(self, points: Floats) -> Floats:
         """Images (n, d) of points (n, d)."""
         return np.asarray(points @ self.rotation.T + self.shift) if self.turns else points + self.shift
 
@@ -82,11 +81,8 @@ def generated_group(
 
     Parameters
     ----------
-    generators : sequence of Transform
-    dimension : int
     scale : float, mesh length unit
         Scale of the shifts, to distinguish elements.
-    wanted : callable
 
     Raises
     ------

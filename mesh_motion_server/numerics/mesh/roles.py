@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Integers
 
 __all__ = ["ROLES", "SLIDING_ROLES", "BoundaryRoles", "Patch"]
 
@@ -36,7 +36,7 @@ class Patch:
     """
 
     role: str
-    nodes: NDArray[np.int64]
+    nodes: Integers
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +53,10 @@ class BoundaryRoles:
         Nodes of periodic patches with none of these roles.
     """
 
-    moving: NDArray[np.int64]
-    fixed: NDArray[np.int64]
-    sliding: NDArray[np.int64]
-    periodic: NDArray[np.int64]
+    moving: Integers
+    fixed: Integers
+    sliding: Integers
+    periodic: Integers
 
     @classmethod
     def from_patches(cls, patches: Mapping[str, Patch]) -> BoundaryRoles:
@@ -81,17 +81,17 @@ class BoundaryRoles:
         return cls(moving, fixed, sliding, periodic)
 
     @cached_property
-    def prescribed(self) -> NDArray[np.int64]:
+    def prescribed(self) -> Integers:
         """(k + f,) moving and fixed nodes, ascending."""
         return np.union1d(self.moving, self.fixed)
 
     @cached_property
-    def all(self) -> NDArray[np.int64]:
+    def all(self) -> Integers:
         """(k + f + s,) all nodes with a prescribed position and all sliding nodes, ascending: the control points."""
         return np.union1d(self.prescribed, self.sliding)
 
 
-def _nodes(patches: Mapping[str, Patch], roles: tuple[str, ...]) -> NDArray[np.int64]:
+def _nodes(patches: Mapping[str, Patch], roles: tuple[str, ...]) -> Integers:
     """(p,) nodes of all patches with one of these roles, ascending, each once."""
     chosen = [np.asarray(p.nodes, dtype=np.int64) for p in patches.values() if p.role in roles]
     return np.unique(np.concatenate(chosen)) if chosen else np.empty(0, dtype=np.int64)

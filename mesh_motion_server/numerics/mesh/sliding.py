@@ -18,9 +18,9 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
@@ -28,9 +28,6 @@ from mesh_motion_server.numerics.mesh.smooth_pieces import Piece, sides, smooth_
 from mesh_motion_server.numerics.mesh.surface_constraints import Held, OnFacets, OnPlanes, SurfaceConstraint
 
 __all__ = ["SlidingSurfaces"]
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +47,14 @@ class SlidingSurfaces:
     """
 
     nodes: Integers
-    reference: Array
+    reference: Floats
     groups: tuple[tuple[Integers, SurfaceConstraint], ...]
     pieces: tuple[Piece, ...] = ()
 
     @classmethod
     def build(
         cls,
-        points: Array,
+        points: Floats,
         cells: CellTable,
         patches: Mapping[str, Integers],
         nodes: Integers,
@@ -71,7 +68,6 @@ class SlidingSurfaces:
         ----------
         points : (n, d) array, mesh length unit
             Reference coordinates.
-        cells : CellTable
         patches : dict of (p,) int64 arrays
             Node indices of each slip or symmetry patch, including nodes with another role of higher precedence.
         nodes : (s,) int64 array
@@ -101,30 +97,14 @@ class SlidingSurfaces:
         )
         return cls(nodes, points[nodes], groups, tuple(pieces))
 
-    def project(self, positions: Array) -> Array:
-        """Put positions back onto the surfaces.
-
-        Parameters
-        ----------
-        positions : (s, d) array, mesh length unit
-            Unconstrained positions of the sliding nodes; a row for each of ``nodes``.
-
-        Returns
-        -------
-        (s, d) array
-            The nearest admissible positions.
-        """
-        if positions.shape != self.reference.shape:
-            raise InvalidInput(
-                f"expected positions of shape {self.reference.shape}, a row a sliding node, got {positions.shape}",
-                code="INVALID_ARGUMENT.SHAPE",
-            )
+    def project(self, positions: Floats) -> Floats:
+        """The admissible positions nearest to ``positions`` (s, d), a row for each of ``nodes``; mesh length unit."""
         out = np.empty_like(self.reference)
         for rows, constraint in self.groups:
             out[rows] = constraint.project(positions[rows], self.reference[rows])
         return out
 
-    def tangents(self, positions: Array) -> Array:
+    def tangents(self, positions: Floats) -> Floats:
         """(s, d, d) projectors onto the directions in which nodes at admissible positions (s, d) may move."""
         out = np.empty((*positions.shape, positions.shape[1]))
         for rows, constraint in self.groups:
@@ -138,14 +118,14 @@ class SlidingSurfaces:
             out[rows] = constraint.freedom
         return out
 
-    def of(self, chosen: NDArray[np.bool_]) -> SlidingSurfaces:
+    def of(self, chosen: Marks) -> SlidingSurfaces:
         """The constraints of some of the nodes: where ``chosen`` (s,) is true."""
         number = np.cumsum(chosen) - 1
         groups = tuple((number[rows[chosen[rows]]], c) for rows, c in self.groups if chosen[rows].any())
         return SlidingSurfaces(self.nodes[chosen], self.reference[chosen], groups, self.pieces)
 
 
-def _pieces(points: Array, facets: dict[str, Integers], patches: Mapping[str, Integers]) -> list[Piece]:
+def _pieces(points: Floats, facets: dict[str, Integers], patches: Mapping[str, Integers]) -> list[Piece]:
     """The smooth pieces of the patches; facets on two patches count once."""
     found: dict[bytes, Piece] = {}
     for name in sorted(patches):
@@ -179,7 +159,7 @@ def _refuse_stray(keys: list[tuple[int, ...]], patches: Mapping[str, Integers], 
         )
 
 
-def _refuse_curved(points: Array, name: str, pieces: list[Piece]) -> None:
+def _refuse_curved(points: Floats, name: str, pieces: list[Piece]) -> None:
     """Raise if a piece of a symmetry patch is not planar; names its node farthest from the best plane."""
     curved = next((piece for piece in pieces if piece.normal is None), None)
     if curved is None:
@@ -195,7 +175,7 @@ def _refuse_curved(points: Array, name: str, pieces: list[Piece]) -> None:
     )
 
 
-def _constraint(points: Array, pieces: list[Piece], images: Sequence[Transform]) -> SurfaceConstraint:
+def _constraint(points: Floats, pieces: list[Piece], images: Sequence[Transform]) -> SurfaceConstraint:
     """The constraint of a node on these pieces."""
     normals = [piece.normal for piece in pieces if piece.normal is not None]
     if len(normals) == len(pieces):

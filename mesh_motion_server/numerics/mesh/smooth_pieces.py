@@ -4,20 +4,17 @@ A patch may be one side of a box, all of its sides, or a pipe with its ends: nod
 not round a sharp edge. Facets that share a side and whose normals differ by less than 40° belong to one piece.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
+
 __all__ = ["Piece", "area_vectors", "sides", "smooth_pieces"]
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Edges with a larger angle are sharp: a circle of ten segments is still smooth, a hexagon is not.
 _SMOOTH_COSINE = float(np.cos(np.radians(40.0)))
@@ -43,7 +40,7 @@ class Piece:
 
     nodes: Integers
     facets: Integers
-    normal: Array | None
+    normal: Floats | None
 
     @property
     def simplices(self) -> Integers:
@@ -54,7 +51,7 @@ class Piece:
         return np.concatenate([self.facets[:, :3], quads[:, [0, 2, 3]]])
 
 
-def smooth_pieces(points: Array, facets: dict[str, Integers], nodes: Integers) -> list[Piece]:
+def smooth_pieces(points: Floats, facets: dict[str, Integers], nodes: Integers) -> list[Piece]:
     """Smooth pieces of the boundary facets that have all their nodes in a patch.
 
     Parameters
@@ -100,7 +97,7 @@ def _widened(block: Integers, width: int) -> Integers:
     return out
 
 
-def area_vectors(points: Array, facets: Integers) -> Array:
+def area_vectors(points: Floats, facets: Integers) -> Floats:
     """(f, d) outward normals times area (length in 2D, 1 in 1D) of facets (f, w) as in :class:`Piece`."""
     if facets.shape[1] == 1:
         return np.ones((len(facets), 1))
@@ -110,11 +107,11 @@ def area_vectors(points: Array, facets: Integers) -> Array:
     fourth = np.where(facets[:, 3] >= 0, facets[:, 3], facets[:, 0])
     diagonal = points[facets[:, 2]] - points[facets[:, 0]]
     other = points[fourth] - points[facets[:, 1]]
-    areas: Array = np.cross(diagonal, other) / 2.0
+    areas: Floats = np.cross(diagonal, other) / 2.0
     return areas
 
 
-def _components(facets: Integers, areas: Array) -> Integers:
+def _components(facets: Integers, areas: Floats) -> Integers:
     """Label of each facet's smooth component."""
     keys, owners = sides(facets)
     order = np.lexsort(keys.T[::-1])
@@ -127,7 +124,7 @@ def _components(facets: Integers, areas: Array) -> Integers:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def _collect(points: Array, facets: Integers, areas: Array, labels: Integers) -> Iterator[Piece]:
+def _collect(points: Floats, facets: Integers, areas: Floats, labels: Integers) -> Iterator[Piece]:
     """The pieces, by label."""
     for label in range(int(labels.max()) + 1):
         own = labels == label
@@ -136,12 +133,12 @@ def _collect(points: Array, facets: Integers, areas: Array, labels: Integers) ->
         yield Piece(nodes, facets[own], _plane_normal(points[nodes], areas[own].sum(axis=0)))
 
 
-def _plane_normal(points: Array, area: Array) -> Array | None:
+def _plane_normal(points: Floats, area: Floats) -> Floats | None:
     """Unit normal of the plane through the points, if there is one."""
     length = float(np.linalg.norm(area))
     if length == 0.0:
         return None
-    normal: Array = area / length
+    normal: Floats = area / length
     axis = int(np.argmax(np.abs(normal)))
     if 1.0 - abs(normal[axis]) < _AXIS**2 or np.all(np.abs(np.delete(normal, axis)) < _AXIS):
         normal = np.eye(len(normal))[axis]

@@ -1,15 +1,14 @@
 """The distance between neighbouring points."""
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["local_spacing"]
 
 
-def local_spacing(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def local_spacing(points: Floats) -> Floats:
     """(n,) distance of each of (n, d) points to its nearest neighbour, mesh length unit; infinite for a single one."""
     if len(points) < 2:
         return np.full(len(points), np.inf)

@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.closest_point import FacetSet
 from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
 
 __all__ = ["Held", "OnFacets", "OnPlanes", "SurfaceConstraint"]
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Planes whose normals differ by less (as a sine) count as one plane: their line of intersection is not determined.
 _PARALLEL = 1e-6
@@ -34,11 +32,11 @@ class SurfaceConstraint(Protocol):
         """Dimension of the space of directions in which a node may move: 0 if it stays."""
         ...
 
-    def project(self, positions: Array, reference: Array) -> Array:
+    def project(self, positions: Floats, reference: Floats) -> Floats:
         """The admissible positions (m, d) nearest to the given ones, of nodes with ``reference`` positions (m, d)."""
         ...
 
-    def tangents(self, positions: Array) -> Array:
+    def tangents(self, positions: Floats) -> Floats:
         """(m, d, d) orthogonal projectors onto the directions in which nodes at admissible positions (m, d) can go."""
         ...
 
@@ -47,12 +45,12 @@ class SurfaceConstraint(Protocol):
 class OnPlanes:
     """Orthonormal normals (r, d) of the planes through each node's reference place."""
 
-    normals: Array
+    normals: Floats
 
     @classmethod
-    def from_normals(cls, normals: Sequence[Array]) -> OnPlanes:
+    def from_normals(cls, normals: Sequence[Floats]) -> OnPlanes:
         """Build it from unit normals (d,), in their order; nearly parallel normals count once."""
-        basis: list[Array] = []
+        basis: list[Floats] = []
         for normal in normals:
             rest = normal.copy()
             for known in basis:
@@ -66,7 +64,7 @@ class OnPlanes:
     def freedom(self) -> int:
         return int(self.normals.shape[1] - len(self.normals))
 
-    def project(self, positions: Array, reference: Array) -> Array:
+    def project(self, positions: Floats, reference: Floats) -> Floats:
         out = positions.copy()
         for normal in self.normals:
             axis = int(np.argmax(np.abs(normal)))
@@ -76,7 +74,7 @@ class OnPlanes:
                 out -= np.sum((out - reference) * normal, axis=1)[:, None] * normal
         return out
 
-    def tangents(self, positions: Array) -> Array:
+    def tangents(self, positions: Floats) -> Floats:
         d = self.normals.shape[1]
         projector = np.eye(d) - self.normals.T @ self.normals
         return np.broadcast_to(projector, (len(positions), d, d))
@@ -88,7 +86,6 @@ class OnFacets:
 
     Attributes
     ----------
-    facets : FacetSet
     corners : (f, 2 or 3, d) array, mesh length unit
     tensors : (f, 2 or 3, d, d) array
         At each corner the sum of t tᵀ over the segments, or of n nᵀ over the triangles, that meet there, weighted by
@@ -96,11 +93,11 @@ class OnFacets:
     """
 
     facets: FacetSet
-    corners: Array
-    tensors: Array
+    corners: Floats
+    tensors: Floats
 
     @classmethod
-    def from_simplices(cls, points: Array, simplices: Integers, *, images: Sequence[Transform] = ()) -> OnFacets:
+    def from_simplices(cls, points: Floats, simplices: Integers, *, images: Sequence[Transform] = ()) -> OnFacets:
         """Build it from points (n, d), the nodes (f, 2 or 3) of segments or triangles, and their periodic images."""
         for image in images:
             count, forth = len(points), image(points)
@@ -122,11 +119,11 @@ class OnFacets:
     def freedom(self) -> int:
         return int(self.corners.shape[1] - 1)
 
-    def project(self, positions: Array, reference: Array) -> Array:
+    def project(self, positions: Floats, reference: Floats) -> Floats:
         del reference
         return self.facets.closest(positions)
 
-    def tangents(self, positions: Array) -> Array:
+    def tangents(self, positions: Floats) -> Floats:
         places, rows = self.facets.nearest(positions)
         weights = _barycentric(places, self.corners[rows])
         tensor = np.einsum("mk,mkij->mij", weights, self.tensors[rows])
@@ -141,15 +138,15 @@ class Held:
 
     freedom: int = 0
 
-    def project(self, positions: Array, reference: Array) -> Array:
+    def project(self, positions: Floats, reference: Floats) -> Floats:
         del positions
         return reference.copy()
 
-    def tangents(self, positions: Array) -> Array:
+    def tangents(self, positions: Floats) -> Floats:
         return np.zeros((*positions.shape, positions.shape[1]))
 
 
-def _barycentric(places: Array, corners: Array) -> Array:
+def _barycentric(places: Floats, corners: Floats) -> Floats:
     """(m, 2 or 3) weights of the corners (m, 2 or 3, d) that give places (m, d) on their facets."""
     edges, away = corners[:, 1:] - corners[:, :1], places - corners[:, 0]
     gram = np.einsum("mid,mjd->mij", edges, edges)

@@ -1,17 +1,13 @@
-"""What a method accepts: how far it corrects, what it refuses or warns of, which part of a refused motion it takes."""
-
-from __future__ import annotations
+"""What a method accepts: what it refuses or warns of, which part of a refused motion it takes."""
 
 import math
 from collections.abc import Callable
 
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.correction.correction_problem import CorrectionSettings
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
 
 __all__ = [
-    "correction_settings",
     "largest_accepted",
     "quality_warnings",
     "reduction_warnings",
@@ -25,19 +21,6 @@ _SHARES = (0.7, 0.3)
 #: Is tried before if the boundary alone forbids the whole motion: then no correction has been tried yet.
 _NEARLY = 0.9
 _LEAST = 0.004
-
-
-def correction_settings(method: Method, enrichment_radius: float) -> CorrectionSettings:
-    """The correction settings of a method; ``enrichment_radius`` in mesh length units."""
-    return CorrectionSettings(
-        correction=method.correction,
-        quality_metric=method.quality_metric,
-        quality_threshold=method.quality_threshold,
-        target=method.correction_target,
-        enrichment_radius=enrichment_radius,
-        max_enrichment_points=method.max_enrichment_points,
-        in_time=method.correction_in_time,
-    )
 
 
 def refuse_unacceptable(method: Method, quality: Judgement, reached: bool) -> None:

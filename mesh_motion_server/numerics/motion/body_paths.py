@@ -18,24 +18,20 @@ around each other
     two bodies that exchange their places do not meet half way
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.paths import RigidMotion, fit_rigid_motion
 
 __all__ = ["Body", "Way", "moving_bodies", "straight_way", "ways"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 #: Smaller angles count as no rotation, radians.
 _NO_TURN = 1e-9
@@ -54,8 +50,8 @@ class Body:
         Its nodes that share a boundary facet with a node that does not move.
     """
 
-    rows: Indices
-    seam: Indices
+    rows: Integers
+    seam: Integers
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +64,7 @@ class _Piece:
     detour : (rigid motion of all centres, (d,) remainder of this centre), if the centre takes another way
     """
 
-    rows: Indices
+    rows: Integers
     rigid: RigidMotion
     remainder: Floats
     detour: tuple[RigidMotion, Floats] | None = None
@@ -109,7 +105,7 @@ class Way:
         return places
 
 
-def moving_bodies(cells: CellTable, moving: Indices) -> tuple[Body, ...]:
+def moving_bodies(cells: CellTable, moving: Integers) -> tuple[Body, ...]:
     """The bodies of a mesh: moving nodes (k,) connected by boundary facets whose nodes all move.
 
     All moving nodes on no such facet form one body. Bodies are in the order of their first nodes.

@@ -26,9 +26,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.boundary_layer_nodes import LayerNodes, layer_nodes
 from mesh_motion_server.numerics.mesh.boundary_layer_wall import MovingWall
@@ -38,9 +38,6 @@ from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
 
 __all__ = ["BoundaryLayer", "Shield", "held_with"]
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Marks = NDArray[np.bool_]
 
 _REFUSED_NEAR = 3.0  # a layer gives way within this many thicknesses of a bad cell
 
@@ -66,14 +63,10 @@ class BoundaryLayer:
     ----------
     points : (n, d) array, mesh length unit
         Reference coordinates.
-    cells : CellTable
     prescribed : (n,) bool array
         Moving and fixed nodes.
-    wall : MovingWall
-    tied : LayerNodes
     sliding : SlidingSurfaces or None
         The surfaces of the layer's sliding nodes; None without such nodes.
-    shield : Shield
     thickness : float, mesh length unit
     refused : bool
         Whether the layer has already given way near bad cells.
@@ -115,11 +108,6 @@ class BoundaryLayer:
     def nodes(self) -> Integers:
         """(l,) nodes of the layer, ascending."""
         return self.tied.nodes
-
-    @property
-    def carrying(self) -> Integers:
-        """The wall's nodes and the layer's, ascending: for the other nodes they are the body."""
-        return np.union1d(self.wall.nodes, self.nodes)
 
     @property
     def known(self) -> Marks:

@@ -5,23 +5,20 @@ valid mesh is found with the rest, the layer gives way near the worst cells, and
 also gives way if the mesh is nearly inverted and its minimum quality at least doubles without the layer.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer
 from mesh_motion_server.numerics.motion.motion_found import Motion
 
 __all__ = ["LayerAttempts", "fitting_layer", "given_way"]
 
-Floats = NDArray[np.float64]
 
 NEARLY_INVERTED = 0.2
 """Share of the threshold below which a mesh is nearly inverted, and of a layer cell's quality in the reference mesh."""
@@ -36,10 +33,8 @@ def fitting_layer(
 
     Parameters
     ----------
-    layer : BoundaryLayer
     moved : (n, d) array, mesh length unit
         The moving nodes at their targets, all others as in the reference mesh.
-    mesh : TrialMesh
     valid : (n, d) array, mesh length unit, optional
         A valid mesh from which a correction will begin: the layer's parts that gave way there also give way here.
     """

@@ -4,16 +4,14 @@ The field is that of :class:`.standard_motion.StandardMotion` from the reference
 depends on the nodes with a role and on the box of the mesh only, so it is bitwise that of the whole mesh.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, SessionError
+from mesh_motion_server.numerics.arrays import Floats, Marks
 from mesh_motion_server.numerics.correction.correction import Correction, CorrectionProblem, correct
 from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
@@ -29,7 +27,6 @@ from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.patch_check import check_patches
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.acceptance import correction_settings
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.method_check import check_method
 from mesh_motion_server.numerics.motion.motion_found import Motion
@@ -41,8 +38,6 @@ from mesh_motion_server.numerics.stopwatch import Stopwatch, check_time
 
 __all__ = ["BoundaryMotion", "correct_region"]
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _ROLES = ("moving", "fixed")
 
@@ -55,7 +50,6 @@ class BoundaryMotion:
     ----------
     motion : StandardMotion
         Of the nodes of the boundary, and of those that span the box of the mesh.
-    warnings : tuple of str
     """
 
     motion: StandardMotion
@@ -122,14 +116,14 @@ class BoundaryMotion:
             points=trial.points,
             standard=unknown,
             corrected=unknown,
-            correction=Correction(trial.points, "none", float("nan"), False, np.empty((0, committed.shape[1]))),
+            correction=Correction(trial.points, np.empty((0, committed.shape[1]))),
             reached=False,
             seconds=watch.seconds(),
             caches=recorded.report(),
             control_points=trial.control_points,
             support_radius=float(self.method.support_radius or 0.0),
             warnings=[],
-            field=trial.field.stages[0].interpolant,
+            field=trial.stages[0].interpolant,
         )
 
     def close(self) -> None:
@@ -137,7 +131,7 @@ class BoundaryMotion:
 
 
 def correct_region(
-    method: Method, points: Floats, positions: Floats, cells: CellTable, held: Mask, elsewhere: Elsewhere
+    method: Method, points: Floats, positions: Floats, cells: CellTable, held: Marks, elsewhere: Elsewhere
 ) -> Correction:
     """The correction of a region of the mesh, bitwise that of the whole mesh.
 
@@ -172,7 +166,7 @@ def correct_region(
         reference=points,
         elsewhere=elsewhere,
     )
-    return correct(problem, correction_settings(method, 0.0))
+    return correct(problem, method)
 
 
 def _needs_the_volume(what: str, patch: str = "") -> InvalidInput:

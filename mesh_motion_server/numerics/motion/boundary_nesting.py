@@ -9,19 +9,15 @@ References
 A. Van Oosterom, J. Strackee, "The solid angle of a plane triangle", IEEE Trans. Biomed. Eng. 30 (1983) 125–126.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.boundary_orientation import closed_parts, of_one_width
 
 __all__ = ["misplaced_place"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Nodes that are tested, spread over the moving ones: what has left is found by any of its nodes that are outside.
 _PROBES = 16
@@ -30,7 +26,7 @@ _ON_IT = 0.1
 
 
 def misplaced_place(
-    facets: Mapping[str, Ints], prescribed: NDArray[np.bool_], moving: Ints, reference: Floats, points: Floats
+    facets: Mapping[str, Integers], prescribed: Marks, moving: Integers, reference: Floats, points: Floats
 ) -> Floats | None:
     """The first place (d,) of a moving node on the wrong side of another part of the boundary, None if there is none.
 
@@ -62,7 +58,7 @@ def misplaced_place(
     return None
 
 
-def _windings(probes: Floats, points: Floats, rows: Ints) -> Floats:
+def _windings(probes: Floats, points: Floats, rows: Integers) -> Floats:
     """(p,) how often closed facets (f, w) of a mesh ``points`` (n, d) wind round each of the probes (p, d)."""
     if probes.shape[1] == 2:
         a, b = (points[rows[:, corner]] - probes[:, None] for corner in (0, 1))

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.boundary_crossing import BoundaryFacets, crossing_place
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.boundary_orientation import overturned_place
@@ -19,8 +19,6 @@ from mesh_motion_server.numerics.motion.boundary_nesting import misplaced_place
 
 __all__ = ["PossibleCrossing"]
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class PossibleCrossing:
@@ -30,9 +28,6 @@ class PossibleCrossing:
     ----------
     reference : (n, d) array, mesh length unit
         Reference coordinates.
-    cells : CellTable
-    roles : BoundaryRoles
-    facets : BoundaryFacets
     sides : CoincidentSides
         Of nodes with prescribed positions.
     """
@@ -44,9 +39,7 @@ class PossibleCrossing:
     sides: CoincidentSides
 
     @classmethod
-    def build(
-        cls, reference: Floats, cells: CellTable, roles: BoundaryRoles, coincident: NDArray[np.int64]
-    ) -> PossibleCrossing:
+    def build(cls, reference: Floats, cells: CellTable, roles: BoundaryRoles, coincident: Integers) -> PossibleCrossing:
         """Build it for a checked mesh with ``coincident`` (c, 2) nodes."""
         facets, known = boundary_facets(cells), np.zeros(len(reference), dtype=bool)
         known[roles.moving] = known[roles.fixed] = True

@@ -4,18 +4,14 @@ The arrays are as large as the mesh, so each is written once or, where only few 
 summed, so the results are the same for any number of threads.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["BoundaryDisplacement", "differences_of", "settle"]
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 class BoundaryDisplacement(NamedTuple):
@@ -29,7 +25,7 @@ class BoundaryDisplacement(NamedTuple):
         return self.origin + fraction * self.displacement
 
 
-def settle(moved: Floats, base: Floats, nodes: Indices, displacement: Floats) -> bool:
+def settle(moved: Floats, base: Floats, nodes: Integers, displacement: Floats) -> bool:
     """Change ``moved`` to ``base`` plus the rounded difference ``moved - base``; return whether nothing changed.
 
     Parameters
@@ -46,7 +42,7 @@ def settle(moved: Floats, base: Floats, nodes: Indices, displacement: Floats) ->
     return elsewhere == 0 and bool(np.array_equal(moved[nodes], before))
 
 
-def differences_of(moved: Floats, base: Floats, rows: Indices) -> Floats:
+def differences_of(moved: Floats, base: Floats, rows: Integers) -> Floats:
     """``moved - base`` (r, d) of the ``rows`` (r,) of two (n, d) arrays."""
     found = np.empty((len(rows), base.shape[1]))
     kernels.take_differences(moved, base, rows, found)

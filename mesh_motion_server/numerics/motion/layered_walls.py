@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.boundary_layer_wall import MovingWall
 from mesh_motion_server.numerics.mesh.cells import CellBlock, CellTable
@@ -24,9 +24,6 @@ from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer
 
 __all__ = ["LayeredWalls"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Marks = NDArray[np.bool_]
 
 #: Least ratio of the edges along the wall to the height of a thin cell.
 _THIN = 5.0
@@ -47,10 +44,6 @@ class LayeredWalls:
     ----------
     points : (n, d) array, mesh length unit
         Reference coordinates.
-    cells : CellTable
-    patches : mapping of name to Patch
-    sliding : SlidingSurfaces or None
-    wall : MovingWall
     rows : (k,) int64 array
         Layered nodes, as rows of the wall's nodes.
     above : (k,) int64 array
@@ -64,8 +57,8 @@ class LayeredWalls:
     patches: Mapping[str, Patch]
     sliding: SlidingSurfaces | None
     wall: MovingWall
-    rows: Indices
-    above: Indices
+    rows: Integers
+    above: Integers
     along: Floats
 
     @classmethod
@@ -136,7 +129,7 @@ class LayeredWalls:
         return float(min(own, along))
 
 
-def _edges(block: CellBlock) -> Indices:
+def _edges(block: CellBlock) -> Integers:
     """(e, 2) local ends of the edges of a cell type."""
     corners = block.type.corner_array
     if block.type.is_simplex:
@@ -151,13 +144,13 @@ def _shortest(points: Floats, block: CellBlock) -> Floats:
     return np.asarray(np.sqrt(np.min([_squares(points, block.nodes[:, ends]) for ends in _edges(block)], axis=0)))
 
 
-def _squares(points: Floats, ends: Indices) -> Floats:
+def _squares(points: Floats, ends: Integers) -> Floats:
     """(m,) squared length of edges (m, 2)."""
     edge = points[ends[:, 1]] - points[ends[:, 0]]
     return np.asarray(np.sum(edge * edge, axis=1))
 
 
-def _first_edges(points: Floats, cells: CellTable, on_wall: Marks) -> tuple[Indices, Floats, Floats]:
+def _first_edges(points: Floats, cells: CellTable, on_wall: Marks) -> tuple[Integers, Floats, Floats]:
     """For each node on the wall: end and length of its shortest edge off the wall, and length of that along it."""
     above, height = np.full(len(points), -1), np.full(len(points), np.inf)
     along = np.full(len(points), np.inf)

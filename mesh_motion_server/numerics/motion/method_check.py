@@ -6,15 +6,13 @@ and none was given. Conditionally definite functions are usable only with the li
 points must determine.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.interpolation.factorizations.memory_bound import check_dense
 from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named, checked_radius
 from mesh_motion_server.numerics.interpolation.polynomial import LinearBasis
@@ -29,7 +27,7 @@ __all__ = ["check_method"]
 _EXTENTS = 1e12
 
 
-def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRoles, *, periodic: bool = False) -> None:
+def check_method(method: Method, points: Floats, roles: BoundaryRoles, *, periodic: bool = False) -> None:
     """Refuse a method that cannot move this mesh.
 
     Parameters
@@ -37,7 +35,6 @@ def check_method(method: Method, points: NDArray[np.float64], roles: BoundaryRol
     method : Method
         As chosen, radii not filled in.
     points : (n, d) array, mesh length unit
-    roles : BoundaryRoles
     periodic : bool
         Whether the mesh has periodic patches.
 
@@ -97,7 +94,7 @@ def _unfit(setting: str, message: str, *, hint: str = "") -> InvalidInput:
     )
 
 
-def _check_lengths(method: Method, points: NDArray[np.float64]) -> None:
+def _check_lengths(method: Method, points: Floats) -> None:
     """Refuse lengths out of range for this mesh: r/R overflows or is lost in rounding, for any function."""
     extent = float(np.ptp(bounding_box(points), axis=0).max())
     for name in ("support_radius", "enrichment_radius", "boundary_layer_thickness"):
@@ -127,9 +124,7 @@ def _check_periodic(method: Method, basis: Basis) -> None:
         )
 
 
-def _check_places(
-    method: Method, basis: Basis, points: NDArray[np.float64], roles: BoundaryRoles, *, periodic: bool
-) -> None:
+def _check_places(method: Method, basis: Basis, points: Floats, roles: BoundaryRoles, *, periodic: bool) -> None:
     """Refuse control points at the same place, unless they are interpolated as one."""
     if method.reduction != "none":
         reason = f"reduction = {method.reduction!r}"

@@ -14,14 +14,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import DeadlineExceeded, NumericalError
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.correction.correction import Correction, CorrectionProblem, correct
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
 from mesh_motion_server.numerics.motion.acceptance import (
-    correction_settings,
     largest_accepted,
     quality_warnings,
     reduction_warnings,
@@ -40,7 +39,6 @@ from mesh_motion_server.numerics.stopwatch import Stopwatch, check_time
 
 __all__ = ["MotionModel"]
 
-Floats = NDArray[np.float64]
 
 #: Share of the minimum quality without a boundary layer that a motion with the layer must have.
 _AS_GOOD = 0.9
@@ -101,7 +99,6 @@ class MotionModel(PreparedMesh):
             Committed positions, mesh length unit.
         targets : (k, d) array
             Targets of ``roles.moving``.
-        factors : FactorSource, optional
         boundary_displacement : BoundaryDisplacement, optional
             The two terms of the targets; by default the committed positions of the moving nodes and the difference.
 
@@ -254,9 +251,8 @@ class MotionModel(PreparedMesh):
             known=None if quality.inverted else quality.metric.min,
             near_walls=lambda: self.near_walls,
         )
-        radius = float(predicted.motion.method.enrichment_radius or 0.0)
         with watch.phase("correct"):
-            return correct(problem, correction_settings(self.method, radius))
+            return correct(problem, self.method)
 
     def _judge(self, predicted: _Predicted, correction: Correction, watch: Stopwatch) -> Judgement:
         """Quality of the corrected mesh; that of the interpolated one if nothing was corrected."""

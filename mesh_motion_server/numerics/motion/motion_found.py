@@ -1,12 +1,8 @@
 """The result of one motion of a mesh: positions, qualities, what the correction did, and what it cost."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.correction.correction import Correction
 from mesh_motion_server.numerics.interpolation.factor_source import CacheReport
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
@@ -38,21 +34,20 @@ class Motion:
         Nodes from which the standard motion was interpolated.
     support_radius : float
         R of the standard motion, mesh length unit.
-    warnings : list of str
     sub_steps : int
         Legs in which the mesh was led there; 1 for a direct motion.
     field : Interpolant or TwoScaleInterpolant, optional
         The displacement anywhere, if the volume lies elsewhere: then the qualities are not known.
     """
 
-    points: NDArray[np.float64]
+    points: Floats
     standard: Judgement
     corrected: Judgement
     correction: Correction
     reached: bool
     seconds: dict[str, float]
     caches: CacheReport
-    control_points: NDArray[np.int64]
+    control_points: Integers
     support_radius: float
     warnings: list[str]
     sub_steps: int = 1

@@ -1,15 +1,13 @@
 """The data that every motion of a session needs and none changes: the reference mesh, its roles, and derived data."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint
 from mesh_motion_server.numerics.correction.free_region import grow
 from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime
@@ -32,8 +30,6 @@ from mesh_motion_server.numerics.quality.quality_summary import Judge, Judgement
 
 __all__ = ["PreparedMesh", "with_radii"]
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class PreparedMesh:
@@ -43,20 +39,16 @@ class PreparedMesh:
     ----------
     points : (n, d) array
         Reference coordinates, mesh length unit.
-    cells : CellTable
-    roles : BoundaryRoles
     method : Method
         With both radii filled in.
     reference_sizes : (m,) array or CellsAtRest
         Summed corner determinants of the reference cells: the w of thesis (3.21); with their skews if these count.
     held : (n,) bool array
         Nodes on the boundary or on a patch. No correction may move them, nor the nodes of a boundary layer.
-    standard_motion : StandardMotion
     constraint : BoundaryConstraint or None
         Which of the held nodes the optimised correction may still move, and how.
     warnings : tuple of str
         The warnings of :func:`checked_mesh`.
-    evaluator : Evaluator
     smooth : SmoothInTime or None
         The prepared correction for ``correction_in_time`` "smooth".
     judge : Judge or None
@@ -74,10 +66,10 @@ class PreparedMesh:
     roles: BoundaryRoles
     method: Method
     reference_sizes: AtRest
-    held: NDArray[np.bool_]
+    held: Marks
     standard_motion: StandardMotion
     constraint: BoundaryConstraint | None
-    coincident: NDArray[np.int64]
+    coincident: Integers
     warnings: tuple[str, ...]
     evaluator: Evaluator
     smooth: SmoothInTime | None = None
@@ -162,7 +154,7 @@ class PreparedMesh:
         return PossibleCrossing.build(self.points, self.cells, self.roles, self.coincident)
 
     @cached_property
-    def near_walls(self) -> NDArray[np.bool_]:
+    def near_walls(self) -> Marks:
         """(n,) nodes of the cells on the moving walls, and of the layers there."""
         moving = np.zeros(len(self.points), dtype=bool)
         moving[self.roles.moving] = True

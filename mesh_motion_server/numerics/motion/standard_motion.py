@@ -27,9 +27,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolation.factor_source import (
     DeferredFactorization,
@@ -50,15 +50,13 @@ from mesh_motion_server.numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles,
 from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer
-from mesh_motion_server.numerics.motion.motion_field import MotionField, Stage
+from mesh_motion_server.numerics.motion.stage import Stage
 from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing
 from mesh_motion_server.numerics.reduction.reduced_motion import interpolate_reduced
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 __all__ = ["StandardMotion", "StandardTrial"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 #: A re-anchored motion takes one sub-step for each such share of the domain's extent that a boundary node moves …
 _SUBSTEP_FRACTION = 0.025
@@ -76,13 +74,11 @@ class StandardTrial:
         Positions from which the interpolation started, mesh length unit.
     points : (n, d) array
         Trial positions.
-    field : MotionField
-        The displacement from ``start``, anywhere.
+    stages : tuple of Stage
+        The motion from ``start``, anywhere.
     factorization : Factorization
         Of all nodes with a role at ``start`` (with a boundary layer's outermost nodes instead of the wall behind them);
         with a reduction, it is made at its first use. It includes periodic nodes only if an enrichment follows.
-    reused : bool
-        Whether every factorization came from the cache.
     control_points : (nc,) int64 array
         Control nodes of the last interpolation: all nodes with a role, or those that a reduction chose.
     reduction_error : float
@@ -92,10 +88,9 @@ class StandardTrial:
 
     start: Floats
     points: Floats
-    field: MotionField
+    stages: tuple[Stage, ...]
     factorization: Factorization
-    reused: bool
-    control_points: Indices
+    control_points: Integers
     reduction_error: float
 
 
@@ -107,7 +102,6 @@ class StandardMotion:
     ----------
     reference : (n, d) array
         Reference coordinates, mesh length unit.
-    roles : BoundaryRoles
     method : Method
         With the support radius filled in.
     sliding : SlidingSurfaces or None
@@ -118,7 +112,6 @@ class StandardMotion:
         Of the moving nodes in the reference mesh; 0 if no reduction needs it.
     plans : TwoScalePlans
         Tell which control nodes are interpolated in two scales.
-    evaluator : Evaluator
     layer : BoundaryLayer or None
         Nodes that the moving walls carry with them.
     """
@@ -169,7 +162,6 @@ class StandardMotion:
         committed : (n, d) array
             Committed positions, mesh length unit.
         targets : (k, d) array
-        factors : FactorSource
         watch : Stopwatch
             Gains the seconds of ``solve`` and ``displace``.
         """
@@ -184,9 +176,8 @@ class StandardMotion:
         return StandardTrial(
             start,
             points,
-            MotionField(tuple(s.stage for s in solved), self.evaluator),
+            tuple(s.stage for s in solved),
             self._boundary_factorization(start, solved[0].factorization, factors),
-            all(s.reused for s in solved),
             solved[-1].control_points,
             max(s.reduction_error for s in solved),
         )
@@ -214,7 +205,6 @@ class StandardMotion:
         if self.layer is not None:
             with watch.phase("displace"):
                 prescribed[self.layer.nodes] = self.layer.carried(prescribed)
-        reused = True
         if self.sliding is not None:
             following = self._solve(points, self._controls(roles.prescribed), prescribed, factors, watch)
             with watch.phase("displace"):
@@ -223,13 +213,12 @@ class StandardMotion:
                 own = np.ones(len(free), dtype=bool) if self.layer is None else ~self.layer.known[roles.sliding]
                 prescribed[roles.sliding[own]] = free[own]
                 prescribed = self._tied(prescribed)
-            reused = following.reused
         solved = self._solve(points, self._controls(roles.all), prescribed, factors, watch)
         with watch.phase("displace"):
             moved = self._displaced(points, prescribed, solved.stage, factors)
-        return moved, replace(solved, reused=solved.reused and reused)
+        return moved, solved
 
-    def _controls(self, nodes: Indices) -> Indices:
+    def _controls(self, nodes: Integers) -> Integers:
         """The control nodes for nodes (c,) with a role: a layer's outermost nodes replace the nodes behind them."""
         return nodes if self.layer is None else self.layer.shield.instead(nodes)
 
@@ -248,7 +237,7 @@ class StandardMotion:
         return self._tied(moved)
 
     def _solve(
-        self, points: Floats, controls: Indices, prescribed: Floats, factors: FactorSource, watch: Stopwatch
+        self, points: Floats, controls: Integers, prescribed: Floats, factors: FactorSource, watch: Stopwatch
     ) -> _Solved:
         """The stage that takes the control nodes from ``points`` (n, d) to ``prescribed`` (n, d)."""
         with watch.phase("solve"):
@@ -260,30 +249,28 @@ class StandardMotion:
                 rigid = fit_rigid_motion(origin, goal) if self.periodic is None else self.periodic.carry(origin, goal)
             carried = origin if rigid is None else rigid.apply(origin)
             solved = self._levels(points, goal - carried, controls, factors)
-            largest = float(np.sqrt(np.max(np.sum((goal - carried) ** 2, axis=1), initial=0.0)))
-            return replace(solved, stage=replace(solved.stage.with_largest(largest), rigid=rigid))
+            return replace(solved, stage=replace(solved.stage, rigid=rigid))
 
-    def _levels(self, points: Floats, displacement: Floats, controls: Indices, factors: FactorSource) -> _Solved:
+    def _levels(self, points: Floats, displacement: Floats, controls: Integers, factors: FactorSource) -> _Solved:
         """The interpolation of the ``displacement`` (c, d) of control nodes (c,) of the mesh ``points`` (n, d)."""
         origin = points[controls]
         if self.periodic is not None:
             box = bounding_box(points)
             generators = self.periodic.generators
-            factorization, reused = periodic_factorization_of(origin, generators, box, self.method, factors)
-            return _Solved(Stage(None, factorization.solve(displacement)), factorization, reused, controls)
+            factorization = periodic_factorization_of(origin, generators, box, self.method, factors)
+            return _Solved(Stage(None, factorization.solve(displacement)), factorization, controls)
         if self.method.reduction == "none":
-            factorization, reused = self._all_factorized(points, controls, factors)
-            return _Solved(Stage(None, factorization.solve(displacement)), factorization, reused, controls)
+            factorization = self._all_factorized(points, controls, factors)
+            return _Solved(Stage(None, factorization.solve(displacement)), factorization, controls)
         reduced = interpolate_reduced(origin, displacement, self.method, factors, spacing=self.spacing)
         return _Solved(
             Stage(None, reduced.levels[0], reduced.levels[1:]),
             DeferredFactorization(origin, self.method, factors),
-            reduced.reused,
             controls[reduced.selected],
             reduced.error,
         )
 
-    def _all_factorized(self, points: Floats, controls: Indices, factors: FactorSource) -> tuple[Factorization, bool]:
+    def _all_factorized(self, points: Floats, controls: Integers, factors: FactorSource) -> Factorization:
         """The factorization of all control nodes (c,) of the mesh ``points`` (n, d).
 
         If the boundary has changed too much for the reference mesh's plan, it uses a new plan.
@@ -308,15 +295,14 @@ class StandardMotion:
         if self.periodic is None or self.method.correction in ("none", "optimised"):
             return own
         nodes = np.union1d(self._controls(self.roles.all), self.roles.periodic)
-        return factorization_of(start[nodes], self.method, factors)[0]
+        return factorization_of(start[nodes], self.method, factors)
 
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """A stage, the boundary's factorization, whether it came from the cache, and the control nodes (nc,)."""
+    """A stage, the boundary's factorization and the control nodes (nc,)."""
 
     stage: Stage
     factorization: Factorization
-    reused: bool
-    control_points: Indices
+    control_points: Integers
     reduction_error: float = 0.0

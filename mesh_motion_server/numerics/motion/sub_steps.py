@@ -6,20 +6,15 @@ way (:mod:`.body_paths`). The length of a leg adapts: after a leg whose plain in
 doubled, until a leg fails; a leg that fails is halved. No choice depends on computing time or on earlier motions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mesh_motion_server.errors import InvalidInput, NumericalError
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["Leg", "Walk", "furthest_walk", "walk"]
 
-Floats = NDArray[np.float64]
 
 _FIRST, _LONGEST, _SHORTEST = 1 / 4, 1 / 2, 1 / 8
 #: Of all ways together: a motion that is led to its end takes about four, and a refusal should not take much longer.

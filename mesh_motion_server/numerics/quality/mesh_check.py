@@ -8,16 +8,14 @@ Boundary nodes in no patch are allowed: they follow the interpolation like inter
 them; those behind fixed nodes do not move. That is rarely wanted at a wall, hence the warning.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple, NoReturn
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.interpolation.support_radius import suggest_support_radius
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -25,10 +23,11 @@ from mesh_motion_server.numerics.mesh.coincidence import coincident_nodes
 from mesh_motion_server.numerics.mesh.patch_check import check_patches, nodes_behind_fixed, patch_warnings
 from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.quality.metrics import cell_quality, quality_extremes, reference_sizes
+from mesh_motion_server.numerics.quality.mesh_summary import lowest_quality
+from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.quality.orientation import OrientedCells, oriented
 
-__all__ = ["CheckedMesh", "check_mesh", "checked_cells", "checked_mesh", "suggest_support_radius"]
+__all__ = ["CheckedMesh", "checked_cells", "checked_mesh", "suggest_support_radius"]
 
 # A smaller skew is 0 but for rounding; cells of a boundary layer with aspect ratio 10⁶ have 10⁻⁶ and pass.
 _FLAT_SKEW = 1e-10
@@ -46,7 +45,6 @@ class CheckedMesh(NamedTuple):
         In one orientation (:mod:`.orientation`); all later code computes with these.
     reference_sizes : (m,) array
         Of :func:`~mesh_motion_server.numerics.quality.metrics.reference_sizes`, all positive.
-    warnings : list of str
     resting : (r,) int64 array
         Nodes in no patch that stay where they are: those behind fixed nodes.
     coincident : (c, 2) int64 array
@@ -54,25 +52,18 @@ class CheckedMesh(NamedTuple):
     """
 
     cells: CellTable
-    reference_sizes: NDArray[np.float64]
+    reference_sizes: Floats
     warnings: list[str]
-    resting: NDArray[np.int64]
-    coincident: NDArray[np.int64]
+    resting: Integers
+    coincident: Integers
 
 
-def check_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch]) -> list[str]:
-    """Refuse an unusable mesh, and list the warnings of a usable one: parameters and errors as below."""
-    return checked_mesh(points, cells, patches).warnings
-
-
-def checked_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping[str, Patch]) -> CheckedMesh:
+def checked_mesh(points: Floats, cells: CellTable, patches: Mapping[str, Patch]) -> CheckedMesh:
     """Refuse an unusable mesh, and collect the warnings of a usable one.
 
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-    cells : CellTable
-    patches : mapping of name to Patch
 
     Returns
     -------
@@ -99,7 +90,7 @@ def checked_mesh(points: NDArray[np.float64], cells: CellTable, patches: Mapping
     return CheckedMesh(cells, sizes, [*odd, *patch_warnings(boundary, patches, resting)], resting, pairs)
 
 
-def checked_cells(points: NDArray[np.float64], cells: CellTable) -> OrientedCells:
+def checked_cells(points: Floats, cells: CellTable) -> OrientedCells:
     """Refuse unusable points (n, d) and cells, in particular inverted and flat ones; errors as above."""
     _check_points(points, cells.dimension)
     _check_extent(points)
@@ -109,7 +100,7 @@ def checked_cells(points: NDArray[np.float64], cells: CellTable) -> OrientedCell
     return read
 
 
-def _check_points(points: NDArray[np.float64], dimension: int) -> None:
+def _check_points(points: Floats, dimension: int) -> None:
     """Require the shape (n, d), n > 0, and finite coordinates."""
     if points.ndim != 2 or points.shape[1] != dimension or not len(points):
         raise InvalidInput(
@@ -130,7 +121,7 @@ def _check_points(points: NDArray[np.float64], dimension: int) -> None:
         )
 
 
-def _check_extent(points: NDArray[np.float64]) -> None:
+def _check_extent(points: Floats) -> None:
     """Require lengths whose powers (a size is a product of d lengths) stay within the floating-point range."""
     low, high = bounding_box(points)
     extent = float((high / 2 - low / 2).max()) * 2  # halves: no overflow
@@ -165,14 +156,14 @@ def _check_indices(n: int, cells: CellTable) -> None:
             )
 
 
-def _check_geometry(points: NDArray[np.float64], cells: CellTable, sizes: NDArray[np.float64]) -> None:
+def _check_geometry(points: Floats, cells: CellTable, sizes: Floats) -> None:
     """Require positive corner determinants and no flat cell; sizes (m,)."""
-    extremes = quality_extremes(points, cells, sizes, "skew")  # in one pass that stores nothing
-    if extremes.inverted or not extremes.minimum > _FLAT_SKEW:
+    lowest = lowest_quality(points, cells, sizes, metric="skew", worst=1)  # in one pass that stores nothing
+    if lowest.inverted or not lowest.metric.min > _FLAT_SKEW:
         _refuse_geometry(points, cells, sizes)
 
 
-def _boundary_of(points: NDArray[np.float64], listed: CellTable, read: OrientedCells) -> NDArray[np.int64]:
+def _boundary_of(points: Floats, listed: CellTable, read: OrientedCells) -> Integers:
     """(b,) nodes of the boundary. Mirrored cells that overlap their neighbours were inverted: a folded mesh."""
     try:
         return boundary_nodes(read.cells)
@@ -183,7 +174,7 @@ def _boundary_of(points: NDArray[np.float64], listed: CellTable, read: OrientedC
         raise
 
 
-def _refuse_geometry(points: NDArray[np.float64], cells: CellTable, sizes: NDArray[np.float64]) -> NoReturn:
+def _refuse_geometry(points: Floats, cells: CellTable, sizes: Floats) -> NoReturn:
     """Raise an error that names the first bad cell."""
     quality = cell_quality(points, cells, sizes)
     bad = quality.inverted | ~(quality.skew > _FLAT_SKEW)
@@ -204,7 +195,7 @@ def _refuse_geometry(points: NDArray[np.float64], cells: CellTable, sizes: NDArr
     )
 
 
-def _inversion_hint(cells: CellTable, bad: NDArray[np.bool_]) -> str:
+def _inversion_hint(cells: CellTable, bad: Marks) -> str:
     """The most likely cause of these bad cells."""
     for block, first in zip(cells.blocks, cells.offsets, strict=False):
         if bad[first : first + len(block)].all():
@@ -212,7 +203,7 @@ def _inversion_hint(cells: CellTable, bad: NDArray[np.bool_]) -> str:
     return "mesh the domain anew, or repair these cells"
 
 
-def _coincident(pairs: NDArray[np.int64]) -> list[str]:
+def _coincident(pairs: Integers) -> list[str]:
     """A warning for nodes (c, 2) at the same place: two sides of an interface, a baffle or a wake."""
     if not len(pairs):
         return []

@@ -10,12 +10,11 @@ the range of its nodes' displacements is 45 times the true distortion; without t
 much as evaluating all cells.
 """
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Integers
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import (
     AtRest,
@@ -40,8 +39,6 @@ from mesh_motion_server.numerics.quality.quality_summary import (
 
 __all__ = ["lowest_of", "lowest_quality", "mesh_summary", "summarize"]
 
-Ints = NDArray[np.int64]
-
 
 def mesh_summary(
     points: NDArray[np.floating],
@@ -56,7 +53,6 @@ def mesh_summary(
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-    cells : CellTable
     reference_sizes : (m,) array or CellsAtRest
         From :func:`~mesh_motion_server.numerics.quality.metrics.reference_sizes` or :func:`.cells_at_rest`.
     metric : str
@@ -95,12 +91,7 @@ def lowest_quality(
 
 
 def summarize(
-    quality: CellQuality,
-    points: NDArray[np.floating],
-    cells: CellTable,
-    *,
-    metric: str = "size-skew",
-    worst: int = 10,
+    quality: CellQuality, points: NDArray[np.floating], cells: CellTable, *, metric: str = "size-skew", worst: int = 10
 ) -> QualitySummary:
     """As :func:`mesh_summary`, from the ``quality`` of all m cells; ``points`` (n, d) give the worst cells' centres."""
     values = {name: quality.metric(name) for name in reported_metrics(metric)}
@@ -115,12 +106,7 @@ def summarize(
 
 
 def lowest_of(
-    quality: CellQuality,
-    points: NDArray[np.floating],
-    cells: CellTable,
-    *,
-    metric: str = "size-skew",
-    worst: int = 10,
+    quality: CellQuality, points: NDArray[np.floating], cells: CellTable, *, metric: str = "size-skew", worst: int = 10
 ) -> LowestQuality:
     """As :func:`lowest_quality`, from the ``quality`` of all m cells; ``points`` (n, d) as for :func:`summarize`."""
     values = quality.metric(metric)
@@ -135,7 +121,7 @@ def lowest_of(
 
 
 def _named(
-    numbers: Ints, points: NDArray[np.floating], cells: CellTable, at_rest: AtRest, metric: str
+    numbers: Integers, points: NDArray[np.floating], cells: CellTable, at_rest: AtRest, metric: str
 ) -> tuple[WorstCell, ...]:
     """The worst-cell records of the cells with these numbers (s,)."""
     quality = subset_quality(points, cells, at_rest, numbers)

@@ -26,7 +26,7 @@ Skew is never negative. A cell whose corners are all inverted has the skew of it
 distinguishes a badly inverted cell from a slightly inverted one; a cell with only some corners inverted has skew 0. A
 cell with a position that is not finite has -inf in every metric: worse than any number, never equal to a good value.
 
-Node indices are not checked here: :func:`~mesh_motion_server.numerics.quality.mesh_check.check_mesh` does that once.
+Node indices are not checked here: :func:`~mesh_motion_server.numerics.quality.mesh_check.checked_mesh` does that once.
 
 References
 ----------
@@ -39,13 +39,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.cells import CellBlock, CellTable, CellType
 
 __all__ = [
@@ -54,11 +55,8 @@ __all__ = [
     "AtRest",
     "CellQuality",
     "CellsAtRest",
-    "Extremes",
     "cell_quality",
     "cells_at_rest",
-    "minimum_quality",
-    "quality_extremes",
     "reference_sizes",
     "rest_for",
     "sizes_of",
@@ -66,9 +64,6 @@ __all__ = [
     "subset_quality",
 ]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 #: Name → formula of every quality metric.
 QUALITY_METRICS: dict[str, str] = {
@@ -104,13 +99,13 @@ class CellQuality:
 
     size: Floats
     skew: Floats
-    inverted: Bools
+    inverted: Marks
     rest: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.size)
 
-    def subset(self, numbers: Ints | slice) -> CellQuality:
+    def subset(self, numbers: Integers | slice) -> CellQuality:
         """The quality of the cells with the given numbers only, in that order."""
         rest = None if self.rest is None else self.rest[numbers]
         return CellQuality(self.size[numbers], self.skew[numbers], self.inverted[numbers], rest)
@@ -194,24 +189,6 @@ def rest_for(metric: str, rest: AtRest) -> AtRest:
     return rest
 
 
-class Extremes(NamedTuple):
-    """The result of one pass over a mesh that stores nothing per cell.
-
-    Attributes
-    ----------
-    minimum : float
-        The smallest value of the metric.
-    cell : int
-        The cell with this value; of equal cells the first.
-    inverted : int
-        Number of inverted cells.
-    """
-
-    minimum: float
-    cell: int
-    inverted: int
-
-
 def metric_code(name: str) -> int:
     """Number of a metric in the compiled loops; InvalidInput on an unknown name."""
     if name not in QUALITY_METRICS:
@@ -237,7 +214,7 @@ def block_slices(cells: CellTable) -> Iterator[tuple[CellBlock, slice]]:
         yield block, slice(first, first + len(block))
 
 
-def judged(cells: CellTable, rest: AtRest) -> tuple[list[Ints], Floats, Floats]:
+def judged(cells: CellTable, rest: AtRest) -> tuple[list[Integers], Floats, Floats]:
     """Arguments of loops over all cells: the nodes of each block, the reference sizes, the skews at rest if known."""
     skews = skews_of(rest)
     nodes = [np.ascontiguousarray(block.nodes) for block in cells]
@@ -262,7 +239,6 @@ def reference_sizes(points: NDArray[np.floating], cells: CellTable) -> Floats:
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-    cells : CellTable
 
     Returns
     -------
@@ -282,7 +258,6 @@ def cells_at_rest(points: NDArray[np.floating], cells: CellTable, sizes: Floats 
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-    cells : CellTable
     sizes : (m,) array, optional
         Of :func:`reference_sizes`, if they are known.
     """
@@ -296,7 +271,6 @@ def cell_quality(points: NDArray[np.floating], cells: CellTable, reference_sizes
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-    cells : CellTable
     reference_sizes : (m,) array or CellsAtRest
         From :func:`reference_sizes` or :func:`cells_at_rest` of the reference mesh; non-zero.
     """
@@ -325,23 +299,7 @@ def subset_quality(
     return out if skews is None else replace(out, rest=skews[chosen])
 
 
-def quality_extremes(
-    points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest, metric: str = "size-skew"
-) -> Extremes:
-    """Smallest value of a metric, its cell and the number of inverted cells, in one pass that stores nothing."""
-    positions, arrays = as_positions(points, cells.dimension), judged(cells, rest_for(metric, reference_sizes))
-    values, numbers, inverted = kernels.lowest_cells(positions, *arrays, metric_code(metric), 1)
-    return Extremes(float(values[0]), int(numbers[0]), inverted)
-
-
-def minimum_quality(
-    points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest, metric: str = "size-skew"
-) -> float:
-    """Smallest value of a metric over the mesh; stores nothing (see :func:`quality_extremes`)."""
-    return quality_extremes(points, cells, reference_sizes, metric).minimum
-
-
-def _block_quality(points: Floats, nodes: Ints, reference: Floats, out: CellQuality, rows: slice) -> None:
+def _block_quality(points: Floats, nodes: Integers, reference: Floats, out: CellQuality, rows: slice) -> None:
     """Quality of cells of one type, written into out[rows]."""
     kernels.cell_quality(
         points,
@@ -353,7 +311,7 @@ def _block_quality(points: Floats, nodes: Ints, reference: Floats, out: CellQual
     )
 
 
-def _chosen_quality(points: Floats, block: CellBlock, chosen: Ints, reference: Floats, out: CellQuality) -> None:
+def _chosen_quality(points: Floats, block: CellBlock, chosen: Integers, reference: Floats, out: CellQuality) -> None:
     """Quality of the cells with the given numbers (s,) in a block."""
     kernels.chosen_quality(
         points,

@@ -6,13 +6,12 @@ neighbours lie on the same side of a facet, which
 :func:`~mesh_motion_server.numerics.mesh.boundary_facets.boundary_facets` detects.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CellBlock, CellTable
 from mesh_motion_server.numerics.quality.metrics import CellsAtRest, cells_at_rest, reference_sizes, subset_quality
 
@@ -46,8 +45,8 @@ class OrientedCells(NamedTuple):
     """
 
     cells: CellTable
-    sizes: NDArray[np.float64]
-    mirrored: NDArray[np.int64]
+    sizes: Floats
+    mirrored: Integers
 
     @property
     def warnings(self) -> list[str]:
@@ -93,7 +92,7 @@ def oriented_at_rest(points: NDArray[np.floating], cells: CellTable) -> tuple[Ce
     return read.cells, cells_at_rest(points, read.cells, read.sizes)
 
 
-def _mirrored(cells: CellTable, numbers: NDArray[np.int64]) -> CellTable:
+def _mirrored(cells: CellTable, numbers: Integers) -> CellTable:
     """The cells, with those of these numbers replaced by their mirror images."""
     blocks = []
     for block, first in zip(cells, cells.offsets, strict=False):

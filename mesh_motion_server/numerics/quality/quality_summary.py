@@ -8,8 +8,8 @@ from typing import Protocol
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.quality.metrics import CellQuality
 
 __all__ = [
@@ -27,8 +27,6 @@ __all__ = [
     "worst_cells",
 ]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _PERCENTILES = (1, 5, 50)
 
@@ -64,7 +62,6 @@ class WorstCell:
         Mean of the cell's nodes, mesh length unit.
     value : float
         Value of the metric that ranks the cells.
-    size, skew, size_skew : float
     """
 
     number: int
@@ -77,12 +74,7 @@ class WorstCell:
 
 @dataclass(frozen=True)
 class Minimum:
-    """The smallest value of a quality metric over a mesh.
-
-    Attributes
-    ----------
-    min : float
-    """
+    """The smallest value of a quality metric over a mesh."""
 
     min: float
 
@@ -95,7 +87,6 @@ class LowestQuality:
     ----------
     metric_name : str
         The metric of ``metric`` and ``worst``.
-    metric : Minimum
     inverted, cells, worst
         As in :class:`QualitySummary`.
     """
@@ -120,7 +111,6 @@ class QualitySummary:
     ----------
     metric_name : str
         The metric of ``metric`` and ``worst``.
-    metric, size, skew, size_skew : Distribution
     inverted : int
         Number of cells with a corner determinant ≤ 0.
     cells : int
@@ -140,13 +130,7 @@ class QualitySummary:
 
     @classmethod
     def of(
-        cls,
-        found: Mapping[str, Distribution],
-        metric: str,
-        *,
-        inverted: int,
-        cells: int,
-        worst: tuple[WorstCell, ...],
+        cls, found: Mapping[str, Distribution], metric: str, *, inverted: int, cells: int, worst: tuple[WorstCell, ...]
     ) -> QualitySummary:
         """Build it from the distributions of :func:`reported_metrics`, by name."""
         size, skew, size_skew = (found[name] for name in ("size", "skew", "size-skew"))
@@ -165,7 +149,7 @@ Judgement = QualitySummary | LowestQuality
 class Judge(Protocol):
     """Judges the quality of a mesh; it may already have the nodes."""
 
-    def summary(self, points: NDArray[np.float64], metric: str) -> Judgement:
+    def summary(self, points: Floats, metric: str) -> Judgement:
         """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh."""
 
 
@@ -179,9 +163,9 @@ def distribution(values: Floats) -> Distribution:
     return Distribution(*kernels.distribution(np.ascontiguousarray(values)).tolist())
 
 
-def smallest(values: Floats, count: int) -> Ints:
+def smallest(values: Floats, count: int) -> Integers:
     """Numbers of the smallest values, smallest first; of equal values the lower number first."""
-    numbers: Ints = kernels.smallest_values(np.ascontiguousarray(values), count)
+    numbers: Integers = kernels.smallest_values(np.ascontiguousarray(values), count)
     return numbers
 
 
@@ -190,7 +174,7 @@ def percentile_ranks(count: int) -> list[int]:
     return [p * (count - 1) // 100 for p in _PERCENTILES]
 
 
-def worst_cells(numbers: Ints, quality: CellQuality, centres: Floats, metric: str) -> tuple[WorstCell, ...]:
+def worst_cells(numbers: Integers, quality: CellQuality, centres: Floats, metric: str) -> tuple[WorstCell, ...]:
     """The worst-cell records for cell numbers (s,), with their quality and centres (s, d)."""
     columns = [quality.metric(name).tolist() for name in (metric, "size", "skew", "size-skew")]
     return tuple(

@@ -4,12 +4,9 @@ One algorithm per module, all called ``reduce(problem) -> Reduced``; :data:`REDU
 remains at the boundary nodes is in ``Reduced.error``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import wraps
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.blas import one_blas_thread
 from mesh_motion_server.numerics.reduction import (
     error_peaks,
@@ -26,116 +23,33 @@ from mesh_motion_server.numerics.reduction import (
 )
 from mesh_motion_server.numerics.reduction.problem import Iterate, Level, Reduced, ReductionProblem
 
-__all__ = ["REDUCTIONS", "Iterate", "Level", "Reduced", "Reduction", "ReductionProblem", "reduction_named"]
+__all__ = ["REDUCTIONS", "Iterate", "Level", "Reduced", "ReductionProblem"]
+
+Reduction = Callable[[ReductionProblem], Reduced]
 
 
-@dataclass(frozen=True)
-class Reduction:
-    """One algorithm.
+def _repeatable(reduce: Reduction) -> Reduction:
+    """The algorithm, bitwise the same for any number of threads."""
 
-    Attributes
-    ----------
-    name : str
-        As in the case file and on the wire.
-    reduce : callable
-    source : str
-        Where it is from, with the thesis' place.
-    summary : str
-        One line.
-    """
-
-    name: str
-    reduce: Callable[[ReductionProblem], Reduced]
-    source: str
-    summary: str
-
-    def __call__(self, problem: ReductionProblem) -> Reduced:
-        """Run it; bitwise the same for any number of threads."""
+    @wraps(reduce)
+    def run(problem: ReductionProblem) -> Reduced:
         with one_blas_thread():
-            return self.reduce(problem)
+            return reduce(problem)
+
+    return run
 
 
+#: Every algorithm by its name in the case file and on the wire.
 REDUCTIONS: dict[str, Reduction] = {
-    row.name: row
-    for row in (
-        Reduction(
-            "greedy",
-            greedy.reduce,
-            "Rendall & Allen 2009; thesis §2.2.2",
-            "the node of the largest error, with a full solution for each",
-        ),
-        Reduction(
-            "one-point",
-            one_point.reduce,
-            "Rendall & Allen 2010; thesis (2.8)–(2.10)",
-            "a correction of one coefficient for each point, full solutions at 16, 32, 64 … points",
-        ),
-        Reduction(
-            "greedy-combined",
-            greedy_combined.reduce,
-            "Rendall & Allen 2010; thesis §2.2.2, Fig 2.6",
-            "one-point corrections, and a full solution after every ten points",
-        ),
-        Reduction(
-            "error-peaks",
-            error_peaks.reduce,
-            "Li et al.; thesis §2.2.3, Fig 2.7",
-            "all peaks of the error above half of the largest, then a full solution",
-        ),
-        Reduction(
-            "incremental-lu",
-            incremental_lu.reduce,
-            "Selim & Koomullil; thesis §2.2.3",
-            "the greedy choice, with an LU factorization that is bordered for each point",
-        ),
-        Reduction(
-            "recurrence-cholesky",
-            recurrence_cholesky.reduce,
-            "Fang et al.; thesis §2.2.3",
-            "the greedy choice, with a Cholesky factor and the errors grown by a row and a column",
-        ),
-        Reduction(
-            "grouped-circular",
-            grouped_circular.reduce,
-            "Fang et al. 2021; thesis §2.2.3, Fig 2.8",
-            "the node of the largest error of one group of nodes after the other",
-        ),
-        Reduction(
-            "multilevel-subspace",
-            multilevel_subspace.reduce,
-            "Wang et al. 2015, 2018; thesis §2.2.1, Table 2.3",
-            "levels of few nodes, each greedy on what the levels before it left",
-        ),
-        Reduction(
-            "multi-step",
-            multi_step.reduce,
-            "Floater & Iske 1996; thesis §2.2.1, Fig 2.4",
-            "nested subsets from coarse to fine, each with half the support radius of the one before",
-        ),
-        Reduction(
-            "multiscale",
-            multiscale.reduce,
-            "Kedward et al. 2017; thesis §2.2.1, Fig 2.5",
-            "a base set, then every other node with a support radius as small as its separation: exact",
-        ),
-        Reduction(
-            "grid-clustering",
-            grid_clustering.reduce,
-            "Strofylas et al. 2017; thesis §2.2.3",
-            "a node for each cell of a grid, finer where the error is large",
-        ),
-    )
+    "greedy": _repeatable(greedy.reduce),
+    "one-point": _repeatable(one_point.reduce),
+    "greedy-combined": _repeatable(greedy_combined.reduce),
+    "error-peaks": _repeatable(error_peaks.reduce),
+    "incremental-lu": _repeatable(incremental_lu.reduce),
+    "recurrence-cholesky": _repeatable(recurrence_cholesky.reduce),
+    "grouped-circular": _repeatable(grouped_circular.reduce),
+    "multilevel-subspace": _repeatable(multilevel_subspace.reduce),
+    "multi-step": _repeatable(multi_step.reduce),
+    "multiscale": _repeatable(multiscale.reduce),
+    "grid-clustering": _repeatable(grid_clustering.reduce),
 }
-
-
-def reduction_named(name: str) -> Reduction:
-    """Look an algorithm up.
-
-    Raises
-    ------
-    InvalidInput
-        If there is none of that name.
-    """
-    if name not in REDUCTIONS:
-        raise InvalidInput(f"unknown reduction {name!r}", hint=f"known are {', '.join(REDUCTIONS)}")
-    return REDUCTIONS[name]

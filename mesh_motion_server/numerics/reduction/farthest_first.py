@@ -6,20 +6,14 @@ Gonzalez, Theoret. Comput. Sci. 38 (1985) 293–306). The nested, well separated
 of Kedward's refinement points are prefixes of it.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import mesh_motion_kernels as kernels
-import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.points import padded
 
 __all__ = ["FarthestFirst", "farthest_first"]
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 class FarthestFirst(NamedTuple):
@@ -34,11 +28,11 @@ class FarthestFirst(NamedTuple):
         first one's is infinite.
     """
 
-    order: Indices
+    order: Integers
     separation: Floats
 
 
-def farthest_first(points: Floats, given: Indices) -> FarthestFirst:
+def farthest_first(points: Floats, given: Integers) -> FarthestFirst:
     """Order points after some that are given.
 
     Parameters

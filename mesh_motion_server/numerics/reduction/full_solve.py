@@ -1,17 +1,13 @@
 """Weights of a selected set by a fresh Cholesky factorization: φ_cc γ = d_c, thesis (2.4) without a polynomial."""
 
-from __future__ import annotations
-
-import numpy as np
-from numpy.typing import NDArray
-
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation.factorizations.dense import PanelCholesky
 from mesh_motion_server.numerics.reduction.problem import ReductionProblem
 
-__all__ = ["full_operations", "full_weights"]
+__all__ = ["full_operations", "full_solution", "full_weights"]
 
 
-def full_weights(problem: ReductionProblem, selected: NDArray[np.int64]) -> NDArray[np.float64]:
+def full_weights(problem: ReductionProblem, selected: Integers) -> Floats:
     """(nc, k) weights that reproduce the displacement of the selected nodes.
 
     Raises
@@ -29,3 +25,8 @@ def full_operations(problem: ReductionProblem, count: int) -> float:
     """Multiply-adds of that: a Cholesky factor of order ``count``, and both substitutions for k right-hand sides."""
     components = int(problem.displacement.shape[1])
     return float(count) ** 3 / 6.0 + components * float(count) ** 2
+
+
+def full_solution(problem: ReductionProblem, selected: Integers) -> tuple[Floats, float]:
+    """(nc, k) weights, and the multiply-adds for them."""
+    return full_weights(problem, selected), full_operations(problem, len(selected))

@@ -11,27 +11,17 @@ T. C. S. Rendall, C. B. Allen, "Efficient mesh motion using radial basis functio
 J. Comput. Phys. 228 (2009) 6231–6249.
 """
 
-from __future__ import annotations
+from functools import partial
 
 import numpy as np
 
-from mesh_motion_server.numerics.reduction.full_solve import full_operations, full_weights
+from mesh_motion_server.numerics.reduction.full_solve import full_solution
 from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.progress import Progress, lengths
+from mesh_motion_server.numerics.reduction.progress import greedily
 
 __all__ = ["reduce"]
 
 
 def reduce(problem: ReductionProblem) -> Reduced:
     """Add the node of the largest error, solve again, until the tolerance is met."""
-    progress = Progress(problem)
-    selected = np.array([problem.start], dtype=np.int64)
-    while True:
-        level = problem.level(selected, full_weights(problem, selected))
-        error = problem.displacement - problem.values(level)
-        progress.count(solve=full_operations(problem, len(selected)), error=float(problem.n_points) * len(selected))
-        if progress.record(len(selected), error):
-            return Reduced((level,), selected, error, tuple(progress.history))
-        size = lengths(error)
-        size[selected] = -1.0  # the error there is only rounding
-        selected = np.append(selected, np.argmax(size))
+    return greedily(problem, partial(full_solution, problem), lambda size, _: np.argmax(size, keepdims=True))

@@ -8,8 +8,6 @@ References
 T. C. S. Rendall, C. B. Allen, J. Comput. Phys. 229 (2010) 2810–2820.
 """
 
-from __future__ import annotations
-
 from mesh_motion_server.numerics.reduction.one_point import corrected_reduction
 from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
 
@@ -19,6 +17,6 @@ FULL_EVERY = 10
 """Points between two full solutions, as in thesis Fig 2.6."""
 
 
-def reduce(problem: ReductionProblem, *, full_every: int = FULL_EVERY) -> Reduced:
-    """One-point corrections, and a full solution after every ``full_every`` points and at the end."""
-    return corrected_reduction(problem, lambda points: points % full_every == 0)
+def reduce(problem: ReductionProblem) -> Reduced:
+    """One-point corrections, and a full solution after every :data:`FULL_EVERY` points and at the end."""
+    return corrected_reduction(problem, lambda points: points % FULL_EVERY == 0)

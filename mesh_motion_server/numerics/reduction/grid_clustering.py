@@ -12,20 +12,15 @@ deformation", Adv. Eng. Softw. 107 (2017) 13–37; thesis [43]. There clusters g
 grid needs none.
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.reduction.level_sum import LevelSum
 from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
 from mesh_motion_server.numerics.reduction.progress import lengths
 
 __all__ = ["Clusters", "reduce"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Marks = NDArray[np.bool_]
 
 #: Clusters to begin with, at least.
 _FIRST_CLUSTERS = 16
@@ -44,7 +39,6 @@ class Clusters:
     ----------
     label : (nb,) int64 array
         Cluster of each node, 0 … count − 1.
-    count : int
     """
 
     def __init__(self, points: Floats) -> None:
@@ -71,7 +65,7 @@ class Clusters:
             kept, self.label = np.unique(children, return_inverse=True)
             self.count = len(kept)
 
-    def representatives(self, selected: Indices) -> Indices:
+    def representatives(self, selected: Integers) -> Integers:
         """(count,) for each cluster its node among the selected, otherwise the one nearest to its centroid."""
         size = np.bincount(self.label)
         sums = [np.bincount(self.label, weights=x) for x in self._points.T]
@@ -98,7 +92,7 @@ def reduce(problem: ReductionProblem) -> Reduced:
         clusters.divide(_to_divide(clusters, size, problem.allowed_error))
 
 
-def _extended(selected: Indices, representatives: Indices, size: Floats, limit: int) -> Indices:
+def _extended(selected: Integers, representatives: Integers, size: Floats, limit: int) -> Integers:
     """The selected nodes and the new representatives, those of the largest error (nb,) if not all may be selected."""
     new = np.setdiff1d(representatives, selected)
     if len(selected) + len(new) > limit:

@@ -11,11 +11,9 @@ H. Fang et al., "Efficient mesh deformation using radial basis functions with a 
 algorithm", J. Comput. Phys. 433 (2021); thesis [20].
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Integers
 from mesh_motion_server.numerics.reduction.full_solve import full_operations, full_weights
 from mesh_motion_server.numerics.reduction.growing_set import GrowingSet
 from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
@@ -39,7 +37,6 @@ def reduce(problem: ReductionProblem, *, groups: int = 0) -> Reduced:
 
     Parameters
     ----------
-    problem : ReductionProblem
     groups : int
         m; 0 for :func:`default_groups`. With 1 it is the greedy algorithm.
 
@@ -56,7 +53,7 @@ def reduce(problem: ReductionProblem, *, groups: int = 0) -> Reduced:
     return Reduced((level,), selected, error, tuple(progress.history))
 
 
-def select(problem: ReductionProblem, m: int, progress: Progress) -> NDArray[np.int64]:
+def select(problem: ReductionProblem, m: int, progress: Progress) -> Integers:
     """(nc,) nodes in the order of choice, from ``m`` groups; ``progress`` gains the errors of each."""
     free = np.ones(problem.n_points, dtype=bool)
     growing = GrowingSet(problem)

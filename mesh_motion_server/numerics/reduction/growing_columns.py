@@ -1,16 +1,14 @@
 """A matrix of many rows that grows by columns, in blocks: nothing is copied when it grows."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.blas import dgemm
+
+from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["GrowingColumns"]
 
-Floats = NDArray[np.float64]
 
 #: Columns a block: wide enough for full speed of a product, narrow enough that few matrices of few columns waste none.
 _BLOCK = 128
@@ -32,7 +30,7 @@ class GrowingColumns:
         self._blocks[-1][:, place] = column
         self.count += 1
 
-    def rows(self, numbers: NDArray[np.int64]) -> Floats:
+    def rows(self, numbers: Integers) -> Floats:
         """(m, count) copy of rows."""
         out = np.empty((len(numbers), self.count))
         for first, block in self._filled():

@@ -5,29 +5,20 @@ With ``φ_cc = L Lᵀ`` the weights are ``γ = L⁻ᵀ y, y = L⁻¹ d``. A furt
 only gains a term, and no substitution is ever repeated.
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.reduction.lost_pivot import LOST, singular
 from mesh_motion_server.numerics.reduction.problem import ReductionProblem
 
 __all__ = ["GrowingSet"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 _FIRST_CAPACITY = 64
 
 
 class GrowingSet:
-    """Selected nodes and their weights.
-
-    Parameters
-    ----------
-    problem : ReductionProblem
-    """
+    """Selected nodes and their weights."""
 
     def __init__(self, problem: ReductionProblem) -> None:
         self._problem = problem
@@ -37,7 +28,7 @@ class GrowingSet:
         self.count = 0
 
     @property
-    def selected(self) -> Indices:
+    def selected(self) -> Integers:
         """(count,) nodes in the order of selection."""
         return self._selected[: self.count]
 
@@ -46,7 +37,7 @@ class GrowingSet:
         """(count, k) γ, which reproduce the displacement of the selected nodes."""
         return self._weights[: self.count]
 
-    def errors(self, nodes: Indices) -> Floats:
+    def errors(self, nodes: Integers) -> Floats:
         """(len(nodes), k) errors at the nodes, thesis (2.12)."""
         return self._problem.displacement[nodes] - self._problem.columns(self.selected, rows=nodes) @ self.weights
 

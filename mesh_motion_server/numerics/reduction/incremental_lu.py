@@ -14,41 +14,30 @@ References
 M. M. Selim, R. P. Koomullil, the thesis' [41]; described in thesis §2.2.3.
 """
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.reduction.lost_pivot import LOST, singular
 from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.progress import Progress, lengths
+from mesh_motion_server.numerics.reduction.progress import greedily
 
 __all__ = ["GrowingLU", "reduce"]
 
-Floats = NDArray[np.float64]
 
 _FIRST_SIZE = 64
 
 
 def reduce(problem: ReductionProblem) -> Reduced:
     """Add the node of the largest error, border the factors, until the tolerance is met."""
-    progress = Progress(problem)
     factors = GrowingLU(problem.displacement.shape[1])
-    selected = np.empty(0, dtype=np.int64)
-    node = problem.start
-    while True:
-        column = problem.columns(np.array([node]), rows=np.append(selected, node))[:, 0]
-        factors.border(column, problem.displacement[node])
-        selected = np.append(selected, node)
-        level = problem.level(selected, factors.weights())
-        error = problem.displacement - problem.values(level)
-        progress.count(solve=factors.operations(), error=float(problem.n_points) * len(selected))
-        if progress.record(len(selected), error):
-            return Reduced((level,), selected, error, tuple(progress.history))
-        size = lengths(error)
-        size[selected] = -1.0  # the error there is only rounding
-        node = int(np.argmax(size))
+
+    def solve(selected: Integers) -> tuple[Floats, float]:
+        node = selected[-1]
+        factors.border(problem.columns(selected[-1:], rows=selected)[:, 0], problem.displacement[node])
+        return factors.weights(), factors.operations()
+
+    return greedily(problem, solve, lambda size, _: np.argmax(size, keepdims=True))
 
 
 class GrowingLU:

@@ -1,11 +1,9 @@
 """A sum of interpolants, each of the error of those before it; shared by the algorithms that work in levels."""
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Integers
 from mesh_motion_server.numerics.interpolation.interpolant import Factorization, factorize
 from mesh_motion_server.numerics.reduction.full_solve import full_operations
 from mesh_motion_server.numerics.reduction.problem import Level, Reduced, ReductionProblem
@@ -13,16 +11,9 @@ from mesh_motion_server.numerics.reduction.progress import Progress
 
 __all__ = ["LevelSum"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
 
 class LevelSum:
     """The levels so far, and the error they leave.
-
-    Parameters
-    ----------
-    problem : ReductionProblem
 
     Attributes
     ----------
@@ -35,7 +26,7 @@ class LevelSum:
     def __init__(self, problem: ReductionProblem) -> None:
         self._problem = problem
         self._levels: list[Level] = []
-        self._chosen: list[Indices] = []
+        self._chosen: list[Integers] = []
         self.progress = Progress(problem)
         self.error = problem.displacement.copy()
         self.centres = 0
@@ -48,19 +39,19 @@ class LevelSum:
                 hint="take 'wendland-c2', or another reduction",
             )
 
-    def add(self, selected: Indices, radius: float) -> bool:
+    def add(self, selected: Integers, radius: float) -> bool:
         """Interpolate the error at the selected nodes; whether the tolerance is met or all nodes are used."""
         factorization = factorize(self._problem.points[selected], basis=self._problem.basis, support_radius=radius)
         level = factorization.solve(self.error[selected])
         return self.append(level, selected, solve_operations=_operations(self._problem, factorization))
 
-    def replace(self, selected: Indices) -> bool:
+    def replace(self, selected: Integers) -> bool:
         """Forget the levels and interpolate the displacement itself at the selected nodes; as :meth:`add`."""
         self._levels, self._chosen, self.centres = [], [], 0
         self.error = self._problem.displacement.copy()
         return self.add(selected, self._problem.support_radius)
 
-    def append(self, level: Level, selected: Indices, *, solve_operations: float) -> bool:
+    def append(self, level: Level, selected: Integers, *, solve_operations: float) -> bool:
         """Append a level on the selected nodes, with its cost in multiply-adds; as :meth:`add`."""
         problem = self._problem
         self.error -= problem.values(level)
@@ -72,7 +63,7 @@ class LevelSum:
         return self.progress.record(len(self.selected), self.error)
 
     @property
-    def selected(self) -> Indices:
+    def selected(self) -> Integers:
         """(nc,) nodes of all levels in the order they came, each once."""
         nodes, first = np.unique(np.concatenate(self._chosen), return_index=True)
         return nodes[np.argsort(first)]

@@ -1,7 +1,5 @@
 """A pivot that is only rounding: its point is numerically equal to a selected one."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mesh_motion_server.errors import NumericalError

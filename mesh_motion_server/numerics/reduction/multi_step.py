@@ -13,8 +13,6 @@ M. S. Floater, A. Iske, "Multistep scattered data interpolation using compactly 
 J. Comput. Appl. Math. 73 (1996) 65–78; thesis [21].
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mesh_motion_server.numerics.reduction.farthest_first import farthest_first
@@ -32,7 +30,7 @@ nodes 0.48; each doubling doubles to quadruples the work.
 """
 
 
-def reduce(problem: ReductionProblem, *, spacings: float = SPACINGS) -> Reduced:
+def reduce(problem: ReductionProblem) -> Reduced:
     """Add levels of half the radius until the tolerance is met.
 
     Raises
@@ -45,7 +43,7 @@ def reduce(problem: ReductionProblem, *, spacings: float = SPACINGS) -> Reduced:
     nodes = farthest_first(problem.points, np.array([problem.start]))
     radius, before = problem.support_radius, 0
     while True:
-        count = min(int((nodes.separation >= radius / spacings).sum()), problem.limit)
+        count = min(int((nodes.separation >= radius / SPACINGS).sum()), problem.limit)
         if count > before and field.add(nodes.order[:count], radius):
             return field.reduced()
         radius, before = radius / 2.0, count

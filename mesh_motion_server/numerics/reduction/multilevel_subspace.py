@@ -18,12 +18,10 @@ using radial basis functions", AIAA J. 53 (2015) 1016–1025; thesis [45]. G. Wa
 thesis [44].
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.reduction.level_sum import LevelSum
 from mesh_motion_server.numerics.reduction.lost_pivot import LOST, singular
 from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
@@ -31,8 +29,6 @@ from mesh_motion_server.numerics.reduction.progress import lengths
 
 __all__ = ["POINTS_PER_LEVEL", "reduce"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 POINTS_PER_LEVEL = 128
 """M."""
@@ -75,7 +71,7 @@ class _GreedyLevel:
                 self._append(node)
 
     @property
-    def selected(self) -> Indices:
+    def selected(self) -> Integers:
         """(n,) chosen nodes."""
         return np.array(self._chosen, dtype=np.int64)
 

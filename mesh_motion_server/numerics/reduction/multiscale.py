@@ -15,8 +15,8 @@ node.
 
 Functions so narrow are steep: they may carry only what is small against their radius. Kedward takes the base set
 farthest first too, from the geometry alone. Where the body is small against the domain most of such a set lies on the
-outer wall, too much is left to the narrow functions, and cells next to the body invert. So here the base set is by
-default chosen for the motion, greedily, down to the tolerance, which has no other use: the nodes keep no error.
+outer wall, too much is left to the narrow functions, and cells next to the body invert. So here the base set is chosen
+for the motion, greedily, down to the tolerance, which has no other use: the nodes keep no error.
 
 References
 ----------
@@ -24,66 +24,46 @@ L. Kedward, C. B. Allen, T. C. S. Rendall, "Efficient and exact mesh deformation
 J. Comput. Phys. 345 (2017) 732–751; thesis [28].
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.reduction.farthest_first import farthest_first
 from mesh_motion_server.numerics.reduction.grouped_circular import default_groups, select
 from mesh_motion_server.numerics.reduction.level_sum import LevelSum
 from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
 from mesh_motion_server.numerics.reduction.progress import Progress
 
-__all__ = ["BASE_SETS", "CLASSES", "class_radii", "reduce"]
+__all__ = ["CLASSES", "class_radii", "greedy_base", "reduce"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 CLASSES = 2.0
 """Radii to a factor of two: each is at least 2^(−1/2) = 0.71 of the separation."""
 
-#: Share of the nodes in a farthest-first base set, and its bounds: a large one is slow to factorize.
-_SHARE, _FEWEST, _MOST = 0.1, 50, 1000
 
-
-def _farthest_base(problem: ReductionProblem) -> Indices:
-    """(n,) a tenth of the nodes, well separated."""
-    count = max(_FEWEST, min(_MOST, int(_SHARE * problem.n_points)))
-    return farthest_first(problem.points, np.array([problem.start])).order[: min(count, problem.limit)]
-
-
-def _greedy_base(problem: ReductionProblem) -> Indices:
+def greedy_base(problem: ReductionProblem) -> Integers:
     """(n,) nodes that leave no error above the tolerance."""
     return select(problem, default_groups(problem.n_points), Progress(problem))
 
 
-BASE_SETS: dict[str, Callable[[ReductionProblem], Indices]] = {
-    "greedy": _greedy_base,
-    "farthest-first": _farthest_base,
-}
-"""How the base set is chosen."""
-
-
-def class_radii(separation: Floats, *, classes: float = CLASSES) -> Floats:
-    """(n,) radii: separations (n,), not increasing, rounded down to ``separation[0] 2^(−j / classes)``."""
-    steps = np.ceil(classes * np.log2(separation[0] / separation))
-    radii = separation[0] * 2.0 ** (-steps / classes)
+def class_radii(separation: Floats) -> Floats:
+    """(n,) radii: separations (n,), not increasing, rounded down to ``separation[0] 2^(−j / CLASSES)``."""
+    steps = np.ceil(CLASSES * np.log2(separation[0] / separation))
+    radii = separation[0] * 2.0 ** (-steps / CLASSES)
     return np.asarray(np.minimum(radii, separation))  # rounding of the logarithm
 
 
-def reduce(problem: ReductionProblem, *, base: str = "greedy") -> Reduced:
+def reduce(problem: ReductionProblem, *, base: Callable[[ReductionProblem], Integers] = greedy_base) -> Reduced:
     """Interpolate from a base set, then add all other nodes, a class of radii at a time.
 
     Parameters
     ----------
     problem : ReductionProblem
         Its ``max_points`` bounds base set and added nodes together.
-    base : str
-        One of :data:`BASE_SETS`.
+    base : callable
+        Chooses the base set (nc,).
 
     Raises
     ------
@@ -92,7 +72,7 @@ def reduce(problem: ReductionProblem, *, base: str = "greedy") -> Reduced:
     """
     field = LevelSum(problem)
     field.require_compact("multiscale")
-    first = BASE_SETS[base](problem)
+    first = base(problem)
     field.add(first, problem.support_radius)
     nodes = farthest_first(problem.points, first)
     rest = slice(len(first), problem.limit)
@@ -102,7 +82,7 @@ def reduce(problem: ReductionProblem, *, base: str = "greedy") -> Reduced:
     return field.reduced()
 
 
-def _classes(order: Indices, separation: Floats) -> Iterator[tuple[Indices, float]]:
+def _classes(order: Integers, separation: Floats) -> Iterator[tuple[Integers, float]]:
     """The nodes in ``order`` (n) by their radii, from coarse to fine."""
     if order.size:
         radii = class_radii(separation)

@@ -29,11 +29,9 @@ L. Kedward, C. B. Allen, T. C. S. Rendall, J. Comput. Phys. 345 (2017) 732–751
 nodes exact by functions of small support.
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.spacing import local_spacing
 
 __all__ = ["BASIS", "boundary_spacing", "near_surface_radius"]
@@ -44,7 +42,7 @@ BASIS = "wendland-c2"
 _SPACINGS, _ERRORS = 4.0, 10.0
 
 
-def boundary_spacing(points: NDArray[np.float64]) -> float:
+def boundary_spacing(points: Floats) -> float:
     """Median distance of (n, d) points to their nearest neighbours, mesh length unit; 0 of a single point."""
     if len(points) < 2:
         return 0.0

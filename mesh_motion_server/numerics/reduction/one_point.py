@@ -16,13 +16,10 @@ T. C. S. Rendall, C. B. Allen, "Reduced surface point selection options for effi
 basis functions", J. Comput. Phys. 229 (2010) 2810–2820.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.interpolation.kernels import values
 from mesh_motion_server.numerics.mesh.points import padded
@@ -31,8 +28,6 @@ from mesh_motion_server.numerics.reduction.problem import Level, Reduced, Reduct
 from mesh_motion_server.numerics.reduction.progress import Progress, lengths
 
 __all__ = ["corrected_reduction", "reduce"]
-
-Floats = NDArray[np.float64]
 
 #: Corrections of nodes that are selected already, between two new ones. 400 points on the tapered wing leave 0.0107,
 #: 0.0085, 0.0054, 0.0050, 0.0049 of the displacement with at most 1, 3, 10, 30, 100 of them, for 1, 1.6, 2.8, 4.1, 4.9

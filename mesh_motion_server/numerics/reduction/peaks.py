@@ -1,20 +1,18 @@
 """Local maxima of the error over a boundary, with neighbours taken by distance."""
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["error_peaks", "nearest_neighbours"]
 
-Indices = NDArray[np.int64]
 
 #: Nearest nodes that count as neighbours, by dimension: both sides of a curve twice, the ring around a surface node.
 _NEIGHBOURS = {1: 2, 2: 4, 3: 8}
 
 
-def nearest_neighbours(points: NDArray[np.float64]) -> Indices:
+def nearest_neighbours(points: Floats) -> Integers:
     """(n, m) nearest other nodes of (n, d) points; fewer columns where there are fewer points."""
     count = min(_NEIGHBOURS[points.shape[1]], len(points) - 1)
     if count < 1:
@@ -23,7 +21,7 @@ def nearest_neighbours(points: NDArray[np.float64]) -> Indices:
     return np.asarray(found[:, 1:], dtype=np.int64)
 
 
-def error_peaks(size: NDArray[np.float64], neighbours: Indices) -> Indices:
+def error_peaks(size: Floats, neighbours: Integers) -> Integers:
     """Nodes whose error ``size`` (n,) no neighbour exceeds, the largest first; of equal neighbours the first counts.
 
     Being neighbours is mutual here, whichever of two nodes counts the other among its nearest.

@@ -4,28 +4,22 @@ A reduction interpolates the displacement of all boundary nodes from few of them
 convention, ``reduce(problem) -> Reduced``, so that they can be exchanged by name and compared on one footing.
 """
 
-from __future__ import annotations
-
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation.assembly import dense_block
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.control_points import checked_control_points
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
-from mesh_motion_server.numerics.interpolation.kernels import DEFAULT_BASIS, Basis, basis_named, checked_radius
+from mesh_motion_server.numerics.interpolation.kernels import DEFAULT_BASIS, Basis, basis_named
 from mesh_motion_server.numerics.mesh.points import padded
 
 __all__ = ["Iterate", "Level", "Reduced", "ReductionProblem"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 #: A level is an interpolant: weights on a subset of the boundary nodes, with a support radius of its own.
 Level = Interpolant
@@ -40,6 +34,7 @@ class ReductionProblem:
     points : (nb, d) array, mesh length unit
         Boundary nodes with a prescribed displacement, distinct.
     displacement : (nb, k) array, mesh length unit
+        C-contiguous.
     basis : str
         A positive definite one of :data:`~mesh_motion_server.numerics.interpolation.kernels.BASES`.
     support_radius : float, mesh length unit
@@ -52,8 +47,7 @@ class ReductionProblem:
     Raises
     ------
     InvalidInput
-        On shapes that do not fit, values that are not finite, coinciding points, an unusable basis or radius, or a
-        negative tolerance or bound.
+        If two points coincide.
     """
 
     points: Floats
@@ -65,18 +59,6 @@ class ReductionProblem:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", checked_control_points(self.points))
-        object.__setattr__(self, "displacement", _checked_displacement(self.displacement, len(self.points)))
-        row = basis_named(self.basis)
-        if row.needs_polynomial:
-            raise InvalidInput(
-                f"a point reduction needs a positive definite basis, {self.basis!r} is only conditionally definite",
-                hint="take 'wendland-c2', or reduction = 'none'",
-            )
-        checked_radius(self.support_radius, row)
-        if not (math.isfinite(self.tolerance) and self.tolerance >= 0.0):
-            raise InvalidInput(f"expected a reduction tolerance of 0 or more, got {self.tolerance!r}")
-        if self.max_points < 0:
-            raise InvalidInput(f"expected a largest number of control points of 0 or more, got {self.max_points!r}")
 
     @property
     def n_points(self) -> int:
@@ -108,12 +90,12 @@ class ReductionProblem:
         """The node every algorithm starts from: the first of the largest displacement (never a random one)."""
         return int(np.argmax(_squared_lengths(self.displacement)))
 
-    def columns(self, selected: Indices, *, rows: Indices | None = None, support_radius: float | None = None) -> Floats:
+    def columns(self, selected: Integers, *, rows: Integers | None = None) -> Floats:
         """(nb or len(rows), nc) values of φ between boundary nodes and the selected ones."""
         at = self._padded if rows is None else self._padded[rows]
-        return dense_block(self.row, support_radius or self.support_radius, at, self._padded[selected])
+        return dense_block(self.row, self.support_radius, at, self._padded[selected])
 
-    def level(self, selected: Indices, weights: Floats, *, support_radius: float | None = None) -> Level:
+    def level(self, selected: Integers, weights: Floats, *, support_radius: float | None = None) -> Level:
         """The interpolant with these (nc, k) weights at the selected nodes."""
         radius = support_radius or self.support_radius
         centres = self.points[selected]
@@ -163,11 +145,10 @@ class Reduced:
         Boundary nodes in the order of choice, each once.
     error : (nb, k) array, mesh length unit
         Left at all boundary nodes: prescribed minus interpolated, thesis (2.12).
-    history : tuple of Iterate
     """
 
     levels: tuple[Level, ...]
-    selected: Indices
+    selected: Integers
     error: Floats
     history: tuple[Iterate, ...]
 
@@ -180,21 +161,3 @@ class Reduced:
 def _squared_lengths(vectors: Floats) -> Floats:
     """(n,) squared lengths of (n, k) vectors."""
     return np.asarray(np.einsum("ij,ij->i", vectors, vectors))
-
-
-def _checked_displacement(displacement: Floats, n: int) -> Floats:
-    """The displacement as a contiguous (n, k) array of finite numbers."""
-    values = np.ascontiguousarray(displacement, dtype=np.float64)
-    if values.ndim != 2 or len(values) != n or not values.shape[1]:
-        raise InvalidInput(
-            f"expected displacements of shape ({n}, k), a row a boundary node, got {values.shape}",
-            code="INVALID_ARGUMENT.SHAPE",
-        )
-    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
-    if bad.size:
-        raise InvalidInput(
-            f"displacement {bad[0]} is not finite: {values[bad[0]].tolist()}",
-            code="INVALID_ARGUMENT.NONFINITE",
-            details={"node": int(bad[0])},
-        )
-    return values

@@ -22,13 +22,11 @@ H. Fang, C. Gong, C. Yu et al., the thesis' [18]; described in thesis §2.2.3. S
 for kernel spaces", J. Approx. Theory 161 (2009) 645–655: the columns of V.
 """
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.interpolation.kernels import values
 from mesh_motion_server.numerics.reduction.growing_columns import GrowingColumns
 from mesh_motion_server.numerics.reduction.lost_pivot import LOST, singular
@@ -37,8 +35,6 @@ from mesh_motion_server.numerics.reduction.progress import Progress, lengths
 
 __all__ = ["reduce"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 #: Most points foreseen at once, and the share of the nodes they are foreseen on. 1000 points of 18 000 on a wing take
 #: 2.6 s of one core (1.6 times the least number of operations); 2.5 s with 8, 2.7 s with 32 on a tenth, 11 s with 1.

@@ -4,22 +4,19 @@ Joins the point reductions (:mod:`.reduction`) to the standard motion: the metho
 add up on the other.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, factorization_of
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.reduction import ReductionProblem, reduction_named
+from mesh_motion_server.numerics.reduction import REDUCTIONS, ReductionProblem
 from mesh_motion_server.numerics.reduction.near_surface import BASIS, near_surface_radius
 
 __all__ = ["ReducedInterpolation", "interpolate_reduced"]
 
-Floats = NDArray[np.float64]
 
 #: An error this small against the largest displacement is rounding: setting the nodes takes care of it.
 _ROUNDING = 1e-12
@@ -37,14 +34,11 @@ class ReducedInterpolation:
         Rows of the boundary that the reduction chose, in their order.
     error : float
         The largest it left, as a share of the largest displacement.
-    reused : bool
-        Whether the factorization of the near-surface correction came from the cache.
     """
 
     levels: tuple[AnyInterpolant, ...]
-    selected: NDArray[np.int64]
+    selected: Integers
     error: float
-    reused: bool
 
 
 def interpolate_reduced(
@@ -71,12 +65,12 @@ def interpolate_reduced(
         tolerance=method.reduction_tolerance,
         max_points=method.max_control_points,
     )
-    reduced = reduction_named(method.reduction)(problem)
+    reduced = REDUCTIONS[method.reduction](problem)
     left = reduced.max_error
     if left <= _ROUNDING * problem.largest:
-        return ReducedInterpolation(reduced.levels, reduced.selected, 0.0, reused=False)
+        return ReducedInterpolation(reduced.levels, reduced.selected, 0.0)
     widest = radius if problem.row.compact else float(np.ptp(points, axis=0).max())
     near = replace(method, basis=BASIS, support_radius=near_surface_radius(spacing, left, widest))
-    factorization, reused = factorization_of(points, near, factors)
+    factorization = factorization_of(points, near, factors)
     levels = (*reduced.levels, factorization.solve(reduced.error))
-    return ReducedInterpolation(levels, reduced.selected, left / problem.largest, reused)
+    return ReducedInterpolation(levels, reduced.selected, left / problem.largest)

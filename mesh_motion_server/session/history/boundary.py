@@ -17,8 +17,6 @@ the later steps of the log. An input is written before its commit and the outcom
 its input, and the last input of a step is the valid one.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 import zlib
@@ -29,9 +27,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import JournalError
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.history.events import FOLDER
 from mesh_motion_server.session.history.segments import list_segments
 
@@ -64,7 +62,6 @@ class BoundaryStep:
 
     Attributes
     ----------
-    step : int
     frame : {"committed", "reference"}
     rows : (k, d) array, mesh length unit
         Displacements of the moving nodes, ascending by global id.
@@ -74,7 +71,7 @@ class BoundaryStep:
 
     step: int
     frame: str
-    rows: NDArray[np.float64]
+    rows: Floats
     digest: bytes = b""
 
 
@@ -94,10 +91,6 @@ class _Head:
 
 class BoundaryLog:
     """The steps of a session's boundary log, read one at a time.
-
-    Parameters
-    ----------
-    session_folder : Path
 
     Attributes
     ----------

@@ -25,8 +25,6 @@ were not written. ``boundary_ended`` (step, message) says that the boundary log 
 are not JSON (a crash leaves the last one incomplete) and unknown events. A number that is not finite is null.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

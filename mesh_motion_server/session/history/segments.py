@@ -5,8 +5,6 @@ system directly, not through the journal's ``FileSystem``: the proofs of the jou
 failing disks, and must not include files that nothing depends on.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import time

@@ -1,7 +1,5 @@
 """Writes a session's history; no failure here reaches the session."""
 
-from __future__ import annotations
-
 import logging
 import os
 import time

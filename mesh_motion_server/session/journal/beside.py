@@ -1,7 +1,5 @@
 """Runs a call in a thread beside its caller: the disk works while cells are judged."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from contextlib import suppress

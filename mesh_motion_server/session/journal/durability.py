@@ -14,8 +14,6 @@
     answered and is behind the durable step may be lost.
 """
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Callable, Iterator
@@ -23,8 +21,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from mesh_motion_server.errors import JournalError
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.journal.journal import Journal
-from mesh_motion_server.session.journal.keeper import Floats, Keeper
+from mesh_motion_server.session.journal.keeper import Keeper
 from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit
 from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
 
@@ -51,19 +50,15 @@ class FullKeeper(Keeper):
 
     @property
     def commits(self) -> tuple[Commit, ...]:
-        """See :class:`Keeper`."""
         return self.journal.ledger.commits
 
     def durable_after(self, step: int) -> int:
-        """See :class:`Keeper`."""
         return step
 
     def prepare(self, state: Floats) -> None:
-        """See :class:`Keeper`."""
         self.journal.write_ahead(state)
 
     def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
-        """See :class:`Keeper`."""
         del boundary
         self.journal.store(entry, state)
 
@@ -86,7 +81,6 @@ class ReplayKeeper(FullKeeper):
         self._logged_since = time.monotonic()
 
     def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
-        """See :class:`Keeper`."""
         ledger, foundation = self.journal.ledger, self.journal.ledger.foundation
         logged = replace(entry, boundary=boundary())
         total, largest = self._logged_bytes + _bytes_of(logged), max(_SMALL_INPUT, _SMALL_PART * state.nbytes)
@@ -100,7 +94,6 @@ class ReplayKeeper(FullKeeper):
             self._logged_bytes, self._logged_since = 0, time.monotonic()
 
     def rest(self, state: Callable[[], Floats]) -> None:
-        """See :class:`Keeper`."""
         if self.journal.ledger.logged:
             self.journal.snapshot(state())
             self._logged_bytes = 0

@@ -1,15 +1,13 @@
 """Reads the journal's files and verifies them; :mod:`.journal` writes them."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from mesh_motion_protocol.digests import state_digest
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import JournalError
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, unreadable
 from mesh_motion_server.session.journal.ledger import Foundation, Ledger, slot_of
 from mesh_motion_server.session.journal.records import PAGE, Record, unpack_record
@@ -27,7 +25,6 @@ __all__ = [
     "verify_state",
 ]
 
-Floats = NDArray[np.float64]
 
 MANIFEST = "manifest"
 NEXT_MANIFEST = "manifest.new"

@@ -4,8 +4,6 @@ The journal and the store do their input and output through :class:`FileSystem` 
 that loses power between any two operations, or one whose operations fail: the code under test is then the real one.
 """
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os
@@ -117,11 +115,9 @@ class PosixFileSystem:
     _LARGEST_CALL = 1 << 30
 
     def make_folder(self, path: Path) -> None:
-        """See :class:`FileSystem`."""
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
 
     def create(self, path: Path, size: int) -> int:
-        """See :class:`FileSystem`."""
         handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
         try:
             if size:
@@ -132,15 +128,12 @@ class PosixFileSystem:
         return handle
 
     def open(self, path: Path, *, writable: bool = True) -> int:
-        """See :class:`FileSystem`."""
         return os.open(path, (os.O_RDWR if writable else os.O_RDONLY) | os.O_CLOEXEC)
 
     def size(self, handle: int) -> int:
-        """See :class:`FileSystem`."""
         return os.fstat(handle).st_size
 
     def read(self, handle: int, offset: int, size: int) -> bytes:
-        """See :class:`FileSystem`."""
         chunks = []
         while size > 0:
             chunk = os.pread(handle, min(size, self._LARGEST_CALL), offset)
@@ -151,22 +144,18 @@ class PosixFileSystem:
         return chunks[0] if len(chunks) == 1 else b"".join(chunks)
 
     def write(self, handle: int, offset: int, data: Buffer) -> int:
-        """See :class:`FileSystem`."""
         written = os.pwrite(handle, memoryview(data)[: self._LARGEST_CALL], offset)
         TALLY.count("journal_written_bytes", written)
         return written
 
     def sync(self, handle: int) -> None:
-        """See :class:`FileSystem`."""
         with TALLY.timed("fsync_seconds"):
             os.fdatasync(handle)
 
     def close(self, handle: int) -> None:
-        """See :class:`FileSystem`."""
         os.close(handle)
 
     def sync_folder(self, path: Path) -> None:
-        """See :class:`FileSystem`."""
         handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
             os.fsync(handle)
@@ -174,19 +163,15 @@ class PosixFileSystem:
             os.close(handle)
 
     def rename(self, source: Path, target: Path) -> None:
-        """See :class:`FileSystem`."""
         source.replace(target)
 
     def remove(self, path: Path) -> None:
-        """See :class:`FileSystem`."""
         path.unlink(missing_ok=True)
 
     def exists(self, path: Path) -> bool:
-        """See :class:`FileSystem`."""
         return path.exists()
 
     def lock(self, path: Path) -> int:
-        """See :class:`FileSystem`."""
         handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

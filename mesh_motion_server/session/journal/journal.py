@@ -30,10 +30,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.journal.beside import Beside
 from mesh_motion_server.session.journal.files import (
     KEPT_COMMITS,
@@ -58,7 +58,6 @@ from mesh_motion_server.session.journal.witness import Witness, has_witness, man
 
 __all__ = ["Journal", "record_area"]
 
-Floats = NDArray[np.float64]
 
 #: A state of so many bytes is synced before its record is written: one sync more takes less than hashing it meanwhile.
 _LARGE_STATE = 4 << 20
@@ -97,9 +96,6 @@ class Journal:
 
         Parameters
         ----------
-        folder : Path
-        files : FileSystem
-        foundation : Foundation
         capacity : int, optional
             Bytes of each manifest, whole pages for a checkpoint and two records at least; by default some 250 commits.
         epoch : int

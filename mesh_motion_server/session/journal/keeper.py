@@ -1,32 +1,17 @@
 """What every level of durability does for a session; each level implements it in its own way."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit
 
-__all__ = ["Floats", "Keeper"]
-
-Floats = NDArray[np.float64]
+__all__ = ["Keeper"]
 
 
 class Keeper(ABC):
-    """Keeps the commits of a session, at one of the levels that :mod:`.durability` lists.
-
-    Parameters
-    ----------
-    journal : Journal
-
-    Attributes
-    ----------
-    journal : Journal
-    """
+    """Keeps the commits of a session, at one of the levels that :mod:`.durability` lists."""
 
     def __init__(self, journal: Journal) -> None:
         self.journal = journal

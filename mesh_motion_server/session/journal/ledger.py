@@ -35,7 +35,6 @@ class Foundation:
 
     Attributes
     ----------
-    session : str
     spec, mesh : bytes
         sha256 of the files that hold them.
     nodes, dimension : int
@@ -99,7 +98,6 @@ class Commit:
 
     Attributes
     ----------
-    step : int
     digest : bytes
         State digest of :mod:`mesh_motion_protocol.digests`; it is also the checksum of the state's slot.
     requests : tuple of RequestId
@@ -157,10 +155,8 @@ class Ledger:
 
     Attributes
     ----------
-    foundation : Foundation
     capacity : int
         Bytes for records in the manifest file.
-    epoch : int
     commits : tuple of Commit
         The latest ones and all behind the snapshot, oldest first.
     snapshot : Snapshot or None

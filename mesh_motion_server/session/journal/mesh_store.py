@@ -7,8 +7,6 @@ then per partition, little-endian and row by row: coordinates (doubles), global 
 (64-bit integers). Its sha256 stands in the journal's first record.
 """
 
-from __future__ import annotations
-
 import hashlib
 import struct
 from collections.abc import Iterator, Sequence
@@ -22,6 +20,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.journal.filesystem import FileSystem, unreadable, write_all
@@ -129,13 +128,13 @@ class _Reader:
         self._data = data
         self._offset = offset
 
-    def floats(self, rows: int, columns: int) -> NDArray[np.float64]:
+    def floats(self, rows: int, columns: int) -> Floats:
         """The next (rows, columns) doubles."""
         taken = np.frombuffer(self._data, "<f8", rows * columns, self._offset)
         self._offset += taken.nbytes
         return taken.reshape(rows, columns).astype(np.float64, copy=False)
 
-    def integers(self, count: int) -> NDArray[np.int64]:
+    def integers(self, count: int) -> Integers:
         """The next ``count`` integers."""
         taken = np.frombuffer(self._data, "<i8", count, self._offset)
         self._offset += taken.nbytes

@@ -4,8 +4,6 @@
 written into that very file, which is then renamed: emptying it first would hand its space to whoever fills the disk.
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 from pathlib import Path
 

@@ -46,11 +46,8 @@ class Record:
 
     Attributes
     ----------
-    sequence : int
     previous : bytes
         Checksum of the record before it.
-    body : dict
-    checksum : bytes
     length : int
         Bytes it takes in the file, whole pages.
     format : int

@@ -13,8 +13,6 @@ slot, a state whose coordinates do not match their digest. Nothing is guessed. R
 :mod:`.journal` repairs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -5,27 +5,21 @@ The thread stores one state at a time, always the newest, with the replies to al
 committed during the last two writes. A crash of the process loses as much as a loss of power.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 
 from mesh_motion_server.errors import JournalError
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.journal.files import KEPT_COMMITS
 from mesh_motion_server.session.journal.journal import Journal
-from mesh_motion_server.session.journal.keeper import Floats, Keeper
+from mesh_motion_server.session.journal.keeper import Keeper
 from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit
 
 __all__ = ["Backlog", "RelaxedKeeper"]
 
 
 class Backlog:
-    """Commits that were answered but not stored: the newest state, and the replies that are kept.
-
-    Parameters
-    ----------
-    journal : Journal
-    """
+    """Commits that were answered but not stored: the newest state, and the replies that are kept."""
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
@@ -68,11 +62,9 @@ class RelaxedKeeper(Keeper):
 
     @property
     def commits(self) -> tuple[Commit, ...]:
-        """See :class:`Keeper`."""
         return self._commits
 
     def durable_after(self, step: int) -> int:
-        """See :class:`Keeper`."""
         del step
         return self.durable_step
 
@@ -80,7 +72,6 @@ class RelaxedKeeper(Keeper):
         """See :class:`Keeper`: commits are stored behind their answers."""
 
     def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
-        """See :class:`Keeper`."""
         del boundary
         if self._thread is None:
             thread = threading.Thread(target=self._run, name="relaxed commits", daemon=True)
@@ -93,18 +84,15 @@ class RelaxedKeeper(Keeper):
         self._commits = (*self._commits, entry)[-KEPT_COMMITS:]
 
     def catch_up(self) -> None:
-        """See :class:`Keeper`."""
         with self._news:
             self._news.wait_for(lambda: self._failure is not None or not (self._backlog or self._storing))
             self._require_working()
 
     def rest(self, state: Callable[[], Floats]) -> None:
-        """See :class:`Keeper`."""
         del state
         self.catch_up()
 
     def close(self) -> None:
-        """See :class:`Keeper`."""
         with self._news:
             self._over = True
             self._news.notify_all()

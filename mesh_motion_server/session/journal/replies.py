@@ -5,8 +5,6 @@ replies are kept, all of them within a byte budget; what was dropped answers ABO
 could do harm. A request that failed took no effect and is executed again when it is repeated.
 """
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
@@ -29,7 +27,6 @@ class RequestId:
     ----------
     client : bytes
         16-byte UUID of the client.
-    sequence : int
     content : bytes
         sha256 of all that the request says, except its epoch: a repeat after RESUME is the same request.
     """

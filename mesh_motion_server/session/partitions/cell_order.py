@@ -1,7 +1,5 @@
 """Cells in the lexicographic order of their nodes: one bucket for each first node, each sorted by the other nodes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,12 +7,12 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Integers
+
 __all__ = ["sorted_cells"]
 
-Ints = NDArray[np.int64]
 
-
-def sorted_cells(pieces: Sequence[tuple[Ints, Ints]], nodes: int) -> tuple[Ints, NDArray[Any], int]:
+def sorted_cells(pieces: Sequence[tuple[Integers, Integers]], nodes: int) -> tuple[Integers, NDArray[Any], int]:
     """Cells of one type, renumbered and sorted.
 
     Parameters

@@ -1,7 +1,5 @@
 """Arrays that came in several pieces."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -6,14 +6,13 @@ several partitions hold must have the same coordinates in each to 1e-10 of the d
 lowest partition's are taken.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.mesh.coincidence import coincident_nodes
 from mesh_motion_server.numerics.mesh.roles import Patch
@@ -24,8 +23,6 @@ from mesh_motion_server.session.partitions.ordering import canonical_order
 
 __all__ = ["check_boundary", "merge"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Admitted difference of one node's coordinates between partitions, relative to the bounding box's diagonal: above
 #: the rounding of 12-digit text files, far below any edge.
@@ -137,12 +134,12 @@ def _check_partition(partition: PartitionMesh, number: int) -> None:
         )
 
 
-def _ascending(ids: Ints) -> bool:
+def _ascending(ids: Integers) -> bool:
     """Whether the ids (n,) ascend strictly."""
     return bool((ids[1:] > ids[:-1]).all())
 
 
-def _check_range(indices: Ints, count: int, where: str, details: dict[str, object], first_row: int = 0) -> None:
+def _check_range(indices: Integers, count: int, where: str, details: dict[str, object], first_row: int = 0) -> None:
     """Every index in 0 … count - 1; the rows count from ``first_row``."""
     if not indices.size or (indices.min() >= 0 and indices.max() < count):
         return
@@ -156,7 +153,7 @@ def _check_range(indices: Ints, count: int, where: str, details: dict[str, objec
     )
 
 
-def _merge_nodes(partitions: Sequence[PartitionMesh]) -> tuple[Floats, Ints, Ints, tuple[Ints, ...]]:
+def _merge_nodes(partitions: Sequence[PartitionMesh]) -> tuple[Floats, Integers, Integers, tuple[Integers, ...]]:
     """Points (n, d) and global ids (n,) in canonical order, its inverse by ids (n,), and each partition's node map."""
     if len(partitions) == 1 and _ascending(partitions[0].global_ids):  # nothing to unite
         ids, points = partitions[0].global_ids, partitions[0].points
@@ -175,14 +172,14 @@ def _merge_nodes(partitions: Sequence[PartitionMesh]) -> tuple[Floats, Ints, Int
     return points[order], ids[order], rank, tuple(np.split(rank[inverse], ends))
 
 
-def _inverse(order: Ints) -> Ints:
+def _inverse(order: Integers) -> Integers:
     """The inverse (n,) of a permutation."""
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return rank
 
 
-def _check_coordinates(given: Floats, taken: Floats, ids: Ints, owners: Ints) -> None:
+def _check_coordinates(given: Floats, taken: Floats, ids: Integers, owners: Integers) -> None:
     """Compare every partition's coordinates (r, d) with those taken for the node (r, d)."""
     gap = np.max(np.abs(given - taken), axis=1)
     limit = _COORDINATE_TOLERANCE * float(np.linalg.norm(np.ptp(taken, axis=0)))
@@ -206,10 +203,10 @@ def _check_coordinates(given: Floats, taken: Floats, ids: Ints, owners: Ints) ->
 
 
 def _merge_cells(
-    partitions: Sequence[PartitionMesh], node_maps: Sequence[Ints], nodes: int
+    partitions: Sequence[PartitionMesh], node_maps: Sequence[Integers], nodes: int
 ) -> tuple[CellTable, tuple[CellOrigin | CellCount, ...]]:
     """All cells in canonical order and where they came from, types in the order of CELL_TYPES."""
-    tables: dict[str, Ints] = {}
+    tables: dict[str, Integers] = {}
     origins: list[CellOrigin] = []
     counted: list[CellCount] = []
     for name in CELL_TYPES:
@@ -253,9 +250,9 @@ def _check_no_duplicate(again: int, origin: CellOrigin) -> None:
     )
 
 
-def _merge_patches(partitions: Sequence[PartitionMesh], node_maps: Sequence[Ints]) -> dict[str, Patch]:
+def _merge_patches(partitions: Sequence[PartitionMesh], node_maps: Sequence[Integers]) -> dict[str, Patch]:
     """Every patch's nodes over all partitions, ascending; patches sorted by name."""
-    found: dict[str, tuple[str, int, list[Ints]]] = {}
+    found: dict[str, tuple[str, int, list[Integers]]] = {}
     for number, (partition, node_map) in enumerate(zip(partitions, node_maps, strict=True)):
         for name, patch in partition.patches.items():
             role, first, parts = found.setdefault(name, (patch.role, number, []))
@@ -270,7 +267,7 @@ def _merge_patches(partitions: Sequence[PartitionMesh], node_maps: Sequence[Ints
     return {name: Patch(role, np.unique(np.concatenate(parts))) for name, (role, _, parts) in sorted(found.items())}
 
 
-def _moving_local(partition: PartitionMesh) -> Ints:
+def _moving_local(partition: PartitionMesh) -> Integers:
     """(k_p,) local indices of the partition's own moving patches, ascending, each once."""
     parts = [patch.nodes for patch in partition.patches.values() if patch.role == "moving"]
     return np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int64)

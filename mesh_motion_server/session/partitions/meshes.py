@@ -5,8 +5,6 @@ The numerics see the one mesh only, so that 1 and n partitions give identical ar
 displacement by each to 1e-12 of the largest one; the lowest partition's value is taken.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.roles import Patch
@@ -22,8 +21,6 @@ from mesh_motion_server.numerics.motion.exact_displacements import differences_o
 
 __all__ = ["CellCount", "CellOrigin", "MergedMesh", "PartitionMesh"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Admitted difference of one node's displacement between partitions, relative to the largest displacement.
 _DISPLACEMENT_TOLERANCE = 1e-12
@@ -46,11 +43,11 @@ class PartitionMesh:
     """
 
     points: Floats
-    global_ids: Ints
-    cells: Mapping[str, Ints | Sequence[Ints]]
+    global_ids: Integers
+    cells: Mapping[str, Integers | Sequence[Integers]]
     patches: Mapping[str, Patch]
 
-    def cell_pieces(self, name: str) -> list[Ints]:
+    def cell_pieces(self, name: str) -> list[Integers]:
         """Cells (m_i, n_nodes) of a type, none of them empty."""
         cells = self.cells.get(name, ())
         return [piece for piece in ([cells] if isinstance(cells, np.ndarray) else cells) if len(piece)]
@@ -111,16 +108,16 @@ class MergedMesh:
     """
 
     points: Floats
-    global_ids: Ints
-    id_order: Ints
+    global_ids: Integers
+    id_order: Integers
     cells: CellTable
     patches: Mapping[str, Patch]
-    node_maps: tuple[Ints, ...]
-    moving_local: tuple[Ints, ...]
+    node_maps: tuple[Integers, ...]
+    moving_local: tuple[Integers, ...]
     cell_origins: tuple[CellOrigin | CellCount, ...]
 
     @cached_property
-    def moving(self) -> Ints:
+    def moving(self) -> Integers:
         """(k,) canonical indices of the moving nodes, ascending."""
         return np.unique(np.concatenate([m[local] for m, local in self._moving_pairs()]))
 
@@ -187,7 +184,7 @@ class MergedMesh:
         return found
 
     @cached_property
-    def _moving_places(self) -> list[tuple[Ints, Ints]]:
+    def _moving_places(self) -> list[tuple[Integers, Integers]]:
         """Per partition: its local moving nodes, whoever listed them, and their rows in ``moving``."""
         is_moving = np.zeros(len(self.points), dtype=bool)
         is_moving[self.moving] = True
@@ -221,7 +218,7 @@ class MergedMesh:
         self._check_agreement(rows, taken[inverse], nodes)
         return taken
 
-    def _moving_pairs(self) -> list[tuple[Ints, Ints]]:
+    def _moving_pairs(self) -> list[tuple[Integers, Integers]]:
         return list(zip(self.node_maps, self.moving_local, strict=True))
 
     def _single_gather(self, rows: Floats) -> Floats:
@@ -229,11 +226,11 @@ class MergedMesh:
         return np.take(rows, self._moving_order, axis=0)
 
     @cached_property
-    def _moving_order(self) -> Ints:
+    def _moving_order(self) -> Integers:
         """(k,) order that sorts the only partition's moving nodes by canonical index."""
         return np.argsort(self.node_maps[0][self.moving_local[0]])
 
-    def _check_agreement(self, rows: Floats, taken: Floats, nodes: Ints) -> None:
+    def _check_agreement(self, rows: Floats, taken: Floats, nodes: Integers) -> None:
         """Compare every row (r, d) with the one taken for its node (r,)."""
         gap = np.max(np.abs(rows - taken), axis=1)
         limit = _DISPLACEMENT_TOLERANCE * float(np.max(np.abs(taken)))

@@ -5,8 +5,6 @@ count through the types in the order of :data:`.cells.CELL_TYPES`, within a type
 partitions as uploaded.
 """
 
-from __future__ import annotations
-
 import copy
 import re
 from collections.abc import Mapping
@@ -14,9 +12,9 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.partitions.meshes import CellOrigin, MergedMesh
@@ -37,17 +35,14 @@ class UploadView:
     ----------
     points : (n, d) array
         Reference coordinates, mesh length unit.
-    cells : CellTable
-    patches : dict
     cell_order : (m,) int64 array
         Canonical number of each cell.
-    mesh : MergedMesh
     """
 
-    points: NDArray[np.float64]
+    points: Floats
     cells: CellTable
     patches: Mapping[str, Patch]
-    cell_order: NDArray[np.int64]
+    cell_order: Integers
     mesh: MergedMesh
 
     def name_cell(self, cell: int) -> dict[str, object]:

@@ -5,17 +5,15 @@ many becomes the same arrays, hence bitwise the same answers. Near nodes are nea
 kernels need.
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.morton import morton_codes
 
 __all__ = ["canonical_order"]
 
 
-def canonical_order(points: NDArray[np.float64], global_ids: NDArray[np.int64]) -> NDArray[np.int64]:
+def canonical_order(points: Floats, global_ids: Integers) -> Integers:
     """(n,) indices that sort nodes by Morton code, ties by global id.
 
     Parameters

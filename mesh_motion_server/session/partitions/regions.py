@@ -4,25 +4,20 @@ Nodes and cells come into the order that they have in the whole mesh: a correcti
 it does with the whole mesh, bit for bit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.distributed.region import Region
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.session.partitions.merging import merge
 from mesh_motion_server.session.partitions.meshes import MergedMesh, PartitionMesh
 
 __all__ = ["MergedRegion", "merge_regions"]
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,17 +38,17 @@ class MergedRegion:
         Global ids of the nodes here that several ranks have; and of those of them whose cells are all told.
     """
 
-    ids: Ints
+    ids: Integers
     points: Floats
     positions: Floats
     cells: CellTable
-    held: NDArray[np.bool_]
+    held: Marks
     elsewhere: Elsewhere
-    between: Ints
-    settled: Ints
+    between: Integers
+    settled: Integers
 
 
-def merge_regions(mesh: MergedMesh, told: Sequence[Region], known: Callable[[Ints], Floats]) -> MergedRegion:
+def merge_regions(mesh: MergedMesh, told: Sequence[Region], known: Callable[[Integers], Floats]) -> MergedRegion:
     """Unite the regions of all partitions.
 
     Parameters
@@ -109,9 +104,9 @@ def merge_regions(mesh: MergedMesh, told: Sequence[Region], known: Callable[[Int
 class _Rows:
     """Rows of nodes, by global id."""
 
-    def __init__(self, ids: Ints) -> None:
+    def __init__(self, ids: Integers) -> None:
         self._order = np.argsort(ids)
         self._sorted = ids[self._order]
 
-    def __call__(self, ids: Ints) -> Ints:
+    def __call__(self, ids: Integers) -> Integers:
         return np.asarray(self._order[np.searchsorted(self._sorted, ids)])

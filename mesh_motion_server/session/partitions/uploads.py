@@ -1,7 +1,5 @@
 """The mesh of a session while it comes in: parts per partition, item and name, checked on arrival and counted."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, ResourceError
+from mesh_motion_server.numerics.arrays import Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 from mesh_motion_server.numerics.mesh.roles import ROLES, Patch
 from mesh_motion_server.session.partitions.joining import joined
@@ -85,7 +84,6 @@ class MeshUpload:
 
     Parameters
     ----------
-    dimension, partitions : int
     byte_budget : int
         What all parts may take together.
     evaluation : {"server", "client"}
@@ -168,7 +166,7 @@ class MeshUpload:
             },
         )
 
-    def _global_ids(self, number: int, count: int, rows: _Rows | None) -> NDArray[np.int64]:
+    def _global_ids(self, number: int, count: int, rows: _Rows | None) -> Integers:
         """(n,) ids as sent, or the local indices of an only partition."""
         if rows is not None:
             return rows[:, 0]

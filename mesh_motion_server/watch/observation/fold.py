@@ -5,8 +5,6 @@ while. So steps are not counted; the step comes from the events that name it. A 
 steps, which a crash may have lost (durability ``relaxed``), and everything that was begun and not committed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

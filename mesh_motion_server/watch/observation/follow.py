@@ -1,7 +1,5 @@
 """Read a session's events as they are written; handles new segments, removed segments and incomplete lines."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Container, Iterator
 from contextlib import suppress

@@ -3,19 +3,17 @@
 All arrays have numbers of nodes and cells, so they stay valid when coordinates and colours change.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.boundary_facets import LOCAL_FACETS, boundary_facets
 from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["Surface", "cells_surface", "joined_surface", "sides_surface"]
 
-Ints = NDArray[np.int64]
 
 _NO_CELL = -1
 #: Odd 64-bit constants of a multiplicative hash.
@@ -40,14 +38,14 @@ class Surface:
         Whether the triangle is a side of a chosen cell, not of the boundary.
     """
 
-    triangles: Ints
-    owners: Ints
-    edges: Ints
-    outline: Ints
-    inner: NDArray[np.bool_]
+    triangles: Integers
+    owners: Integers
+    edges: Integers
+    outline: Integers
+    inner: Marks
 
 
-def cells_surface(cells: CellTable, chosen: Ints | None = None) -> Surface:
+def cells_surface(cells: CellTable, chosen: Integers | None = None) -> Surface:
     """The cells of a mesh of dimension 1 or 2, or those with the ``chosen`` ascending numbers (s,) only."""
     polygons = [(nodes, numbers) for nodes, numbers in _chosen_blocks(cells, chosen) if nodes.shape[1] > 2]
     lines = [nodes for nodes, _ in _chosen_blocks(cells, chosen) if nodes.shape[1] == 2]
@@ -57,12 +55,11 @@ def cells_surface(cells: CellTable, chosen: Ints | None = None) -> Surface:
     return Surface(triangles, owners, edges, outline, np.zeros(len(triangles), dtype=np.bool_))
 
 
-def sides_surface(cells: CellTable, chosen: Ints, most: int, near: NDArray[np.float64] | None = None) -> Surface:
+def sides_surface(cells: CellTable, chosen: Integers, most: int, near: Floats | None = None) -> Surface:
     """The boundary of a 3D mesh and all sides of the ``chosen`` cells (s,), ascending.
 
     Parameters
     ----------
-    cells : CellTable
     chosen : (s,) int64 array
     most : int
         Maximum number of boundary facets.
@@ -95,13 +92,13 @@ def joined_surface(surfaces: list[Surface]) -> Surface:
     )
 
 
-def _polygons_surface(polygons: list[tuple[Ints, Ints]], *, inner: bool) -> Surface:
+def _polygons_surface(polygons: list[tuple[Integers, Integers]], *, inner: bool) -> Surface:
     triangles, owners = _triangulated(polygons)
     edges = _unique_edges([_loop(nodes) for nodes, _ in polygons])
     return Surface(triangles, owners, edges, _empty(2), np.full(len(triangles), inner))
 
 
-def _chosen_blocks(cells: CellTable, chosen: Ints | None, name: str = "") -> list[tuple[Ints, Ints]]:
+def _chosen_blocks(cells: CellTable, chosen: Integers | None, name: str = "") -> list[tuple[Integers, Integers]]:
     """Nodes (s, k) and numbers (s,) of the chosen cells of each block, or of the block of one type."""
     found = []
     for block, first in zip(cells, cells.offsets, strict=False):
@@ -111,11 +108,11 @@ def _chosen_blocks(cells: CellTable, chosen: Ints | None, name: str = "") -> lis
     return found
 
 
-def _within(numbers: Ints, first: int, last: int) -> Ints:
+def _within(numbers: Integers, first: int, last: int) -> Integers:
     return numbers[(numbers >= first) & (numbers < last)]
 
 
-def _triangulated(polygons: list[tuple[Ints, Ints]]) -> tuple[Ints, Ints]:
+def _triangulated(polygons: list[tuple[Integers, Integers]]) -> tuple[Integers, Integers]:
     """Triangles (t, 3) and owners (t,) of polygons given as nodes (s, k) and owners (s,): fans from the first node."""
     triangles, owners = [_empty(3)], [np.empty(0, dtype=np.int64)]
     for nodes, numbers in polygons:
@@ -125,12 +122,12 @@ def _triangulated(polygons: list[tuple[Ints, Ints]]) -> tuple[Ints, Ints]:
     return np.concatenate(triangles), np.concatenate(owners)
 
 
-def _loop(nodes: Ints) -> Ints:
+def _loop(nodes: Integers) -> Integers:
     """Edges (s k, 2) around polygons (s, k)."""
     return np.stack([nodes, np.roll(nodes, -1, axis=1)], axis=-1).reshape(-1, 2)
 
 
-def _unique_edges(edges: list[Ints]) -> Ints:
+def _unique_edges(edges: list[Integers]) -> Integers:
     """(e, 2) edges, each once, lower node first."""
     both = np.sort(np.concatenate([_empty(2), *edges]), axis=1)
     if not len(both):
@@ -140,18 +137,18 @@ def _unique_edges(edges: list[Ints]) -> Ints:
     return np.stack([keys // base, keys % base], axis=1)
 
 
-def _empty(columns: int) -> Ints:
+def _empty(columns: int) -> Integers:
     return np.empty((0, columns), dtype=np.int64)
 
 
-def _nearest(nodes: Ints, most: int, near: NDArray[np.float64] | None) -> Ints:
+def _nearest(nodes: Integers, most: int, near: Floats | None) -> Integers:
     """At most so many facets (f, k): those whose first node ranks lowest."""
     if len(nodes) <= most or near is None:
         return nodes[:most]
     return nodes[np.sort(np.argpartition(near[nodes[:, 0]], most)[:most])]
 
 
-def _owners(cells: CellTable, facets: Ints) -> Ints:
+def _owners(cells: CellTable, facets: Integers) -> Integers:
     """The cell (f,) that each boundary facet (f, k) was taken from: the one that has these nodes in this order."""
     keys = _hashed(facets)
     order = np.argsort(keys)
@@ -169,7 +166,7 @@ def _owners(cells: CellTable, facets: Ints) -> Ints:
     return owners
 
 
-def _hashed(facets: Ints) -> NDArray[np.uint64]:
+def _hashed(facets: Integers) -> NDArray[np.uint64]:
     """(f,) keys of facets (f, k), which depend on the node order; facets with equal keys are then compared."""
     keys = np.zeros(len(facets), dtype=np.uint64)
     for column, factor in zip(facets.T, _MIX, strict=False):

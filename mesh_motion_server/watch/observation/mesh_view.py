@@ -8,15 +8,13 @@ Of a mesh of more than :data:`MOST_CELLS` cells only the surroundings of its wor
 always the boundary and the worst cells. Quality is computed for all cells.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, JournalError
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.quality.metrics import cell_quality
 from mesh_motion_server.numerics.quality.orientation import oriented_at_rest
 from mesh_motion_server.session.journal.files import SLOTS, read_journal, verified_state
@@ -31,8 +29,6 @@ from mesh_motion_server.watch.observation.mesh_surface import Surface, cells_sur
 
 __all__ = ["MOST_CELLS", "CellNames", "MeshView", "StoredMesh"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Number of cells or boundary facets that a browser draws without difficulty.
 MOST_CELLS = 200_000
@@ -47,16 +43,15 @@ class CellNames:
 
     Attributes
     ----------
-    types : tuple of str
     kind : (c,) int64 array
         Index of each cell's type in ``types``.
     partition, local : (c,) int64 arrays
     """
 
     types: tuple[str, ...]
-    kind: Ints
-    partition: Ints
-    local: Ints
+    kind: Integers
+    partition: Integers
+    local: Integers
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +64,6 @@ class MeshView:
         The step of the coordinates.
     committed : int
         The last committed step, which may be later.
-    dimension : int
     points : (n, d) array, mesh length unit
         Coordinates of all nodes.
     box : (2, d) array, mesh length unit
@@ -82,8 +76,6 @@ class MeshView:
         Names of the shown cells.
     quality : (m,) array
         Quality of all cells, in the session's metric.
-    metric : str
-    threshold : float
     inverted : (m,) bool array
         For all cells, because the metric of a partly inverted cell may be 0 or more.
     whole : bool
@@ -96,12 +88,12 @@ class MeshView:
     points: Floats
     box: Floats
     surface: Surface
-    cells: Ints
+    cells: Integers
     names: CellNames
     quality: Floats
     metric: str
     threshold: float
-    inverted: NDArray[np.bool_]
+    inverted: Marks
     whole: bool
 
 
@@ -114,7 +106,6 @@ class StoredMesh:
         The session's.
     most_bytes : int
         A larger mesh file is not read.
-    files : FileSystem, optional
 
     Raises
     ------
@@ -222,14 +213,14 @@ class StoredMesh:
         return sides_surface(cells, _worst(quality, threshold), MOST_CELLS, distances), whole
 
 
-def _worst(quality: Floats, threshold: float) -> Ints:
+def _worst(quality: Floats, threshold: float) -> Integers:
     """Ascending numbers of the cells that are shown with all sides."""
     below = int(np.count_nonzero(quality < threshold))
     count = min(len(quality), max(_LEAST_INNER, min(below, _MOST_INNER)))
     return np.sort(np.argpartition(quality, count - 1)[:count])
 
 
-def _names(mesh: MergedMesh, cells: Ints) -> CellNames:
+def _names(mesh: MergedMesh, cells: Integers) -> CellNames:
     """The names of the cells with these ascending numbers (c,)."""
     kind, partition, local = (np.empty(len(cells), dtype=np.int64) for _ in range(3))
     origins = [origin for origin in mesh.cell_origins if isinstance(origin, CellOrigin)]

@@ -1,7 +1,5 @@
 """A session's history as columns by step, for charts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -9,8 +7,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.watch.observation.fold import Place, StepFold
 
 __all__ = ["PHASES", "QUALITY", "Series"]
@@ -44,7 +42,7 @@ _SUMS = ("refusals", "rollbacks")
 _LARGEST = ("iterations", "inverted", *(f"seconds_{name}" for name in PHASES), "seconds_total", "non_orthogonality")
 _LEAST = ("predicted_min", "standard_min", "reached")
 
-Columns = dict[str, NDArray[np.float64]]
+Columns = dict[str, Floats]
 
 
 class Series:
@@ -173,14 +171,14 @@ def _number(value: float | None) -> float:
     return math.nan if value is None else float(value)
 
 
-def _thinned(table: NDArray[np.float64], most: int) -> NDArray[np.float64]:
+def _thinned(table: Floats, most: int) -> Floats:
     """(most, columns): for each group of rows the one with the lowest minimum, with the extremes of the others."""
     actual, predicted = (table[:, _COLUMNS.index(f"{kind}_min")] for kind in ("actual", "predicted"))
     lowest = np.where(np.isnan(actual), predicted, actual)
     lowest = np.where(np.isnan(lowest), np.inf, lowest)
     edges = np.linspace(0, len(table), most + 1).astype(int)
     kept = np.array([a + int(np.argmin(lowest[a:b])) for a, b in pairwise(edges)])
-    thin: NDArray[np.float64] = table[kept]
+    thin: Floats = table[kept]
     for names, over in ((_SUMS, np.add), (_LARGEST, np.fmax), (_LEAST, np.fmin)):
         columns = [_COLUMNS.index(name) for name in names]
         thin[:, columns] = over.reduceat(table[:, columns], edges[:-1])

@@ -1,7 +1,5 @@
 """The sessions of a state folder and their states, from their folders alone."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -46,9 +44,6 @@ class SessionView:
 
     Attributes
     ----------
-    session, label, durability : str
-    folder : str
-    dimension, partitions : int
     step : int
         The last committed step in the journal, or in the history if that is later (``relaxed``) and not lost in a crash
         (a process still holds the session).
@@ -145,10 +140,10 @@ class Sessions:
             return ""
 
 
-def _held_inodes(locks: Path = Path("/proc/locks")) -> set[int] | None:
+def _held_inodes() -> set[int] | None:
     """Inodes of files that a process has locked completely; None if the system does not report them."""
     try:
-        lines = locks.read_text(encoding="ascii").splitlines()
+        lines = Path("/proc/locks").read_text(encoding="ascii").splitlines()
     except OSError:
         return None
     fields = (line.split() for line in lines)

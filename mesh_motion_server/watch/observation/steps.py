@@ -1,7 +1,5 @@
 """Summarize the steps of a history, and list all events of one step."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -33,7 +31,6 @@ class HistoryDigest:
         The recorded step with the lowest committed minimum; 0: none.
     worst_quality : float or None
         The minimum of that step, in the session's quality metric.
-    metric : str
     corrected_steps : int
         Number of recorded steps whose committed motion was corrected.
     refusals, rollbacks, resumptions, warnings : int

@@ -1,7 +1,5 @@
 """One line on the state of a session, from the end of its history: the same in the list, the page and the terminal."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections import deque
@@ -56,7 +54,6 @@ class Recent:
         Unix time of the latest event; 0 if there is none.
     iteration : int
         Iteration of the current trial; 0 if there is none.
-    threshold : float or None
     commits : deque of (at, step, minimum)
         The latest commits, oldest first.
     final_step : int
@@ -187,7 +184,6 @@ def verdict(recent: Recent, now: float, *, worker: str = "alive") -> Verdict:
 
     Parameters
     ----------
-    recent : Recent
     now : float
         Unix time.
     worker : str

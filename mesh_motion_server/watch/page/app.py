@@ -1,7 +1,5 @@
 """The web application: the page and its files, its data requests, and the stream of changes."""
 
-from __future__ import annotations
-
 import asyncio
 import gzip
 import mimetypes
@@ -44,16 +42,10 @@ class Page:
 
     Parameters
     ----------
-    state_folder : Path
     build : dict
         Versions.
     insecure : bool
         Whether other addresses than the loopback may reach it.
-
-    Attributes
-    ----------
-    app : ASGI application
-    live : Live
     """
 
     def __init__(self, state_folder: Path, build: dict[str, str], *, insecure: bool = False) -> None:

@@ -4,8 +4,6 @@ The archive reads only what a page shows, and caches it: the series of the last 
 answers as long as they are valid. So many pages cost the same as one.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import time
@@ -44,10 +42,6 @@ Value = TypeVar("Value")
 
 class Archive:
     """The data of a state folder.
-
-    Parameters
-    ----------
-    state_folder : Path
 
     Attributes
     ----------

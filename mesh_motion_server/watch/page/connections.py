@@ -5,8 +5,6 @@ uvicorn waits without limit for a request's first lines and for a client that do
 :data:`ANSWER_SECONDS`, and if there are more than :data:`MOST` connections, an idle one or else the oldest is closed.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Iterable
 from typing import Any

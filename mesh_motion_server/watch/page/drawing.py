@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Integers
 from mesh_motion_server.watch.observation.mesh_surface import Surface
 from mesh_motion_server.watch.observation.mesh_view import MeshView
 
@@ -38,7 +39,6 @@ class Packer:
 
         Parameters
         ----------
-        view : MeshView
         have, seen : str
             The key and the stamp of the reader's data.
         """
@@ -82,7 +82,7 @@ class _Fixed:
     """The constant data of a surface: its nodes (k,) and the arrays that refer to them."""
 
     surface: Surface
-    nodes: NDArray[np.int64]
+    nodes: Integers
     arrays: dict[str, NDArray[Any]]
     key: str
 
@@ -104,7 +104,7 @@ class _Fixed:
         return cls(surface, nodes, arrays, _digest(arrays))
 
 
-def _owners(view: MeshView) -> NDArray[np.int64]:
+def _owners(view: MeshView) -> Integers:
     """Index of each triangle's cell among the shown cells; the number of shown cells if unknown."""
     owners = view.surface.owners
     return np.where(owners < 0, len(view.cells), np.searchsorted(view.cells, owners))

@@ -1,15 +1,13 @@
 """The state of a session, collected from its events."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.watch.observation.series import PHASES, Series
 
 __all__ = ["MOST_POINTS", "Followed", "plain_column"]
@@ -121,7 +119,7 @@ class Followed:
         return {"of": "uploaded", "step": 0, "cells": quality.get("worst", [])}
 
 
-def plain_column(column: NDArray[np.float64]) -> list[float | None]:
+def plain_column(column: Floats) -> list[float | None]:
     """Numbers (n,) with as many digits as a chart shows; None for NaN and infinity."""
     finite = np.isfinite(column)
     safe = np.where(finite, column, 0.0)

@@ -5,8 +5,6 @@ if its name resolves to this machine (DNS rebinding). So the guard accepts only 
 refuses requests that the browser marks as cross-site, and no answer gives permissions to other sites.
 """
 
-from __future__ import annotations
-
 import ipaddress
 from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
@@ -39,7 +37,6 @@ class Guard:
 
     Parameters
     ----------
-    app : ASGI application
     insecure : bool
         Whether addresses outside the loopback are accepted as names of this server.
     """

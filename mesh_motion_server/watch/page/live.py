@@ -1,7 +1,5 @@
 """The list of sessions as server-sent events: one read serves all listeners; without listeners nothing is read."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from collections.abc import Awaitable, Callable

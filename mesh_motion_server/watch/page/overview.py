@@ -1,7 +1,5 @@
 """The list of the server's sessions with a few figures each, from their folders and the list of workers."""
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import asdict
@@ -20,12 +18,7 @@ _NOBODY = ("", "none")
 
 
 class Overview:
-    """Makes the list.
-
-    Parameters
-    ----------
-    state_folder : Path
-    """
+    """Makes the list."""
 
     def __init__(self, state_folder: Path) -> None:
         self._sessions = Sessions(state_folder)

@@ -5,8 +5,6 @@ worker; the process reads everything else from their folders. It has the lowest 
 descriptors.
 """
 
-from __future__ import annotations
-
 import asyncio
 import ipaddress
 import os

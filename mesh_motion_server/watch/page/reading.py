@@ -1,7 +1,5 @@
 """Read a session's history in pieces while it grows; the end of a long history is shown until all is read."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Any

@@ -4,14 +4,12 @@ A 2D mesh is drawn as it is, a 3D mesh clipped by a plane through its worst cell
 mesh is a cut through that cell.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.watch.pictures.clipped import cells_behind, draw_clipped
 from mesh_motion_server.watch.pictures.mesh_axes import Look, draw_closeup, draw_mesh
 from mesh_motion_server.watch.pictures.page import Page, blank
@@ -20,7 +18,6 @@ from mesh_motion_server.watch.pictures.snapshot import Plane, Snapshot, choose_b
 
 __all__ = ["MeshPair", "draw_before_after"]
 
-FloatArray = NDArray[np.float64]
 
 #: From this width on, mm, the close-up stands beside both meshes.
 _WIDE_PAGE = 130.0
@@ -34,10 +31,8 @@ class MeshPair:
 
     Attributes
     ----------
-    label : str
     metric : str
         The quality metric of the snapshots.
-    before, after : Snapshot
     enrichment_points : (k, d) array
         Where enrichment functions were added in the step of ``after``; empty if unknown.
     note : str
@@ -48,7 +43,7 @@ class MeshPair:
     metric: str
     before: Snapshot
     after: Snapshot
-    enrichment_points: FloatArray
+    enrichment_points: Floats
     note: str = ""
 
 
@@ -59,7 +54,6 @@ def draw_before_after(pair: MeshPair, page: Page, *, title: str | None = None) -
     ----------
     pair : MeshPair
         Of a mesh in 2D or 3D.
-    page : Page
     title : str, optional
         None: the label; "": none.
     """
@@ -88,7 +82,7 @@ def draw_before_after(pair: MeshPair, page: Page, *, title: str | None = None) -
     return figure
 
 
-def _draw_meshes(axes: Any, pair: MeshPair, plane: Plane | None, window: FloatArray, look: Look) -> Any:
+def _draw_meshes(axes: Any, pair: MeshPair, plane: Plane | None, window: Floats, look: Look) -> Any:
     """Draw both meshes; return the data for a colour bar."""
     titles = _titles(pair)
     box = choose_box(pair.before, pair.after)
@@ -137,7 +131,7 @@ def _titles(pair: MeshPair) -> dict[str, str]:
     }
 
 
-def _arrangement(window: FloatArray, page: Page, *, is_3d: bool) -> tuple[list[str], list[float], float]:
+def _arrangement(window: Floats, page: Page, *, is_3d: bool) -> tuple[list[str], list[float], float]:
     """Rows of panels (a, b the meshes, c close-up, d distribution), shares of columns, the suitable height, mm."""
     ratio = 0.85 if is_3d else float((window[1, 1] - window[0, 1]) / (window[1, 0] - window[0, 0]))
     head, text = 34.0 if is_3d else 22.0, 11.0

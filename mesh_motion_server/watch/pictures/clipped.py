@@ -5,14 +5,12 @@ looks distorted); before and after it are the same cells. Of these, the outer fa
 in parallel and drawn from far to near: the painter's algorithm, which is exact enough for facets of like size.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.boundary_facets import LOCAL_FACETS
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.watch.pictures.mesh_axes import RASTER_ABOVE, Look
@@ -21,8 +19,6 @@ from mesh_motion_server.watch.pictures.snapshot import Plane, Snapshot
 
 __all__ = ["Facets", "cells_behind", "draw_clipped", "visible_facets"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: The side of a plane across each axis from which the viewer looks: with z (or y) upwards, x (or y) then goes right.
 _SIDES = (1.0, -1.0, 1.0)
@@ -51,13 +47,13 @@ class Facets:
         Whether it belongs to the moving boundary.
     """
 
-    corners: FloatArray
-    cells: IntArray
-    light: FloatArray
-    body: NDArray[np.bool_]
+    corners: Floats
+    cells: Integers
+    light: Floats
+    body: Marks
 
 
-def cells_behind(mesh: Snapshot, plane: Plane, box: FloatArray) -> IntArray:
+def cells_behind(mesh: Snapshot, plane: Plane, box: Floats) -> Integers:
     """(s,) ascending numbers of the cells whose centres lie behind the plane and within the box (2, 3)."""
     centres = mesh.cells.centres(mesh.points, np.arange(len(mesh.cells)))
     margin = 1e-9 * (box[1] - box[0])
@@ -66,7 +62,7 @@ def cells_behind(mesh: Snapshot, plane: Plane, box: FloatArray) -> IntArray:
     return np.flatnonzero(kept & (side * (centres[:, plane.axis] - plane.position) <= margin[plane.axis]))
 
 
-def visible_facets(mesh: Snapshot, chosen: IntArray, axis: int) -> Facets:
+def visible_facets(mesh: Snapshot, chosen: Integers, axis: int) -> Facets:
     """The visible facets of the chosen cells (s,) along an axis, from the side of :func:`cells_behind`."""
     facets, owners = _outer_facets(mesh.cells, chosen)
     towards, right, up = _view(axis)
@@ -86,7 +82,7 @@ def visible_facets(mesh: Snapshot, chosen: IntArray, axis: int) -> Facets:
     return Facets(flat[order], owners[order], light[order], np.all(moving[facets[order]], axis=1))
 
 
-def draw_clipped(axes: Any, mesh: Snapshot, chosen: IntArray, axis: int, look: Look) -> Any:
+def draw_clipped(axes: Any, mesh: Snapshot, chosen: Integers, axis: int, look: Look) -> Any:
     """Draw the chosen cells (s,) into matplotlib axes; return the data for a colour bar."""
     from matplotlib.collections import PolyCollection  # noqa: PLC0415  (an extra)
     from matplotlib.colors import to_rgb  # noqa: PLC0415
@@ -117,7 +113,7 @@ def draw_clipped(axes: Any, mesh: Snapshot, chosen: IntArray, axis: int, look: L
     return scale
 
 
-def _view(axis: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _view(axis: int) -> tuple[Floats, Floats, Floats]:
     """Unit vectors towards the viewer, to the right and upwards in the picture; x or y goes right, z or y up."""
     across, upwards = ((1, 2), (0, 2), (0, 1))[axis]
     towards, up = np.zeros(3), np.zeros(3)
@@ -128,11 +124,11 @@ def _view(axis: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     return towards, right, np.cross(towards, right)
 
 
-def _unit(vector: FloatArray) -> FloatArray:
+def _unit(vector: Floats) -> Floats:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _outer_facets(cells: CellTable, chosen: IntArray) -> tuple[IntArray, IntArray]:
+def _outer_facets(cells: CellTable, chosen: Integers) -> tuple[Integers, Integers]:
     """Nodes (f, 4) and owners (f,) of facets that only one of the chosen cells (s,) has; a triangle repeats one."""
     nodes, owners = [np.empty((0, 4), dtype=np.int64)], [np.empty(0, dtype=np.int64)]
     for block, first in zip(cells, cells.offsets, strict=False):

@@ -6,22 +6,19 @@ correction, the threshold, and a mark where a motion was refused. For several ru
 colour and dash per run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.watch.observation.series import PHASES
 from mesh_motion_server.watch.pictures.page import Page, blank
 from mesh_motion_server.watch.pictures.runs import Run
 
 __all__ = ["PANELS", "draw_history", "panels_of"]
 
-FloatArray = NDArray[np.float64]
 
 #: More steps than five times this are thinned: beyond it, two steps share one pixel of a page.
 _BINS = 1000
@@ -49,7 +46,6 @@ def draw_history(
     ----------
     runs : sequence of Run
         All of the same metric.
-    page : Page
     title : str, optional
         None: the label of a single run; "": none.
     panels : sequence of str, optional
@@ -151,20 +147,20 @@ def _draw_refused(axes: Any, runs: Sequence[Run], page: Page) -> None:
         )  # fmt: skip
 
 
-def _line(axes: Any, x: NDArray[np.int64], y: FloatArray, **style: Any) -> None:
+def _line(axes: Any, x: Integers, y: Floats, **style: Any) -> None:
     """Draw a line of the known values; without known values no line and no legend entry."""
     if np.isfinite(y).any():
         axes.plot(*_dashed(x, y), **style)
 
 
-def _dashed(x: NDArray[np.int64], *values: FloatArray) -> tuple[FloatArray, ...]:
+def _dashed(x: Integers, *values: Floats) -> tuple[Floats, ...]:
     """Return a single step as three points, because a line through one is invisible; more steps unchanged."""
     if len(x) != 1:
         return x.astype(float), *values
     return x + _HALF_DASH * np.array([-1.0, 0.0, 1.0]), *(np.repeat(each, 3) for each in values)
 
 
-def _marks(x: NDArray[np.int64]) -> dict[str, Any]:
+def _marks(x: Integers) -> dict[str, Any]:
     """The marker style: each step has a mark if there are few steps."""
     if len(x) > _FEW:
         return {}
@@ -234,7 +230,7 @@ def _draw_seconds(axes: Any, runs: Sequence[Run], page: Page) -> None:
         )  # fmt: skip
 
 
-def _shown_top(totals: Sequence[FloatArray]) -> float:
+def _shown_top(totals: Sequence[Floats]) -> float:
     """Upper end of the axis: the largest value, or the largest without the first steps if those are much larger."""
     first = max((float(total[0]) for total in totals if len(total)), default=0.0)
     later = max((float(total[1:].max()) for total in totals if len(total) > 1), default=0.0)

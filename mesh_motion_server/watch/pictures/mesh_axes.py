@@ -1,20 +1,17 @@
 """A mesh in matplotlib axes: its cells, or those of a cut, coloured by quality, and a mark on the worst one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Marks
 from mesh_motion_server.watch.pictures.palette import INVERTED_COLOUR, LIGHT, Theme, colour_scale
 from mesh_motion_server.watch.pictures.slices import Polygons, cut, flat
 from mesh_motion_server.watch.pictures.snapshot import Plane, Snapshot
 
 __all__ = ["Look", "draw_closeup", "draw_mesh", "draw_polygons"]
 
-FloatArray = NDArray[np.float64]
 
 #: Above this number of polygons, the cells become pixels inside SVG and PDF: a polygon takes about 150 bytes there.
 RASTER_ABOVE = 3000
@@ -28,7 +25,6 @@ class Look:
 
     Attributes
     ----------
-    theme : Theme
     title_points, note_points, ring_points : float
         Type of the title and of notes, and diameter of the ring around the worst cell, points.
     notes : bool
@@ -43,20 +39,16 @@ class Look:
 
 
 def draw_mesh(
-    axes: Any, mesh: Snapshot, plane: Plane | None, title: str, window: FloatArray, look: Look | None = None
+    axes: Any, mesh: Snapshot, plane: Plane | None, title: str, window: Floats, look: Look | None = None
 ) -> Any:
     """Draw a mesh (or its cut) into matplotlib axes and mark the worst cell; return the data for a colour bar.
 
     Parameters
     ----------
-    axes : matplotlib.axes.Axes
-    mesh : Snapshot
     plane : Plane or None
         Where a 3D mesh is cut.
-    title : str
     window : (2, 2) array
         Lower and upper corner of the shown part.
-    look : Look, optional
     """
     look = look or Look()
     polygons = _within(_polygons(mesh, plane), window)
@@ -69,7 +61,7 @@ def draw_mesh(
     return colours
 
 
-def draw_closeup(axes: Any, mesh: Snapshot, plane: Plane | None, look: Look) -> FloatArray:
+def draw_closeup(axes: Any, mesh: Snapshot, plane: Plane | None, look: Look) -> Floats:
     """Draw the surroundings of the worst cell, outline it, and return the (2, 2) window that is shown.
 
     A 3D mesh is cut through that cell, across the axis of ``plane``.
@@ -134,7 +126,7 @@ def _polygons(mesh: Snapshot, plane: Plane | None) -> Polygons:
     return cut(mesh.points, mesh.cells, plane.axis, plane.position)
 
 
-def _within(polygons: Polygons, window: FloatArray) -> Polygons:
+def _within(polygons: Polygons, window: Floats) -> Polygons:
     """The polygons that reach into the window, or nearly."""
     margin = 0.05 * (window[1] - window[0])
     low, high = window[0] - margin, window[1] + margin
@@ -143,12 +135,12 @@ def _within(polygons: Polygons, window: FloatArray) -> Polygons:
     return Polygons(corners[kept], polygons.cells[kept])
 
 
-def _show(axes: Any, window: FloatArray) -> None:
+def _show(axes: Any, window: Floats) -> None:
     axes.set_aspect("equal")
     axes.set(xlim=window[:, 0], ylim=window[:, 1])
 
 
-def _mark_worst(axes: Any, mesh: Snapshot, polygons: Polygons, window: FloatArray, look: Look) -> None:
+def _mark_worst(axes: Any, mesh: Snapshot, polygons: Polygons, window: Floats, look: Look) -> None:
     """Draw a ring around the worst drawn cell, with its value and, if another cell is worse, the value of that one."""
     for drawn in np.argsort(mesh.badness[polygons.cells], kind="stable"):
         place = np.unique(polygons.corners[drawn], axis=0).mean(axis=0)
@@ -164,7 +156,7 @@ def _mark_worst(axes: Any, mesh: Snapshot, polygons: Polygons, window: FloatArra
         _write_worst(axes, mesh, int(polygons.cells[drawn]), place > window.mean(axis=0), look)
 
 
-def _write_worst(axes: Any, mesh: Snapshot, cell: int, side: NDArray[np.bool_], look: Look) -> None:
+def _write_worst(axes: Any, mesh: Snapshot, cell: int, side: Marks, look: Look) -> None:
     """The value of the cell that is marked, away from it: on the right or upper ``side`` (2,) of the picture or not."""
     text = f"worst cell: {mesh.quality[cell]:.3f}"
     if mesh.quality[cell] > mesh.quality[mesh.worst] + 1e-3:

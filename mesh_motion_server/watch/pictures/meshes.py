@@ -1,16 +1,14 @@
 """Read the stored meshes for pictures before and after."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.finite_volume import FACE_METRICS, cell_values
@@ -22,7 +20,6 @@ from mesh_motion_server.watch.pictures.snapshot import Snapshot
 
 __all__ = ["pair_of", "played_pair"]
 
-FloatArray = NDArray[np.float64]
 
 #: A boundary node has moved if its distance from its old position is above this share of the mesh's extent.
 _MOVED = 1e-9
@@ -35,7 +32,6 @@ def played_pair(folder: Path, metric: str | None = None, first: int | None = Non
 
     Parameters
     ----------
-    folder : path
     metric : str, optional
         None: size-skew; one of :data:`~.runs.METRICS` or FACE_METRICS.
     first, last : int, optional
@@ -65,13 +61,7 @@ def played_pair(folder: Path, metric: str | None = None, first: int | None = Non
 
 
 def pair_of(
-    reference: FloatArray,
-    cells: CellTable,
-    before: FloatArray,
-    after: FloatArray,
-    *,
-    steps: tuple[int, int],
-    metric: str,
+    reference: Floats, cells: CellTable, before: Floats, after: Floats, *, steps: tuple[int, int], metric: str
 ) -> tuple[Snapshot, Snapshot]:
     """Snapshots of a mesh at two times, its quality against the ``reference`` coordinates (n, d).
 
@@ -86,7 +76,7 @@ def pair_of(
     edge = boundary_nodes(cells)
     far = np.abs(after[edge] - before[edge]).max(axis=1) > _MOVED * float(np.ptp(reference, axis=0).max())
 
-    def snapshot(step: int, points: FloatArray) -> Snapshot:
+    def snapshot(step: int, points: Floats) -> Snapshot:
         quality = cell_quality(points, cells, sizes)
         values = cell_values(points, cells, metric) if metric in FACE_METRICS else quality.metric(metric)
         return Snapshot(step, points, cells, values, edge[far], quality.inverted, _SCALES.get(metric, (0.0, 1.0)))

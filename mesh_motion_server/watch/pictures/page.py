@@ -5,8 +5,6 @@ glyphs that it needs embedded (TrueType in PDF, a subset as a web font in SVG). 
 it has no date, and a new run gives the same bytes.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -46,7 +44,6 @@ class Page:
         mm.
     height : float or None
         mm; None: the height of the content.
-    theme : Theme
     points : float
         Size of the type.
     dpi : int

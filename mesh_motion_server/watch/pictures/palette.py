@@ -6,8 +6,6 @@ colour that viridis has not. Lines take the colours of Okabe and Ito (2008), whi
 kind of colour vision tell apart, and differ in their dashes too.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Read runs and meshes from a session folder, or from a folder that ``mesh-motion play`` wrote."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,7 +20,6 @@ def read_runs(folders: Sequence[Path], metric: str | None = None) -> list[Run]:
 
     Parameters
     ----------
-    folders : sequence of path
     metric : str, optional
         One of :data:`~.runs.METRICS`.
 

@@ -1,7 +1,5 @@
 """Runs and meshes of stored sessions: their history, and the last stored state."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -35,7 +33,6 @@ def read_recorded(folder: Path, metric: str | None = None) -> Run:
 
     Parameters
     ----------
-    folder : path
     metric : str, optional
         One of :data:`~.runs.METRICS`; None: the session's own.
 
@@ -68,7 +65,6 @@ def recorded_pair(
 
     Parameters
     ----------
-    folder : path
     metric : str, optional
         None: the session's own.
     first, last : int, optional

@@ -12,15 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.watch.observation.series import PHASES
 
 __all__ = ["METRICS", "Quality", "Refused", "Run", "is_played", "read_played"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 METRICS = ("size-skew", "size", "skew")
 
@@ -43,13 +41,13 @@ class Quality:
     minimum, p1, p5, p50, mean : (s,) arrays
     """
 
-    minimum: FloatArray
-    mean: FloatArray
-    p1: FloatArray
-    p5: FloatArray
-    p50: FloatArray
+    minimum: Floats
+    mean: Floats
+    p1: Floats
+    p5: Floats
+    p50: Floats
 
-    def rows(self, chosen: IntArray | slice | NDArray[np.bool_]) -> Quality:
+    def rows(self, chosen: Integers | slice | Marks) -> Quality:
         """The quality of some steps."""
         return Quality(*(getattr(self, name)[chosen] for name in ("minimum", "mean", "p1", "p5", "p50")))
 
@@ -60,7 +58,6 @@ class Run:
 
     Attributes
     ----------
-    label : str
     metric : str
         The metric of ``actual`` and ``predicted``.
     threshold : float or None
@@ -77,21 +74,20 @@ class Run:
     total_seconds : (s,) array
     non_orthogonality : (s,) array
         The largest of all faces, degrees; NaN where unknown.
-    refused : tuple of Refused
     """
 
     label: str
     metric: str
     threshold: float | None
-    step: IntArray
+    step: Integers
     actual: Quality
     predicted: Quality
-    standard: FloatArray
-    iterations: FloatArray
-    enrichment_points: FloatArray
-    seconds: dict[str, FloatArray]
-    total_seconds: FloatArray
-    non_orthogonality: FloatArray
+    standard: Floats
+    iterations: Floats
+    enrichment_points: Floats
+    seconds: dict[str, Floats]
+    total_seconds: Floats
+    non_orthogonality: Floats
     refused: tuple[Refused, ...] = field(default=())
 
     def between(self, first: int | None, last: int | None) -> Run:
@@ -127,7 +123,7 @@ class Run:
             chosen.append(np.array([a + np.argmax(values[a:b]) for a, b in pairwise(edges)]))
         return self._rows(np.unique(np.concatenate(chosen)))
 
-    def _rows(self, chosen: IntArray | NDArray[np.bool_]) -> Run:
+    def _rows(self, chosen: Integers | Marks) -> Run:
         """The columns of some steps."""
         names = ("step", "standard", "iterations", "enrichment_points", "total_seconds", "non_orthogonality")
         return replace(
@@ -149,7 +145,6 @@ def read_played(folder: Path, metric: str | None = None) -> Run:
 
     Parameters
     ----------
-    folder : path
     metric : str, optional
         One of :data:`METRICS`; None: size-skew.
 
@@ -181,7 +176,7 @@ def read_played(folder: Path, metric: str | None = None) -> Run:
     )
 
 
-def _read_steps(path: Path) -> dict[str, FloatArray]:
+def _read_steps(path: Path) -> dict[str, Floats]:
     """The columns of steps.csv."""
     try:
         with path.open(newline="", encoding="utf-8") as file:

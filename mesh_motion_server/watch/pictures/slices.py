@@ -1,17 +1,14 @@
 """Plane polygons of a mesh for drawing: the cells of a 2D mesh, or a 3D mesh's cells cut by a plane."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["Polygons", "cut", "flat"]
 
-FloatArray = NDArray[np.float64]
 
 #: The edges of each type of volume cell, as pairs of local nodes.
 _EDGES: dict[str, tuple[tuple[int, int], ...]] = {
@@ -37,18 +34,18 @@ class Polygons:
     cells : (p,) int64 array
     """
 
-    corners: FloatArray
-    cells: NDArray[np.int64]
+    corners: Floats
+    cells: Integers
 
 
-def flat(points: FloatArray, cells: CellTable) -> Polygons:
+def flat(points: Floats, cells: CellTable) -> Polygons:
     """The cells of a 2D mesh (points (n, 2)) themselves."""
     width = max(block.nodes.shape[1] for block in cells)
     nodes = [np.pad(block.nodes, ((0, 0), (0, width - block.nodes.shape[1])), mode="edge") for block in cells]
     return Polygons(points[np.concatenate(nodes)], np.arange(len(cells)))
 
 
-def cut(points: FloatArray, cells: CellTable, axis: int, position: float) -> Polygons:
+def cut(points: Floats, cells: CellTable, axis: int, position: float) -> Polygons:
     """The cut of a 3D mesh by the plane x[axis] = position, drawn in the other two axes.
 
     A cell's cut is the polygon of the points where its edges cross the plane, in the order of their angle about their
@@ -69,7 +66,7 @@ def cut(points: FloatArray, cells: CellTable, axis: int, position: float) -> Pol
     return Polygons(np.concatenate(corners), np.concatenate(numbers))
 
 
-def _around(places: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
+def _around(places: Floats, valid: Marks) -> Floats:
     """(p, k, 2) the valid ones of points (p, e, 2) in the order of their angle about their mean, the last repeated."""
     count = valid.sum(axis=1)[:, None]
     middle = np.where(valid[:, :, None], places, 0.0).sum(axis=1) / count

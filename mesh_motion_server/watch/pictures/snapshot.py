@@ -1,17 +1,14 @@
 """A mesh at one time for a picture, and the part of it that a picture shows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["Plane", "Snapshot", "choose_box", "choose_plane", "choose_window"]
 
-FloatArray = NDArray[np.float64]
 
 #: A picture shows only the surroundings of the moving nodes if they take less than this share of it.
 _CROP_BELOW = 0.4
@@ -28,7 +25,6 @@ class Snapshot:
     step : int
         0 at opening.
     points : (n, d) array
-    cells : CellTable
     quality : (m,) array
         Of each cell.
     moving : (k,) int64 array
@@ -40,15 +36,15 @@ class Snapshot:
     """
 
     step: int
-    points: FloatArray
+    points: Floats
     cells: CellTable
-    quality: FloatArray
-    moving: NDArray[np.int64]
-    folded: NDArray[np.bool_] | None = None
+    quality: Floats
+    moving: Integers
+    folded: Marks | None = None
     scale: tuple[float, float] = (0.0, 1.0)
 
     @property
-    def inverted(self) -> NDArray[np.bool_]:
+    def inverted(self) -> Marks:
         """(m,) which cells are inverted."""
         return self.quality <= 0 if self.folded is None else self.folded
 
@@ -58,7 +54,7 @@ class Snapshot:
         return int(np.argmin(self.badness))
 
     @property
-    def badness(self) -> FloatArray:
+    def badness(self) -> Floats:
         """(m,) values that order the cells, the worst lowest."""
         return self.quality if self.scale[1] > self.scale[0] else -self.quality
 
@@ -68,7 +64,7 @@ class Snapshot:
         name = "minimum" if self.scale[1] > self.scale[0] else "maximum"
         return f"{name} {self.quality[self.worst]:.3f}"
 
-    def centre(self, cell: int) -> FloatArray:
+    def centre(self, cell: int) -> Floats:
         """(d,) mean of a cell's nodes."""
         block, row = self.cells.locate(cell)
         return np.asarray(self.points[block.nodes[row]].mean(axis=0))
@@ -97,7 +93,7 @@ def choose_plane(before: Snapshot, after: Snapshot) -> Plane | None:
     return Plane(axis, position)
 
 
-def choose_window(before: Snapshot, after: Snapshot, plane: Plane | None) -> FloatArray:
+def choose_window(before: Snapshot, after: Snapshot, plane: Plane | None) -> Floats:
     """(2, 2) lower and upper corner of the part of the picture where something moves, or of all of it."""
     dimension = before.points.shape[1]
     drawn = [axis for axis in range(dimension) if plane is None or axis != plane.axis]
@@ -112,14 +108,14 @@ def choose_window(before: Snapshot, after: Snapshot, plane: Plane | None) -> Flo
     return _around(moving[:, drawn], low, high, _MARGIN)
 
 
-def choose_box(before: Snapshot, after: Snapshot) -> FloatArray:
+def choose_box(before: Snapshot, after: Snapshot) -> Floats:
     """(2, d) lower and upper corner of the part of the mesh where something moves, or of all of it."""
     both = np.concatenate([before.points, after.points])
     moving = np.concatenate([before.points[before.moving], after.points[after.moving]])
     return _around(moving, both.min(axis=0), both.max(axis=0), _MARGIN_3D)
 
 
-def _around(moving: FloatArray, low: FloatArray, high: FloatArray, share: float) -> FloatArray:
+def _around(moving: Floats, low: Floats, high: Floats, share: float) -> Floats:
     """(2, d) box around places (k, d), or that from ``low`` to ``high`` where it is not much larger."""
     if not len(moving):
         return np.array([low, high])

@@ -5,8 +5,6 @@ stays, and a subset of each face in use is embedded as a web font (WOFF), which 
 name of the family.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import re

@@ -1,7 +1,5 @@
 """The live view: repeats the table on the terminal's alternate screen until ``q``."""
 
-from __future__ import annotations
-
 import os
 import select
 import signal

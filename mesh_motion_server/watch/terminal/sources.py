@@ -1,7 +1,5 @@
 """The terminal's sources of sessions: the folders of a server (without a server), or the list of a running server."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections import deque
@@ -63,8 +61,6 @@ class Details:
 
     Attributes
     ----------
-    metric : str
-    threshold : float or None
     steps : int
         Committed steps that were read.
     last : dict of str to float
@@ -116,7 +112,6 @@ class EndpointSource:
         self._server: Server | None = None
 
     def sessions(self) -> list[SessionLine]:
-        """See :class:`Source`."""
         try:
             if self._server is None:
                 self._server = connect(self.where, timeout=self._timeout, keys=self._keys)
@@ -137,12 +132,10 @@ class EndpointSource:
         )
 
     def details(self, session: str) -> Details | None:
-        """See :class:`Source`."""
         del session
         return None
 
     def close(self) -> None:
-        """See :class:`Source`."""
         if self._server is not None:
             self._server.close()
         self._server = None
@@ -161,7 +154,6 @@ class FolderSource:
         self._latest: dict[str, Latest] = {}
 
     def sessions(self) -> list[SessionLine]:
-        """See :class:`Source`."""
         if not self._root.is_dir():
             raise Unreadable("the folder is not there (yet)")
         try:
@@ -172,7 +164,6 @@ class FolderSource:
             raise Unreadable(f"the folder cannot be read: {error}") from error
 
     def details(self, session: str) -> Details | None:
-        """See :class:`Source`."""
         folder = self._sessions.folder / session
         if not folder.is_dir():
             return None

@@ -1,7 +1,5 @@
 """The sessions at one time: a table and the details of one session, for a screen, as text or as JSON values."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Sequence

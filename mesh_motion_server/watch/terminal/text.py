@@ -1,7 +1,5 @@
 """Text and numbers that are safe to show on a terminal."""
 
-from __future__ import annotations
-
 import math
 import unicodedata
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from docs.studies.thesis._many_steps import AccumulatedGradients, ComposedField, predict_many_steps
+from docs.studies.thesis._predictors import PREDICTORS, CallableField, InterpolantField, predict
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.quality.prediction import PREDICTORS, CallableField, InterpolantField, predict
 
 
 def square(n: int) -> tuple[np.ndarray, CellTable]:

@@ -9,11 +9,11 @@ from mesh_motion_server.numerics.correction.distortion import PNorm, corner_bloc
 from mesh_motion_server.numerics.correction.enrichment import coefficients as module
 from mesh_motion_server.numerics.correction.enrichment.coefficients import (
     RADIUS_CYCLE,
-    Enriched,
     optimised_enrichment,
     optimised_placement,
 )
 from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_server.numerics.correction.trial_nodes import Polished
 
 
 def space_of(name: str, count: int = 20) -> EnrichmentSpace:
@@ -23,7 +23,7 @@ def space_of(name: str, count: int = 20) -> EnrichmentSpace:
     return EnrichmentSpace(placement, problem.factorization, problem.evaluator)
 
 
-def enriched(name: str, count: int = 20, target: float = np.inf) -> Enriched:
+def enriched(name: str, count: int = 20, target: float = np.inf) -> Polished:
     problem = case(name)
     trial = stored(CASES[name][0]).trial
     return optimised_enrichment(trial, problem.start, problem.standard, space_of(name, count), target=target)

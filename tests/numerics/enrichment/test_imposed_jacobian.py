@@ -7,6 +7,7 @@ import pytest
 from box_meshes import box_mesh
 from correction_cases import CASES, RADIUS, boundary_factor, case, moved, rigid, stored
 
+from docs.studies.thesis._cell_corrections import CELL_CORRECTIONS
 from mesh_motion_server.numerics.correction.enrichment import functions
 from mesh_motion_server.numerics.correction.enrichment.imposed_gradient import ImposedGradient, solve_imposed_gradient
 from mesh_motion_server.numerics.correction.enrichment.imposed_jacobian import (
@@ -99,7 +100,7 @@ def test_gradients_of_cells_are_exact_for_linear_values() -> None:
 )
 @pytest.mark.parametrize("decomposition", ["eigen", "polar"])
 def test_named_cases_become_valid_and_good(name: str, least: float, decomposition: str) -> None:
-    problem, found = case(name), run(name, decomposition=decomposition)
+    problem, found = case(name), run(name, correct_cell=CELL_CORRECTIONS[decomposition])
     assert max(found.minima) == stored(CASES[name][0]).trial.quality(found.points).min() >= least
     assert np.array_equal(found.points[problem.held], problem.standard[problem.held])
     assert 0 < len(found.enrichment_points) <= 20

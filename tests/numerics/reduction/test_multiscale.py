@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from reduced_motions import problem
 
+from docs.studies.thesis.section_2_2_reductions_compared import farthest_base
 from mesh_motion_server.numerics.reduction.farthest_first import farthest_first
-from mesh_motion_server.numerics.reduction.multiscale import BASE_SETS, class_radii, reduce
+from mesh_motion_server.numerics.reduction.multiscale import class_radii, greedy_base, reduce
+
+BASE_SETS = {"greedy": greedy_base, "farthest-first": farthest_base}
 
 
 def wendland(r: np.ndarray) -> np.ndarray:
@@ -17,7 +20,7 @@ def wendland(r: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("tolerance", [1e-1, 1e-3])
 def test_every_node_is_reproduced_whatever_the_base_set(boundary: str, base: str, tolerance: float) -> None:
     of = problem(boundary, tolerance=tolerance)
-    reduced = reduce(of, base=base)
+    reduced = reduce(of, base=BASE_SETS[base])
     assert sorted(reduced.selected) == list(range(of.n_points))
     assert reduced.max_error <= 1e-12 * of.largest
     assert sum(len(level.weights) for level in reduced.levels) == of.n_points  # linear storage
@@ -27,7 +30,7 @@ def test_every_node_is_reproduced_whatever_the_base_set(boundary: str, base: str
 def test_a_class_at_a_time_is_the_dense_triangular_system(base: str) -> None:
     """The whole matrix, a node's own radius in its column, solved at once for all weights."""
     of = problem("slab", tolerance=1e-1)
-    reduced = reduce(of, base=base)
+    reduced = reduce(of, base=BASE_SETS[base])
     order, first = reduced.selected, len(reduced.levels[0].weights)
     radius = np.concatenate([np.full(len(level.weights), level.support_radius) for level in reduced.levels])
     x = of.points[order]
@@ -55,7 +58,7 @@ def test_a_greedy_base_set_leaves_the_added_functions_little() -> None:
     steepest = {
         base: max(
             np.linalg.norm(level.weights, axis=1).max() / level.support_radius
-            for level in reduce(of, base=base).levels[1:]
+            for level in reduce(of, base=BASE_SETS[base]).levels[1:]
         )
         for base in BASE_SETS
     }

@@ -10,24 +10,20 @@ On a large mesh only a working set of cells is used: the worst cells and a sampl
 all cells, and cells that are worse than the working set join it.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, lstsq
 from scipy.sparse import csr_matrix
 
+from mesh_motion_server.numerics.arrays import Floats, Marks
 from mesh_motion_server.numerics.correction.enrichment.placement import Placement, spread_placement
 from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
 from mesh_motion_server.numerics.correction.free_region import NodeAdjacency, free_region, nodes_of_cells
 from mesh_motion_server.numerics.correction.trial_nodes import Polished, TrialMesh, polish
 from mesh_motion_server.numerics.mesh.cells import CellTable
 
-__all__ = ["Enriched", "optimised_enrichment", "optimised_placement"]
+__all__ = ["optimised_enrichment", "optimised_placement"]
 
-Floats = NDArray[np.float64]
 
 WHOLE_CELLS = 100_000
 """Meshes up to this size are optimised as a whole: with 90 000 cells in half the time that the working sets take."""
@@ -52,25 +48,6 @@ def optimised_placement(start: Floats, cells: CellTable, quality: Floats, *, cou
     placement = spread_placement(start, cells, squared, count=count, radius=radius)
     radii = radius * np.resize(np.array(RADIUS_CYCLE), len(placement.points))
     return placement._replace(radii=radii)
-
-
-@dataclass(frozen=True, eq=False)
-class Enriched:
-    """An enriched motion.
-
-    Attributes
-    ----------
-    points : (n, d) array, mesh length unit
-    minimum : float
-        Smallest quality of all cells; negative where some stay inverted.
-    enrichment_points : (K, d) array, mesh length unit
-    iterations : int
-    """
-
-    points: Floats
-    minimum: float
-    enrichment_points: Floats
-    iterations: int
 
 
 class _SpaceSteps:
@@ -123,18 +100,12 @@ def _solve_scaled(matrix: NDArray[np.float32], right: Floats) -> Floats:
 
 
 def optimised_enrichment(
-    mesh: TrialMesh,
-    start: Floats,
-    standard: Floats,
-    space: EnrichmentSpace,
-    *,
-    target: float,
-) -> Enriched:
+    mesh: TrialMesh, start: Floats, standard: Floats, space: EnrichmentSpace, *, target: float
+) -> Polished:
     """Choose the coefficients of an enrichment space for the best worst cell.
 
     Parameters
     ----------
-    mesh : TrialMesh
     start, standard : (n, d) arrays, mesh length unit
         Positions before the motion, and those of the standard motion.
     space : EnrichmentSpace
@@ -155,10 +126,10 @@ def optimised_enrichment(
         if minimum >= target or quality.min() >= polished.minimum:
             break
         chosen |= quality < max(polished.minimum, np.partition(quality, WORKING_CELLS // 10)[WORKING_CELLS // 10])
-    return Enriched(points, minimum, space.placement.points, iterations)
+    return Polished(points, minimum, iterations=iterations)
 
 
-def _working_set(quality: Floats) -> NDArray[np.bool_]:
+def _working_set(quality: Floats) -> Marks:
     """Mark (m) the cells to use: all, or one half the worst cells and one half a sample of the rest."""
     chosen = np.ones(len(quality), dtype=bool)
     if len(quality) > WHOLE_CELLS:
@@ -174,7 +145,7 @@ def _optimise(
     standard: Floats,
     points: Floats,
     space: EnrichmentSpace,
-    chosen: NDArray[np.bool_],
+    chosen: Marks,
     target: float,
 ) -> tuple[Floats, Polished]:
     """Optimise over the chosen (m) cells from ``points`` (n, d); all nodes follow."""

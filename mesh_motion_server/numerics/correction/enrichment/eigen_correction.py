@@ -9,16 +9,13 @@ directions, which is the real part of V Λ_new V⁻¹. (Nearly) equal eigenvalue
 would need an unbounded change; they are treated as a complex pair, of which they are the limit.
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.decomposition import deformation, eigen
 
 __all__ = ["INCREMENT", "eigen_correction"]
 
-Floats = NDArray[np.float64]
 
 INCREMENT = 0.1
 """The thesis' constant, both as the new value of a factor ≤ 0 and as the gain of the smaller one."""

@@ -10,33 +10,28 @@ All vanish at their point and beyond R_l. (4.7) as printed has ρ² for ρ and R
 Table 4.1 of the thesis use the forms given here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["ENRICHMENT_FUNCTIONS", "gradients", "slope_at_point", "values"]
 
-Array = NDArray[np.float64]
 
-
-def _h1(xi: Array, _radius: float) -> tuple[Array, Array]:
+def _h1(xi: Floats, _radius: float) -> tuple[Floats, Floats]:
     """H1_m = ρ_m f(ξ): f and f'(ξ)/ξ."""
     t = np.maximum(0.0, 1.0 - xi)
     return t**4 * (4.0 * xi + 1.0), -20.0 * t**3
 
 
-def _h2(xi: Array, radius: float) -> tuple[Array, Array]:
+def _h2(xi: Floats, radius: float) -> tuple[Floats, Floats]:
     """H2_m = ρ_m f(ξ), f = −20 (1 − ξ)³ / R_l²; f' / ξ is multiplied by a vanishing ρ_m ρ_j at ξ = 0."""
     t = np.maximum(0.0, 1.0 - xi)
     return -20.0 * t**3 / radius**2, 60.0 * t**2 / np.where(xi > 0.0, xi, 1.0) / radius**2
 
 
-def _h3(xi: Array, radius: float) -> tuple[Array, Array]:
+def _h3(xi: Floats, radius: float) -> tuple[Floats, Floats]:
     """H3 = H2 φ: the product rule on both factors."""
     f1, slope1 = _h1(xi, radius)
     f2, slope2 = _h2(xi, radius)
@@ -44,10 +39,10 @@ def _h3(xi: Array, radius: float) -> tuple[Array, Array]:
 
 
 #: Name → (f, f'/ξ) of ``H_m = ρ_m f(ξ)``, as functions of ξ = r/R_l and R_l.
-ENRICHMENT_FUNCTIONS: dict[str, Callable[[Array, float], tuple[Array, Array]]] = {"H1": _h1, "H2": _h2, "H3": _h3}
+ENRICHMENT_FUNCTIONS: dict[str, Callable[[Floats, float], tuple[Floats, Floats]]] = {"H1": _h1, "H2": _h2, "H3": _h3}
 
 
-def values(kind: str, points: Array, centre: Array, radius: float) -> Array:
+def values(kind: str, points: Floats, centre: Floats, radius: float) -> Floats:
     """The d components of an enrichment function.
 
     Parameters
@@ -63,17 +58,12 @@ def values(kind: str, points: Array, centre: Array, radius: float) -> Array:
     -------
     (n, d) array
         ``[i, m] = H_m(points[i])``.
-
-    Raises
-    ------
-    InvalidInput
-        If the kind is unknown or the radius is not finite and positive.
     """
     rho, f, _ = _radial(kind, points, centre, radius)
     return rho * f[:, None]
 
 
-def gradients(kind: str, points: Array, centre: Array, radius: float) -> Array:
+def gradients(kind: str, points: Floats, centre: Floats, radius: float) -> Floats:
     """Gradients of the d components: ``f δ_mj + ρ_m ρ_j f'/(ξ R_l²)``.
 
     Parameters as in :func:`values`.
@@ -82,11 +72,6 @@ def gradients(kind: str, points: Array, centre: Array, radius: float) -> Array:
     -------
     (n, d, d) array
         ``[i, m, j] = ∂H_m/∂x_j (points[i])``.
-
-    Raises
-    ------
-    InvalidInput
-        As :func:`values`.
     """
     rho, f, slope = _radial(kind, points, centre, radius)
     out = rho[:, :, None] * rho[:, None, :] * (slope / radius**2)[:, None, None]
@@ -96,29 +81,13 @@ def gradients(kind: str, points: Array, centre: Array, radius: float) -> Array:
 
 
 def slope_at_point(kind: str, radius: float) -> float:
-    """c of thesis (5.17): at its point ∇H is c times the identity; 1 for H1, −20/R_l² for H2 and H3.
-
-    Parameters
-    ----------
-    kind : {"H1", "H2", "H3"}
-    radius : float, mesh length unit
-        R_l.
-
-    Raises
-    ------
-    InvalidInput
-        As :func:`values`.
-    """
+    """c of thesis (5.17): at its point ∇H is c times the identity; 1 for H1, −20/R_l² for H2 and H3."""
     _, f, _ = _radial(kind, np.zeros((1, 1)), np.zeros(1), radius)
     return float(f[0])
 
 
-def _radial(kind: str, points: Array, centre: Array, radius: float) -> tuple[Array, Array, Array]:
+def _radial(kind: str, points: Floats, centre: Floats, radius: float) -> tuple[Floats, Floats, Floats]:
     """(n, d) ρ, (n,) f(ξ), (n,) f'(ξ)/ξ."""
-    if kind not in ENRICHMENT_FUNCTIONS:
-        raise InvalidInput(f"unknown enrichment function {kind!r}", hint=f"known are {', '.join(ENRICHMENT_FUNCTIONS)}")
-    if not (np.isfinite(radius) and radius > 0.0):
-        raise InvalidInput(f"expected a finite enrichment radius > 0, got {radius!r}")
     rho = np.asarray(points, dtype=np.float64) - np.asarray(centre, dtype=np.float64)
     xi = np.sqrt(np.sum(rho * rho, axis=1)) / radius
     f, slope = ENRICHMENT_FUNCTIONS[kind](xi, radius)

@@ -10,14 +10,12 @@ for the weights γ and the enrichment's coefficients β, thesis (4.2), (4.3), (4
 and the displacement anywhere is ``[φ  H] [γ; β]``, thesis (4.4), (4.10).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, NumericalError
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.blas import one_blas_thread
 from mesh_motion_server.numerics.correction.enrichment import functions
 from mesh_motion_server.numerics.interpolation.kernels import (
@@ -37,8 +35,6 @@ __all__ = [
     "solve_imposed_gradient",
 ]
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class ImposedGradient:
@@ -50,7 +46,6 @@ class ImposedGradient:
         R of the basis.
     enrichment_radius : float, mesh length unit
         R_l.
-    basis : str
     function : {"H1", "H2", "H3"}
     """
 
@@ -69,30 +64,29 @@ class EnrichedInterpolant:
     boundary, enrichment_points : (nb,), (nc,) arrays, mesh length unit
     weights, coefficients : (nb,), (nc,) arrays
         γ and β.
-    settings : ImposedGradient
     """
 
-    boundary: Array
-    enrichment_points: Array
-    weights: Array
-    coefficients: Array
+    boundary: Floats
+    enrichment_points: Floats
+    weights: Floats
+    coefficients: Floats
     settings: ImposedGradient
 
-    def displacement(self, x: Array) -> Array:
+    def displacement(self, x: Floats) -> Floats:
         """(n,) displacement at (n,) places, thesis (4.10)."""
         return self._sum(*_values(x, self.boundary, self.enrichment_points, self.settings))
 
-    def gradient(self, x: Array) -> Array:
+    def gradient(self, x: Floats) -> Floats:
         """(n,) derivative of the displacement at (n,) places."""
         return self._sum(*_derivatives(x, self.boundary, self.enrichment_points, self.settings))
 
-    def _sum(self, phi: Array, h: Array) -> Array:
+    def _sum(self, phi: Floats, h: Floats) -> Floats:
         """(n,) combination of (n, nb) and (n, nc) functions."""
-        total: Array = np.sum(phi * self.weights, axis=1) + np.sum(h * self.coefficients, axis=1)
+        total: Floats = np.sum(phi * self.weights, axis=1) + np.sum(h * self.coefficients, axis=1)
         return total
 
 
-def bracketing_slopes(boundary: Array, displacement: Array, enrichment_points: Array) -> Array:
+def bracketing_slopes(boundary: Floats, displacement: Floats, enrichment_points: Floats) -> Floats:
     """J of each enrichment point, thesis (4.1): ``(D_a − D_b) / (x_a − x_b)`` over the boundary nodes that bracket it.
 
     Parameters
@@ -116,17 +110,17 @@ def bracketing_slopes(boundary: Array, displacement: Array, enrichment_points: A
             f"({x[0]:g} … {x[-1]:g})",
             hint="the imposed gradient is the slope between the boundary nodes on either side",
         )
-    slope: Array = (d[right] - d[right - 1]) / (x[right] - x[right - 1])
+    slope: Floats = (d[right] - d[right - 1]) / (x[right] - x[right - 1])
     return slope
 
 
 def solve_imposed_gradient(
-    boundary: Array,
-    displacement: Array,
-    enrichment_points: Array,
+    boundary: Floats,
+    displacement: Floats,
+    enrichment_points: Floats,
     settings: ImposedGradient,
     *,
-    slopes_at_points: Array | None = None,
+    slopes_at_points: Floats | None = None,
 ) -> EnrichedInterpolant:
     """Solve thesis (4.9).
 
@@ -136,7 +130,6 @@ def solve_imposed_gradient(
         Distinct nodes.
     enrichment_points : (nc,) array, mesh length unit
         Distinct.
-    settings : ImposedGradient
     slopes_at_points : (nc,) array, optional
         J; by default :func:`bracketing_slopes`.
 
@@ -166,8 +159,8 @@ def solve_imposed_gradient(
 
 
 def enriched_displacement(
-    nodes: Array, boundary: Array, displacement: Array, enrichment_points: Array, settings: ImposedGradient
-) -> Array:
+    nodes: Floats, boundary: Floats, displacement: Floats, enrichment_points: Floats, settings: ImposedGradient
+) -> Floats:
     """The corrected displacement of every node.
 
     Parameters
@@ -182,14 +175,9 @@ def enriched_displacement(
 
     Raises
     ------
-    InvalidInput
-        In two or three dimensions, and as :func:`solve_imposed_gradient`.
+    InvalidInput, NumericalError
+        As :func:`solve_imposed_gradient`.
     """
-    if nodes.ndim != 2 or nodes.shape[1] != 1:
-        raise InvalidInput(
-            f"the imposed gradient is defined in one dimension, got nodes of shape {nodes.shape}",
-            hint="use correction = 'enrichment' or 'optimised' in 2D and 3D",
-        )
     interpolant = solve_imposed_gradient(boundary[:, 0], displacement[:, 0], enrichment_points[:, 0], settings)
     return interpolant.displacement(nodes[:, 0])[:, None]
 
@@ -204,7 +192,7 @@ def _basis(settings: ImposedGradient) -> tuple[Basis, float]:
     return basis, checked_radius(settings.support_radius, basis)
 
 
-def _values(x: Array, boundary: Array, points: Array, settings: ImposedGradient) -> tuple[Array, Array]:
+def _values(x: Floats, boundary: Floats, points: Floats, settings: ImposedGradient) -> tuple[Floats, Floats]:
     """(n, nb) φ and (n, nc) H."""
     basis, radius = _basis(settings)
     phi = values(basis, np.abs(x[:, None] - boundary) / radius)
@@ -212,7 +200,7 @@ def _values(x: Array, boundary: Array, points: Array, settings: ImposedGradient)
     return phi, np.array(h).reshape(len(points), len(x)).T
 
 
-def _derivatives(x: Array, boundary: Array, points: Array, settings: ImposedGradient) -> tuple[Array, Array]:
+def _derivatives(x: Floats, boundary: Floats, points: Floats, settings: ImposedGradient) -> tuple[Floats, Floats]:
     """(n, nb) ∂φ/∂x and (n, nc) ∂H/∂x."""
     basis, radius = _basis(settings)
     rho = x[:, None] - boundary

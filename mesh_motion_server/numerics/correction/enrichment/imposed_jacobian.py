@@ -12,23 +12,24 @@ component, in any dimension d and for any solver.
 
 The thesis does not say which Jacobian to impose in 2D: its parametric study (§5.1.2, Table 5.3) shows no pattern, and
 it then uses "the predicted Jacobian values at the control point" (§5.1.3). :func:`imposed_jacobians` does the same: it
-corrects the cell's own Jacobian by a decomposition and imposes the result, at all worst-quality minima (4.11) at once,
+corrects the cell's own Jacobian by Algorithm 1 and imposes the result, at all worst-quality minima (4.11) at once,
 and repeats this until the prediction reaches the threshold. One displacement cannot meet the conditions of neighbouring
 points exactly, so the system is solved with a small penalty on the coefficients.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.correction.enrichment.eigen_correction import eigen_correction
 from mesh_motion_server.numerics.correction.enrichment.functions import slope_at_point
 from mesh_motion_server.numerics.correction.enrichment.placement import Placement, local_minima
 from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.correction.enrichment.stretch_correction import CELL_CORRECTIONS
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_server.numerics.mesh.cells import CellTable
 
@@ -37,8 +38,6 @@ if TYPE_CHECKING:
 
 __all__ = ["ImposedJacobians", "ImposedSettings", "cell_gradients", "impose", "imposed_jacobians"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Penalty on the coefficients, relative to the slope of a function at its point. Values from 0.01 to 0.1 work about
 #: equally well; without it neighbouring points oppose each other until cells invert.
@@ -57,12 +56,11 @@ class ImposedSettings:
         R_l.
     threshold : float
         Stop when the predicted minimum reaches it.
-    max_points : int
     max_rounds : int
         Largest number of times that the Jacobians are imposed.
     function : {"H1", "H2", "H3"}
-    decomposition : {"eigen", "polar", "svd", "qr"}
-        How a cell's Jacobian is corrected.
+    correct_cell : callable
+        Displacement gradient J (d, d) of a cell → its change (d, d).
     """
 
     enrichment_radius: float
@@ -70,7 +68,7 @@ class ImposedSettings:
     max_points: int = 20
     max_rounds: int = 20
     function: str = "H1"
-    decomposition: str = "eigen"
+    correct_cell: Callable[[Floats], Floats] = eigen_correction
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +109,7 @@ def impose(function_gradients: Floats, change: Floats, *, penalty: float = 0.0) 
     return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0])
 
 
-def cell_gradients(points: Floats, values: Floats, cells: CellTable, numbers: Ints) -> Floats:
+def cell_gradients(points: Floats, values: Floats, cells: CellTable, numbers: Integers) -> Floats:
     """(K, k, d) gradients of nodal values (n, k) over some cells (K,): exact for simplices, a fit for others."""
     out = np.empty((len(numbers), values.shape[1], points.shape[1]))
     for block, first in zip(cells, cells.offsets, strict=False):
@@ -129,7 +127,7 @@ class _Imposed:
 
     problem: CorrectionProblem
     settings: ImposedSettings
-    numbers: Ints
+    numbers: Integers
     centres: Floats
     functions: Floats
     slopes: Floats
@@ -142,7 +140,7 @@ class _Imposed:
             problem, settings, np.empty(0, dtype=np.int64), np.empty((0, d)), np.empty((n, 0)), np.empty((0, 0, d))
         )
 
-    def add(self, minima: Ints) -> None:
+    def add(self, minima: Integers) -> None:
         """Add the minima, worst first, that are not near the existing points."""
         p, settings = self.problem, self.settings
         first = len(self.numbers)
@@ -164,7 +162,7 @@ class _Imposed:
         p, numbers = self.problem, self.numbers
         wanted = cell_gradients(p.start, points - p.start, p.cells, numbers)
         for row in np.flatnonzero(quality[numbers] < self.settings.threshold):
-            wanted[row] += CELL_CORRECTIONS[self.settings.decomposition](wanted[row])
+            wanted[row] += self.settings.correct_cell(wanted[row])
         standard = cell_gradients(p.start, p.standard - p.start, p.cells, numbers)
         moved = p.standard + self.functions @ impose(self.slopes, wanted - standard, penalty=PENALTY)
         moved[p.held] = p.standard[p.held]
@@ -176,10 +174,8 @@ def imposed_jacobians(problem: CorrectionProblem, mesh: TrialMesh, settings: Imp
 
     Parameters
     ----------
-    problem : CorrectionProblem
     mesh : TrialMesh
         Judges the quality.
-    settings : ImposedSettings
 
     Notes
     -----

@@ -8,13 +8,11 @@ ways to keep them apart:
 - :func:`local_minima`: the cells below the threshold that are no better than any of their neighbours, thesis (4.11).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.quality_summary import smallest
 
@@ -26,8 +24,6 @@ __all__ = [
     "worst_cell",
 ]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Cells below this quality are candidates, however many they are …
 BAD_QUALITY = 0.4
@@ -49,7 +45,7 @@ class Placement(NamedTuple):
     radii : (K,) array, mesh length unit
     """
 
-    cells: Ints
+    cells: Integers
     points: Floats
     radii: Floats
 
@@ -66,7 +62,6 @@ def spread_placement(points: Floats, cells: CellTable, quality: Floats, *, count
     ----------
     points : (n, d) array, mesh length unit
         Positions before the motion, where the enrichment functions live.
-    cells : CellTable
     quality : (m,) array
         Predicted quality of each cell.
     count : int
@@ -81,7 +76,7 @@ def spread_placement(points: Floats, cells: CellTable, quality: Floats, *, count
     return Placement(candidates[chosen], centres[chosen], radii)
 
 
-def local_minima(cells: CellTable, quality: Floats, threshold: float) -> Ints:
+def local_minima(cells: CellTable, quality: Floats, threshold: float) -> Integers:
     """Cells below a threshold that are no better than any cell that shares a node with them, the worst first.
 
     Thesis (4.11) on a mesh: ∂f/∂x = 0 and ∂²f/∂x² > 0 where the predicted quality f is sampled at the cells. Among
@@ -89,9 +84,7 @@ def local_minima(cells: CellTable, quality: Floats, threshold: float) -> Ints:
 
     Parameters
     ----------
-    cells : CellTable
     quality : (m,) array
-    threshold : float
     """
     rank = np.empty(len(quality), dtype=np.int64)
     rank[np.argsort(quality, kind="stable")] = np.arange(len(quality))
@@ -103,7 +96,7 @@ def local_minima(cells: CellTable, quality: Floats, threshold: float) -> Ints:
     return np.asarray(found[np.argsort(rank[found])])
 
 
-def gap_middle(points: Floats, cells: CellTable, quality: Floats, held: NDArray[np.bool_]) -> Floats:
+def gap_middle(points: Floats, cells: CellTable, quality: Floats, held: Marks) -> Floats:
     """(1, 1) middle between the two boundary nodes that bracket the worst cell, in 1D: thesis §4.3.1."""
     place = cells.centres(points, np.array([worst_cell(quality)]))[0, 0]
     x = np.sort(points[held, 0])
@@ -111,7 +104,7 @@ def gap_middle(points: Floats, cells: CellTable, quality: Floats, held: NDArray[
     return np.array([[0.5 * (x[gap - 1] + x[gap])]])
 
 
-def _candidates(quality: Floats, count: int) -> Ints:
+def _candidates(quality: Floats, count: int) -> Integers:
     """Cells below max(0.4, the 4K-th smallest quality), the worst one first, then by number."""
     bad = smallest(quality, CANDIDATES_PER_POINT * count)
     limit = max(BAD_QUALITY, float(quality[bad[-1]])) if len(bad) else BAD_QUALITY
@@ -119,7 +112,7 @@ def _candidates(quality: Floats, count: int) -> Ints:
     return np.concatenate([bad[:1], numbers[numbers != bad[0]]]) if len(bad) else bad
 
 
-def _spread(centres: Floats, badness: Floats, count: int) -> Ints:
+def _spread(centres: Floats, badness: Floats, count: int) -> Integers:
     """Rows chosen greedily: the first, then the largest distance × badness, until all distances are zero."""
     chosen = [0][: min(count, len(centres))]
     distance = np.full(len(centres), np.inf)

@@ -8,13 +8,11 @@ vanishes on the boundary nodes: it is thesis (5.16) as a function, or the bounda
 A motion plus these functions keeps its boundary condition for any coefficients.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.correction.enrichment import functions
 from mesh_motion_server.numerics.correction.enrichment.placement import Placement
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
@@ -22,7 +20,6 @@ from mesh_motion_server.numerics.interpolation.interpolant import Factorization
 
 __all__ = ["FUNCTIONS", "EnrichmentSpace"]
 
-Floats = NDArray[np.float64]
 
 FUNCTIONS = ("H1", "H2")
 """At every point both: with H1 alone, 20 points reach 0.60 to 0.85 of the ceiling, with both 0.80 to 0.94."""
@@ -38,7 +35,6 @@ class EnrichmentSpace:
         The K points and their radii.
     factorization : Factorization
         Of the boundary.
-    evaluator : Evaluator
     kinds : tuple of str
         Enrichment functions at every point.
     """

@@ -20,12 +20,8 @@ of a step and the enrichment's many columns, so a direct solver is preferred if 
 larger than :data:`~.memory_bound.FACTOR_BYTES` is refused.
 """
 
-from __future__ import annotations
-
-import numpy as np
-from numpy.typing import NDArray
-
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.interpolation.assembly import dense_block, mean_row_entries, sparse_matrix
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.factorizations import LinearSolver
@@ -36,9 +32,7 @@ from mesh_motion_server.numerics.interpolation.factorizations.sparse import Spar
 from mesh_motion_server.numerics.interpolation.kernels import Basis
 from mesh_motion_server.numerics.mesh.points import padded
 
-__all__ = ["SOLVERS", "choose_solver"]
-
-SOLVERS = ("auto", "dense", "sparse", "iterative")
+__all__ = ["choose_solver"]
 
 #: Largest order for which "auto" makes a dense factor: there it costs as much as three iterative solutions.
 _DENSE_ORDER = 10_000
@@ -49,7 +43,7 @@ _SPARSE_ROW, _SPARSE_ENTRIES = 300.0, 3e6
 
 
 def choose_solver(
-    solver: str, points: NDArray[np.float64], layout: CentreLayout, basis: Basis, support_radius: float
+    solver: str, points: Floats, layout: CentreLayout, basis: Basis, support_radius: float
 ) -> LinearSolver:
     """Make the named linear solver of a positive definite basis; "auto" chooses one.
 

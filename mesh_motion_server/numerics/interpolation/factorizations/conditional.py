@@ -10,36 +10,25 @@ G. H. Golub, C. F. Van Loan, *Matrix Computations*, 4th ed., §5.2.3 (block refl
 Functions*, Cambridge 2003, ch. 5 (conditional definiteness).
 """
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.blas import one_blas_thread
 from mesh_motion_server.numerics.interpolation.assembly import dense_block
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.factorizations.dense import PanelCholesky
 from mesh_motion_server.numerics.interpolation.factorizations.memory_bound import check_dense
 from mesh_motion_server.numerics.interpolation.kernels import Basis
+from mesh_motion_server.numerics.interpolation.polynomial import LinearBasis, Polynomial
 from mesh_motion_server.numerics.mesh.points import padded
 
 __all__ = ["NullSpaceCholesky"]
 
-Array = NDArray[np.float64]
-
 
 class NullSpaceCholesky:
     """Weights and polynomial coefficients of a basis that is definite only with a polynomial.
-
-    Parameters
-    ----------
-    control_points : (nc, d) array
-    basis : Basis
-    support_radius : float
-    polynomial_matrix : (nc, d + 1) array
-        P, of full rank.
 
     Raises
     ------
@@ -49,14 +38,14 @@ class NullSpaceCholesky:
 
     name = "dense"
 
-    def __init__(self, control_points: Array, basis: Basis, support_radius: float, polynomial_matrix: Array) -> None:
+    def __init__(self, control_points: Floats, basis: Basis, support_radius: float, linear: LinearBasis) -> None:
         check_dense(len(control_points))
-        self._basis, self._radius = basis, support_radius
+        self._basis, self._radius, self._linear = basis, support_radius, linear
         self._layout = CentreLayout.build(control_points, basis, support_radius)
         self._points = padded(control_points)
         self._sign = -1.0 if basis.definiteness == "conditionally negative" else 1.0
         with one_blas_thread():
-            self._reflectors, self._triangle, self._r = _householder(polynomial_matrix)
+            self._reflectors, self._triangle, self._r = _householder(linear.matrix(control_points))
             self._correction = self._two_sided_correction()
         self._cholesky = PanelCholesky(len(control_points) - self._size, self._panel)
 
@@ -70,20 +59,20 @@ class NullSpaceCholesky:
         """Memory of the factor and the reflectors."""
         return self._cholesky.nbytes + self._reflectors.nbytes + self._points.nbytes
 
-    def _multiply(self, vectors: Array) -> Array:
+    def _multiply(self, vectors: Floats) -> Floats:
         """(nc, k) product of the interpolation matrix."""
         weights = np.ascontiguousarray(vectors.T)  # a basis without compact support: sorted as given
         return self._layout.sum(
             kernels.sum_values, self._basis, self._radius, self._points, weights, np.empty(vectors.shape)
         )
 
-    def _two_sided_correction(self) -> Array:
+    def _two_sided_correction(self) -> Floats:
         """W with ``Qᵀ φ Q = φ − W Vᵀ − V Wᵀ``."""
         v = self._reflectors
         y = self._multiply(v @ self._triangle)
         return y - v @ (self._triangle.T @ (v.T @ y)) / 2.0
 
-    def _panel(self, first: int, last: int) -> Array:
+    def _panel(self, first: int, last: int) -> Floats:
         """Columns of ±Q₂ᵀ φ Q₂ from the diagonal down."""
         a, b = first + self._size, last + self._size
         v, w = self._reflectors, self._correction
@@ -92,13 +81,13 @@ class NullSpaceCholesky:
         block *= self._sign
         return block
 
-    def _rotate(self, vectors: Array, triangle: Array) -> Array:
+    def _rotate(self, vectors: Floats, triangle: Floats) -> Floats:
         """``vectors − V triangle Vᵀ vectors``."""
         v = self._reflectors
         return vectors - v @ (triangle @ (v.T @ vectors))
 
-    def solve(self, values: Array) -> tuple[Array, Array]:
-        """(nc, k) weights and (d + 1, k) polynomial coefficients of (nc, k) values."""
+    def solve(self, values: Floats) -> tuple[Floats, Polynomial]:
+        """(nc, k) weights and the polynomial of (nc, k) values."""
         q = self._size
         with one_blas_thread():
             rotated = self._rotate(values, self._triangle.T)
@@ -106,10 +95,10 @@ class NullSpaceCholesky:
             rotated[q:] = self._sign * self._cholesky.solve(rotated[q:])
             weights = self._rotate(rotated, self._triangle)
             rest = self._rotate(values - self._multiply(weights), self._triangle.T)[:q]
-            return weights, solve_triangular(self._r, rest, lower=False, check_finite=False)
+            return weights, Polynomial(self._linear, solve_triangular(self._r, rest, lower=False, check_finite=False))
 
 
-def _householder(p: Array) -> tuple[Array, Array, Array]:
+def _householder(p: Floats) -> tuple[Floats, Floats, Floats]:
     """V (n, q), T (q, q) and R (q, q) of ``P = (I − V T Vᵀ) [R; 0]``, reflectors scaled so that ``|v|² = 2``."""
     r = np.array(p, dtype=np.float64)
     n, q = r.shape
@@ -120,5 +109,5 @@ def _householder(p: Array) -> tuple[Array, Array, Array]:
         v[j:, j] = u * (np.sqrt(2.0) / np.linalg.norm(u))
         r -= np.outer(v[:, j], v[:, j] @ r)
     # forward product of reflectors with τ = 1: T⁻¹ = I + the strict upper triangle of VᵀV
-    triangle: Array = np.linalg.inv(np.eye(q) + np.triu(v.T @ v, 1)).astype(np.float64)
+    triangle: Floats = np.linalg.inv(np.eye(q) + np.triu(v.T @ v, 1)).astype(np.float64)
     return v, triangle, np.triu(r[:q])

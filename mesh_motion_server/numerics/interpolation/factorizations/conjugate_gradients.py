@@ -4,34 +4,31 @@ Each iteration applies the matrix once for all of them; each has its own steps. 
 blocks: bitwise the same for any number of threads.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["Iterated", "conjugate_gradients", "largest"]
-
-Array = NDArray[np.float64]
 
 
 class Iterated(NamedTuple):
     """The result of the iterations: solution and recurrences' residual (n, k), and the number of iterations."""
 
-    solution: Array
-    residual: Array
+    solution: Floats
+    residual: Floats
     iterations: int
 
 
 def conjugate_gradients(
-    right: Array,
+    right: Floats,
     *,
-    apply: Callable[[Array], Array],
-    precondition: Callable[[Array], Array],
-    done: Callable[[Array], bool],
+    apply: Callable[[Floats], Floats],
+    precondition: Callable[[Floats], Floats],
+    done: Callable[[Floats], bool],
     most: int,
 ) -> Iterated:
     """Solve for right-hand sides (n, k).
@@ -60,12 +57,12 @@ def conjugate_gradients(
     return Iterated(x, r, most)
 
 
-def largest(vectors: Array) -> float:
+def largest(vectors: Floats) -> float:
     """Largest magnitude in (n, k) vectors, 0 if they are empty."""
     return max(float(vectors.max(initial=0.0)), -float(vectors.min(initial=0.0)))
 
 
-def _ratio(a: Array, b: Array) -> Array:
+def _ratio(a: Floats, b: Floats) -> Floats:
     """``a / b`` by columns; 0 where a column is solved."""
     safe = np.where(b > 0.0, b, 1.0)
     return np.where(b > 0.0, a / safe, 0.0)

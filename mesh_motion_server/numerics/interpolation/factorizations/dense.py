@@ -5,20 +5,17 @@ of its diagonal block. Only panels are stored, together half of the square matri
 allocated. LAPACK's factorization of orders near 18 000 can crash a process; here it gets blocks of a few hundred rows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack, solve_triangular
 
 from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.blas import for_each_tile, one_blas_thread
 
 __all__ = ["PanelCholesky"]
 
-Array = NDArray[np.float64]
 
 #: Columns per panel: wide enough for full speed of the products, narrow enough that the diagonal blocks cost little.
 _PANEL = 512
@@ -47,9 +44,9 @@ class PanelCholesky:
 
     name = "dense"
 
-    def __init__(self, order: int, panel: Callable[[int, int], Array]) -> None:
+    def __init__(self, order: int, panel: Callable[[int, int], Floats]) -> None:
         self._bounds = [(first, min(first + _PANEL, order)) for first in range(0, order, _PANEL)]
-        self._panels: list[Array] = []
+        self._panels: list[Floats] = []
         with one_blas_thread():
             for first, last in self._bounds:
                 self._panels.append(self._eliminate(panel(first, last), first, last))
@@ -59,7 +56,7 @@ class PanelCholesky:
         """Memory of the factor."""
         return sum(panel.nbytes for panel in self._panels)
 
-    def _eliminate(self, block: Array, first: int, last: int) -> Array:
+    def _eliminate(self, block: Floats, first: int, last: int) -> Floats:
         """Turn columns of A into columns of L."""
         width = last - first
         largest = float(np.max(np.diag(block)))
@@ -79,7 +76,7 @@ class PanelCholesky:
         for_each_tile(divide, len(block) - width, _TILE)
         return block
 
-    def solve(self, values: Array) -> Array:
+    def solve(self, values: Floats) -> Floats:
         """(n, k) solution of ``A x = values``."""
         x = np.array(values, dtype=np.float64)
         with one_blas_thread():
@@ -96,7 +93,7 @@ class PanelCholesky:
         return x
 
 
-def _factor_block(block: Array, smallest: float) -> Array:
+def _factor_block(block: Floats, smallest: float) -> Floats:
     """Lower Cholesky factor, in place, of a diagonal block whose pivots are all larger than ``smallest``.
 
     Above its diagonal the block stays unchanged.

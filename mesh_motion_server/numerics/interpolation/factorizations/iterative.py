@@ -8,13 +8,11 @@ Because of rounding the recurrences' residual drifts from the true one. So the t
 the system is solved for it again as long as that helps.
 """
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.factorizations.conjugate_gradients import conjugate_gradients
 from mesh_motion_server.numerics.interpolation.factorizations.preconditioner import SparseInverse
@@ -22,7 +20,6 @@ from mesh_motion_server.numerics.interpolation.kernels import Basis
 
 __all__ = ["ConjugateGradients"]
 
-Array = NDArray[np.float64]
 
 #: Residual of the recurrences, relative to the right-hand side, at which the iterations end: boundary values to 1e-12
 #: in the maximum norm unless rounding forbids it.
@@ -45,10 +42,8 @@ class ConjugateGradients:
 
     Parameters
     ----------
-    layout : CentreLayout
     basis : Basis
         Positive definite.
-    support_radius : float
     """
 
     name = "iterative"
@@ -66,7 +61,7 @@ class ConjugateGradients:
         """Memory of the preconditioner and the coordinates."""
         return self._precondition.nbytes + self._points.nbytes
 
-    def solve(self, values: Array) -> Array:
+    def solve(self, values: Floats) -> Floats:
         """(n, k) solution, rows in the caller's order.
 
         Raises
@@ -98,16 +93,16 @@ class ConjugateGradients:
         out[self._layout.order] = x
         return out
 
-    def _apply(self, vectors: Array) -> Array:
+    def _apply(self, vectors: Floats) -> Floats:
         """(n, k) product with the matrix, rows in the layout's order."""
         weights, out = np.ascontiguousarray(vectors.T), np.empty(vectors.shape)
         return self._layout.sum(kernels.sum_values, self._basis, self._radius, self._points, weights, out)
 
-    def _conjugate_gradients(self, rhs: Array, scale: Array) -> Array:
+    def _conjugate_gradients(self, rhs: Floats, scale: Floats) -> Floats:
         """(n, k) solution for ``rhs`` to the tolerance times ``scale``, or as well as rounding lets it."""
         best, since = np.inf, 0
 
-        def done(residual: Array) -> bool:
+        def done(residual: Floats) -> bool:
             nonlocal best, since
             error = _largest(residual, scale)
             best, since = (error, 0) if error < best / 2.0 else (best, since + 1)
@@ -120,5 +115,5 @@ class ConjugateGradients:
         return found.solution
 
 
-def _largest(residual: Array, scale: Array) -> float:
+def _largest(residual: Floats, scale: Floats) -> float:
     return float(np.max(np.sqrt(np.sum(residual * residual, axis=0)) / scale))

@@ -5,8 +5,6 @@ their matrix: 15 times were measured at 18 000 points, 24 times at 100 000. Both
 the range of the libraries' 32-bit indices.
 """
 
-from __future__ import annotations
-
 import math
 
 from mesh_motion_server.errors import ResourceError

@@ -11,21 +11,17 @@ Appl. 14 (1993) 45–58. F. Schäfer, M. Katzfuss, H. Owhadi, "Sparse Cholesky f
 minimization", SIAM J. Sci. Comput. 43 (2021) A2019–A2046: the coarse-to-fine order for kernel matrices.
 """
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.interpolation.factorizations.conjugate_gradients import Iterated
 from mesh_motion_server.numerics.interpolation.factorizations.thinning import nearest_preceding, nested_levels
 from mesh_motion_server.numerics.interpolation.kernels import Basis
 from mesh_motion_server.numerics.interpolation.sparse_products import nbytes, product
 
 __all__ = ["SparseInverse"]
-
-Array = NDArray[np.float64]
 
 
 class SparseInverse:
@@ -36,14 +32,13 @@ class SparseInverse:
     points : (n, 3) array
     basis : Basis
         Positive definite.
-    support_radius : float
     neighbours : int
         Preceding points per row. On the surfaces of a box and a wing (4 000 and 18 000 points, R = 2.5 … 0.05 of the
         domain) conjugate gradients need 160 … 30 iterations with 16, 47 … 13 with 32, 30 … 10 with 64, 25 … 9 with 96;
         the set-up grows from 0.1 to 1 s for 4 000 points.
     """
 
-    def __init__(self, points: Array, basis: Basis, support_radius: float, neighbours: int) -> None:
+    def __init__(self, points: Floats, basis: Basis, support_radius: float, neighbours: int) -> None:
         order, near = nearest_preceding(points, nested_levels(points), neighbours)
         n = len(points)
         entries = np.empty((n, neighbours + 1))
@@ -64,11 +59,11 @@ class SparseInverse:
         """Memory of G and Gᵀ."""
         return nbytes(self._factor) + nbytes(self._transposed)
 
-    def __call__(self, residual: Array) -> Array:
+    def __call__(self, residual: Floats) -> Floats:
         """(n, k) preconditioned residual."""
         return product(self._transposed, product(self._factor, residual))
 
-    def conjugate_gradients(self, matrix: csr_array, right: Array, *, limit: float, most: int) -> Iterated:
+    def conjugate_gradients(self, matrix: csr_array, right: Floats, *, limit: float, most: int) -> Iterated:
         """Solve with the (n, n) matrix for right-hand sides (n, k), by the function of the same name.
 
         Parameters

@@ -4,14 +4,12 @@ SuperLU in symmetric mode: minimum-degree ordering of the matrix' own graph and 
 positive definite matrix allows.
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import splu
 
 from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.blas import one_blas_thread
 
 __all__ = ["SparseFactor"]
@@ -37,7 +35,7 @@ class SparseFactor:
 
     name = "sparse"
 
-    def __init__(self, matrix: csr_array, order: NDArray[np.int64]) -> None:
+    def __init__(self, matrix: csr_array, order: Integers) -> None:
         self._order = order
         with one_blas_thread():
             try:
@@ -58,7 +56,7 @@ class SparseFactor:
         """Memory of both factors."""
         return int(self._factors.nnz) * _BYTES_AN_ENTRY
 
-    def solve(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def solve(self, values: Floats) -> Floats:
         """(n, k) solution, rows in the caller's order."""
         out = np.empty(values.shape)
         with one_blas_thread():

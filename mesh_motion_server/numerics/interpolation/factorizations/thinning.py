@@ -4,11 +4,10 @@ Nested thinning by grids whose cells halve: a level takes the first point of eve
 Deterministic, O(n log n) per level; the number of levels is the range of the points' spacings in powers of two.
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["nearest_preceding", "nested_levels"]
 
@@ -16,13 +15,13 @@ __all__ = ["nearest_preceding", "nested_levels"]
 _MAX_LEVELS = 48
 
 
-def nested_levels(points: NDArray[np.float64]) -> list[NDArray[np.int64]]:
+def nested_levels(points: Floats) -> list[Integers]:
     """Indices of (n, d) distinct points, level by level."""
     low = points.min(axis=0)
     extent = max(float(np.max(points.max(axis=0) - low)), np.finfo(float).tiny)
     remaining = np.arange(len(points))
     taken = np.empty(0, dtype=np.int64)
-    levels: list[NDArray[np.int64]] = []
+    levels: list[Integers] = []
     for level in range(_MAX_LEVELS):
         cells = np.floor((points - low) * (2.0**level / extent)).astype(np.int64)
         keys = _hash(cells)
@@ -38,17 +37,15 @@ def nested_levels(points: NDArray[np.float64]) -> list[NDArray[np.int64]]:
     return [*levels, remaining]
 
 
-def _hash(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+def _hash(cells: Integers) -> Integers:
     """One number per cell; a collision only moves a point to a finer level."""
     factors = np.array([73856093, 19349663, 83492791], dtype=np.int64)[: cells.shape[1]]
     with np.errstate(over="ignore"):
-        keys: NDArray[np.int64] = np.bitwise_xor.reduce(cells * factors, axis=1)
+        keys: Integers = np.bitwise_xor.reduce(cells * factors, axis=1)
     return keys
 
 
-def nearest_preceding(
-    points: NDArray[np.float64], levels: list[NDArray[np.int64]], count: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def nearest_preceding(points: Floats, levels: list[Integers], count: int) -> tuple[Integers, Integers]:
     """For every point in the order of the levels, up to ``count`` near points that come before it.
 
     Returns
@@ -73,7 +70,7 @@ def nearest_preceding(
     return order, neighbours
 
 
-def _keep_preceding(found: NDArray[np.int64], ranks: NDArray[np.int64], out: NDArray[np.int64]) -> None:
+def _keep_preceding(found: Integers, ranks: Integers, out: Integers) -> None:
     """Move the entries smaller than the row's rank to the front, in their order, as many as fit."""
     precedes = found < ranks[:, None]
     place = np.cumsum(precedes, axis=1) - 1

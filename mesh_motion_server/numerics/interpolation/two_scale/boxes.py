@@ -5,20 +5,16 @@ grid spacing ``h₀ / 2^l`` and covers, a margin wide, the coarse points that ar
 before resolves. Points near each other share a box; the boxes of a level are disjoint.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.spacing import local_spacing
 
 __all__ = ["MARGIN", "Box", "nested_boxes"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 #: Cells of the whole domain's longest side on the coarsest level.
 _CELLS = 32
@@ -37,7 +33,6 @@ class Box:
 
     Attributes
     ----------
-    level : int
     spacing : float, mesh length unit
     first : (3,) int64 array
         Grid index of its lower corner, counted on its level from the domain's lower corner.
@@ -49,8 +44,8 @@ class Box:
 
     level: int
     spacing: float
-    first: Indices
-    cells: Indices
+    first: Integers
+    cells: Integers
     parent: int
 
     @property
@@ -98,7 +93,7 @@ def _level(level: int, spacing: float, fine: Floats, low: Floats, parents: list[
     return boxes
 
 
-def _merged(place: Floats) -> list[tuple[Indices, Indices]]:
+def _merged(place: Floats) -> list[tuple[Integers, Integers]]:
     """Corners of disjoint boxes around points (m, 3) in spacings, a margin wide."""
     if not len(place):
         return []
@@ -112,9 +107,9 @@ def _merged(place: Floats) -> list[tuple[Indices, Indices]]:
     return _united(sorted(boxes, key=lambda box: tuple(box[0])))
 
 
-def _united(boxes: list[tuple[Indices, Indices]]) -> list[tuple[Indices, Indices]]:
+def _united(boxes: list[tuple[Integers, Integers]]) -> list[tuple[Integers, Integers]]:
     """The boxes after replacing touching boxes by their common bounding box until none touch."""
-    done: list[tuple[Indices, Indices]] = []
+    done: list[tuple[Integers, Integers]] = []
     while boxes:
         low, high = boxes.pop(0)
         touching = [i for i, (a, b) in enumerate(done) if bool(((a <= high + 2) & (b >= low - 2)).all())]

@@ -6,23 +6,19 @@ put many nodes where detail matters, so a small body in a wide domain gets as la
 the nodes, and no part of any surface is left out.
 """
 
-from __future__ import annotations
-
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 
 __all__ = ["coarse_points", "separated_points"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _MOVING_SHARE = 0.6
 
 
-def separated_points(points: Floats, separation: float, first: Indices | None = None) -> Indices:
+def separated_points(points: Floats, separation: float, first: Integers | None = None) -> Integers:
     """Points (m,), ascending, of which no two are closer than the separation and to which every other one is.
 
     Parameters
@@ -44,7 +40,7 @@ def separated_points(points: Floats, separation: float, first: Indices | None = 
     return np.sort(candidates[taken])
 
 
-def coarse_points(points: Floats, spacing: Floats, moving: Mask, count: int, separation: float = 0.0) -> Indices:
+def coarse_points(points: Floats, spacing: Floats, moving: Marks, count: int, separation: float = 0.0) -> Integers:
     """Choose up to ``count`` control points, if there are as many three moving ones to two at rest.
 
     The field is steepest between the moving body and what is near it; walls at rest need points only so that the field
@@ -55,7 +51,6 @@ def coarse_points(points: Floats, spacing: Floats, moving: Mask, count: int, sep
     points : (n, 3) array, mesh length unit
     spacing : (n,) array, mesh length unit
     moving : (n,) bool array
-    count : int
     separation : float, mesh length unit
         Least distance of two of them.
 
@@ -76,7 +71,7 @@ def coarse_points(points: Floats, spacing: Floats, moving: Mask, count: int, sep
     return np.sort(np.concatenate([chosen, _farthest_first(points, spacing, rest, count - share, separation)]))
 
 
-def _farthest_first(points: Floats, spacing: Floats, candidates: Indices, count: int, separation: float) -> Indices:
+def _farthest_first(points: Floats, spacing: Floats, candidates: Integers, count: int, separation: float) -> Integers:
     """Numbers of up to ``count`` of the candidates."""
     chosen = np.empty(min(count, len(candidates)), dtype=np.int64)
     if len(chosen) == len(candidates) and separation == 0.0:

@@ -21,10 +21,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.interpolation.assembly import sparse_rows
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.factorizations.conjugate_gradients import largest
@@ -47,8 +47,6 @@ __all__ = [
     "levels_below",
 ]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 BASIS = basis_named("wendland-c2")
 """Compact, positive definite, with a gradient at its centres, whatever the basis of the coarse field is."""
@@ -92,13 +90,13 @@ class CompactLevel:
         Of the reference mesh.
     """
 
-    members: Indices
+    members: Integers
     radius: float
     precondition: SparseInverse
 
 
 def compact_levels(
-    points: Floats, spacing: Floats, moving: NDArray[np.bool_], *, coarse: Indices, gap: float
+    points: Floats, spacing: Floats, moving: Marks, *, coarse: Integers, gap: float
 ) -> list[CompactLevel]:
     """The levels of a boundary with many nodes, widest first, by the spacing of what moves.
 
@@ -119,7 +117,7 @@ def compact_levels(
     return _levels(points, spacing, _nested(points, float(low) * LEVEL_RATIO**wider, coarse), float(low), _RADII)
 
 
-def levels_below(points: Floats, spacing: Floats, separation: float, *, coarse: Indices) -> list[CompactLevel]:
+def levels_below(points: Floats, spacing: Floats, separation: float, *, coarse: Integers) -> list[CompactLevel]:
     """The levels for points that the coarse field leaves out because they are closer than the separation to its own.
 
     Parameters
@@ -135,7 +133,7 @@ def levels_below(points: Floats, spacing: Floats, separation: float, *, coarse: 
     return _levels(padded(points), spacing, _nested(padded(points), scale, coarse), scale, radii)
 
 
-def _nested(points: Floats, widest: float, first: Indices) -> Iterator[tuple[float, Indices]]:
+def _nested(points: Floats, widest: float, first: Integers) -> Iterator[tuple[float, Integers]]:
     """Scales, each a quarter of the one before, and points (m,) as far apart; those of one are among the next ones."""
     for level in range(MAX_LEVELS):
         scale = widest / LEVEL_RATIO**level
@@ -144,7 +142,7 @@ def _nested(points: Floats, widest: float, first: Indices) -> Iterator[tuple[flo
 
 
 def _levels(
-    points: Floats, spacing: Floats, nested: Iterator[tuple[float, Indices]], low: float, radii: float
+    points: Floats, spacing: Floats, nested: Iterator[tuple[float, Integers]], low: float, radii: float
 ) -> list[CompactLevel]:
     """Levels until no two points are much closer than the scale: the last one has all points.
 
@@ -162,7 +160,7 @@ def _levels(
     return levels
 
 
-def _level(points: Floats, members: Indices, radius: float) -> CompactLevel:
+def _level(points: Floats, members: Integers, radius: float) -> CompactLevel:
     return CompactLevel(members, radius, SparseInverse(points[members], BASIS, radius, _NEIGHBOURS))
 
 
@@ -172,10 +170,8 @@ class CompactSystem:
 
     Attributes
     ----------
-    level : CompactLevel
     points : (m, d) array, mesh length unit
         The members' positions.
-    layout : CentreLayout
     matrix : (m, m) csr_array
         Rows and columns in the members' order, which is the preconditioner's.
     """

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.factorizations.conjugate_gradients import largest
 from mesh_motion_server.numerics.interpolation.interpolant import AllCentreFactorization, factorize
@@ -44,8 +44,6 @@ from mesh_motion_server.numerics.mesh.spacing import local_spacing
 
 __all__ = ["SEPARATION", "TwoScaleFactorization", "TwoScalePlan"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 #: Coarse points of many, by dimension. On the slab in a square 200 reach the quality of all 1300 boundary nodes to a
 #: hundredth, on the wing in a cube 500 that of all 17 900 near the wall to a twentieth, with more no better.
@@ -78,13 +76,13 @@ class TwoScalePlan:
         The first control point at the place of each one.
     """
 
-    coarse: Indices
+    coarse: Integers
     gap: float
     levels: list[CompactLevel]
     basis: str
     support_radius: float | None
     gridded: bool
-    place: Indices
+    place: Integers
 
     @property
     def least_radius(self) -> float:
@@ -108,7 +106,7 @@ class TwoScalePlan:
         return self.joined if self.gridded else not self.single
 
     @cached_property
-    def distinct(self) -> Indices:
+    def distinct(self) -> Integers:
         """(c,) the first control point of each place, ascending."""
         return np.flatnonzero(self.place == np.arange(len(self.place)))
 
@@ -116,7 +114,7 @@ class TwoScalePlan:
     def build(
         cls,
         reference: Floats,
-        moving: NDArray[np.bool_],
+        moving: Marks,
         *,
         basis: str,
         support_radius: float | None,
@@ -187,8 +185,6 @@ class TwoScaleFactorization:
     Attributes
     ----------
     control_points : (n, d) array, mesh length unit
-    plan : TwoScalePlan
-    coarse : AllCentreFactorization
     grid : NestedGrid or None
         None if the coarse sums are evaluated directly.
     systems : list of CompactSystem

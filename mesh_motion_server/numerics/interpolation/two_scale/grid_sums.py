@@ -10,21 +10,18 @@ References
 W. Fong, E. Darve, "The black-box fast multipole method", J. Comput. Phys. 228 (2009) 8712–8725.
 """
 
-from __future__ import annotations
-
 import math
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
 from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedGrid
 
 __all__ = ["grid_sums", "on_grid"]
 
-Floats = NDArray[np.float64]
 
 #: Chebyshev points along an axis of a block for its furthest and nearest far centres.
 _LEAST, _ORDER = 4, 8

@@ -1,7 +1,5 @@
 """An interpolant in two scales: a coarse field, and compact levels near the surfaces."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant

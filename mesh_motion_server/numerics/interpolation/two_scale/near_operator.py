@@ -10,18 +10,15 @@ from dataclasses import dataclass
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation.assembly import rows_near, sparse_rows
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
 from mesh_motion_server.numerics.interpolation.sparse_products import nbytes
 from mesh_motion_server.numerics.threads import limited_to
 
 __all__ = ["NearOperator"]
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +33,12 @@ class NearOperator:
         Its functions there.
     """
 
-    rows: Indices
+    rows: Integers
     matrix: csr_array
 
     @classmethod
     def build(
-        cls, level: Interpolant, points: Floats, *, unasked: Indices | None = None, threads: int | None = None
+        cls, level: Interpolant, points: Floats, *, unasked: Integers | None = None, threads: int | None = None
     ) -> NearOperator:
         """The operator of a compact level, whatever its weights, at points (n, d) but for the rows ``unasked`` (u,)."""
         with limited_to(threads):

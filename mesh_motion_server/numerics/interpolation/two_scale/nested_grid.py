@@ -9,8 +9,6 @@ References
 C. de Boor, *A Practical Guide to Splines*, Springer 2001, ch. XII (quasi-interpolants), ch. IX (subdivision).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -18,12 +16,11 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation.two_scale.boxes import Box
 
 __all__ = ["NestedGrid", "NestedSpline"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 #: Layers of coefficients that are the parent's: those of which a cubic spline's value, slope and curvature at the rim
 #: consist; and layers over which a box passes into its own.
@@ -44,13 +41,12 @@ class NestedSpline:
         First row of each box' coefficients.
     coefficients : (c, k) array
         Box by box, x slowest.
-    dimension : int
     """
 
     origin: Floats
     inverse_spacing: Floats
-    cells: Indices
-    start: Indices
+    cells: Integers
+    start: Integers
     coefficients: Floats
     dimension: int
 
@@ -63,7 +59,7 @@ class NestedSpline:
         kernels.spline_gradients(np.ascontiguousarray(points), *self._boxes, self.coefficients, out)
 
     @property
-    def _boxes(self) -> tuple[Floats, Floats, Indices, Indices]:
+    def _boxes(self) -> tuple[Floats, Floats, Integers, Integers]:
         """The arguments of the compiled loops for the boxes."""
         return self.origin, self.inverse_spacing, self.cells, self.start
 
@@ -78,7 +74,6 @@ class NestedGrid:
         Coarsest first.
     low : (3,) array, mesh length unit
         Lower corner of the domain.
-    dimension : int
     """
 
     boxes: list[Box]

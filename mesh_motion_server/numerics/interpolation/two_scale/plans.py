@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation.kernels import basis_named
 from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScalePlan
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
@@ -15,8 +15,6 @@ from mesh_motion_server.numerics.method import Method
 
 __all__ = ["AUTOMATIC_FROM", "TwoScalePlans", "plan_for"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 AUTOMATIC_FROM = 1000
 """Control nodes above which the coarse field has few of them and is a spline on a grid. With 1300
@@ -33,7 +31,7 @@ class TwoScalePlans:
     plans : tuple of (nodes (c,), TwoScalePlan)
     """
 
-    plans: tuple[tuple[Indices, TwoScalePlan], ...]
+    plans: tuple[tuple[Integers, TwoScalePlan], ...]
 
     @classmethod
     def build(
@@ -43,7 +41,7 @@ class TwoScalePlans:
         method: Method,
         *,
         offered: bool,
-        controls: Callable[[Indices], Indices] = np.asarray,
+        controls: Callable[[Integers], Integers] = np.asarray,
     ) -> TwoScalePlans:
         """Plan for the prescribed nodes of a mesh with reference ``points`` (n, d), and for all that slide too.
 
@@ -58,12 +56,12 @@ class TwoScalePlans:
         planned = [(nodes, plan_for(points, nodes, roles, method)) for nodes in sets]
         return cls(tuple((nodes, plan) for nodes, plan in planned if plan.usable))
 
-    def of(self, nodes: Indices) -> TwoScalePlan | None:
+    def of(self, nodes: Integers) -> TwoScalePlan | None:
         """The plan for control nodes (c,), or None: all of them in one scale."""
         return next((plan for planned, plan in self.plans if np.array_equal(planned, nodes)), None)
 
 
-def plan_for(points: Floats, nodes: Indices, roles: BoundaryRoles, method: Method) -> TwoScalePlan:
+def plan_for(points: Floats, nodes: Integers, roles: BoundaryRoles, method: Method) -> TwoScalePlan:
     """The plan for control nodes (c,) of the mesh ``points`` (n, d)."""
     return TwoScalePlan.build(
         points[nodes],

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mesh_motion_server.numerics.decomposition import deformation, eigen, polar, qr, rotation_angle, svd
+from docs.studies.thesis._decompositions import deformation, eigen, polar, qr, rotation_angle, svd
 
 DIMENSIONS = pytest.mark.parametrize("d", [2, 3])
 

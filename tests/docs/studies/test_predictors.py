@@ -6,12 +6,12 @@ from itertools import permutations
 import numpy as np
 import pytest
 
+from docs.studies.thesis._predictors import PREDICTORS, CallableField, InterpolantField, predict
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.quality.prediction import PREDICTORS, CallableField, InterpolantField, predict
 
 Mesh = tuple[np.ndarray, CellTable]
 
@@ -186,7 +186,7 @@ def test_a_mesh_larger_than_one_batch(monkeypatch):
     sizes, field = reference_sizes(points, cells), bump(2)
     for name in PREDICTORS:
         whole = predict(name, points, cells, sizes, field)
-        monkeypatch.setattr("mesh_motion_server.numerics.quality.prediction._BATCH", 100)
+        monkeypatch.setattr("docs.studies.thesis._predictors._BATCH", 100)
         parts = predict(name, points, cells, sizes, field)
         monkeypatch.undo()
         np.testing.assert_array_equal(whole.size, parts.size)

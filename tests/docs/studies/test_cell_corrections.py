@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mesh_motion_server.numerics.correction.enrichment.stretch_correction import CELL_CORRECTIONS
-from mesh_motion_server.numerics.decomposition import polar, qr, svd
+from docs.studies.thesis._cell_corrections import CELL_CORRECTIONS
+from docs.studies.thesis._decompositions import polar, qr, svd
 
 ALL = pytest.mark.parametrize("name", CELL_CORRECTIONS)
 

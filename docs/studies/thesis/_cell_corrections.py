@@ -24,8 +24,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from docs.studies.thesis._decompositions import deformation, qr, svd
 from mesh_motion_server.numerics.correction.enrichment.eigen_correction import INCREMENT, eigen_correction
-from mesh_motion_server.numerics.decomposition import deformation, qr, svd
 
 __all__ = ["CELL_CORRECTIONS", "polar_correction", "qr_correction", "svd_correction"]
 

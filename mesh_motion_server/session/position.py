@@ -1,0 +1,186 @@
+"""Where a session is: its state, its steps and its mesh, and which requests fit there."""
+
+from dataclasses import replace
+from typing import Any
+
+from mesh_motion_server.distributed.field import Field
+from mesh_motion_server.distributed.region import Extent
+from mesh_motion_server.errors import SessionError
+from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.session.corrections import first_extent
+from mesh_motion_server.session.journal.ledger import Commit
+from mesh_motion_server.session.model import Model, checked_warnings
+from mesh_motion_server.session.partitions.meshes import MergedMesh
+from mesh_motion_server.session.spec import StoredSpec
+from mesh_motion_server.session.state import Operation, State, Trial, admit
+from mesh_motion_server.session.values import Built, CurrentState
+
+__all__ = ["WRITING", "Position"]
+
+
+WRITING = (State.READY, State.TRIAL, State.SUSPENDED)
+"""States that a disk which failed unasked turns into FROZEN."""
+
+
+class Position:
+    """The state of a session, and the conditions of its operations.
+
+    Attributes
+    ----------
+    spec : StoredSpec
+        What OPEN fixed.
+    """
+
+    def __init__(self, spec: StoredSpec) -> None:
+        self.spec = spec
+        self._reopened = False
+        self._now = CurrentState(State.NEW)
+        self._built: Built | None = None
+        self._epoch = 1
+
+    @property
+    def state(self) -> State:
+        """A state of the session table."""
+        failed = self._built is not None and self._built.keeper.frozen and self._now.state in WRITING
+        return State.FROZEN if failed else self._now.state
+
+    @property
+    def epoch(self) -> int:
+        """Raised by each RESUME."""
+        return self._epoch
+
+    @property
+    def step(self) -> int:
+        """The last committed step."""
+        return self._now.committed.step if self._now.committed else 0
+
+    @property
+    def durable_step(self) -> int:
+        """The step that no power loss takes the session back behind."""
+        return self._built.keeper.durable_step if self._built else 0
+
+    @property
+    def iteration(self) -> int:
+        """Moves of the open trial, 0 without one."""
+        return self._now.trial.iteration if self._now.trial else 0
+
+    @property
+    def is_built(self) -> bool:
+        """Whether there is a mesh."""
+        return self._built is not None
+
+    @property
+    def mesh(self) -> MergedMesh:
+        """The mesh; once built."""
+        return self._require_built().mesh
+
+    @property
+    def model(self) -> Model:
+        """The numerics' model of it; once built."""
+        return self._require_built().model
+
+    @property
+    def commits(self) -> tuple[Commit, ...]:
+        """The latest commits, with what was answered to them."""
+        return self._built.keeper.commits if self._built else ()
+
+    def admit(self, operation: Operation) -> State:
+        """The state after ``operation``.
+
+        Raises
+        ------
+        SessionError
+            As the state table says; ABORTED.TRIAL_LOST for a Judge or a Commit whose trial a restart dropped; for a
+            Commit of a trial that the client evaluates, if it was not judged.
+        """
+        needs_trial = operation in (Operation.JUDGE, Operation.CORRECT, Operation.COMMIT)
+        if needs_trial and self.state is State.READY and self._now.trial_lost:
+            raise SessionError(
+                f"a trial of step {self.step + 1} from before the session was resumed is lost",
+                code="ABORTED.TRIAL_LOST",
+                hint="send the MOVE again, then COMMIT: its answer will be the same",
+                details={"step": self.step + 1},
+            )
+        trial = self._now.trial
+        if operation is Operation.COMMIT and trial is not None and trial.coefficients is not None and not trial.quality:
+            raise SessionError(
+                "the trial is not judged, or it was refused", hint="send JUDGE from every partition, or another MOVE"
+            )
+        try:
+            return admit(self.state, operation)
+        except SessionError:
+            if self.state is State.FROZEN:
+                self._swap(state=State.FROZEN)  # from now on a reply has named it
+            raise
+
+    def require_next_step(self, step: int) -> None:
+        """Raise unless ``step`` is the one after the last committed one.
+
+        Raises
+        ------
+        SessionError
+            FAILED_PRECONDITION.STEP; ABORTED.STEPS_LOST where steps may have been answered that were not durable.
+        """
+        if step > self.step + 1 and self._reopened and self.spec.durability == "relaxed":
+            raise SessionError(
+                f"step {self.step} is the last one that survived a restart of the session's worker, got step {step}",
+                code="ABORTED.STEPS_LOST",
+                hint=f"go on with step {self.step + 1}: the answers to its MOVE will be the same",
+                details={"expected": self.step + 1, "got": step},
+            )
+        if step != self.step + 1:
+            raise SessionError(
+                f"expected step {self.step + 1} (step {self.step} is committed), got step {step}",
+                code="FAILED_PRECONDITION.STEP",
+                details={"expected": self.step + 1, "got": step},
+            )
+
+    def require_client_evaluation(self) -> None:
+        """Raise if the server judges the cells itself.
+
+        Raises
+        ------
+        SessionError
+            FAILED_PRECONDITION.STATE.
+        """
+        if self.spec.evaluation != "client":
+            raise SessionError(
+                "the server judges the cells of this session itself",
+                hint="send COMMIT; JUDGE is for sessions that were opened with evaluation = 'client'",
+            )
+
+    def mesh_warnings(self) -> list[str]:
+        """What was noticed when the session was built, in the numbering of the upload."""
+        return checked_warnings(self.mesh, self.model)
+
+    def coordinates(self, frame: str) -> Floats:
+        """(n, d) coordinates in canonical order: "committed" or "reference"."""
+        committed = self._now.committed
+        return self.mesh.points if frame == "reference" or committed is None else committed.points
+
+    def field(self, frame: str) -> Field | None:
+        """The field that leads to "committed" or "reference" coordinates, if the client evaluates it."""
+        rest, committed = self._require_built().field, self._now.committed
+        if rest is None or frame == "reference" or committed is None or committed.coefficients is None:
+            return rest
+        return replace(rest, coefficients=committed.coefficients)
+
+    def region(self, frame: str) -> Extent | None:
+        """The region to be corrected where the field leads to "committed" coordinates, if it was."""
+        committed = self._now.committed
+        corrected = frame == "committed" and committed is not None and committed.corrected
+        return first_extent(self.model.method, self.spec.dimension) if corrected else None
+
+    @property
+    def _open_trial(self) -> Trial:
+        if self._now.trial is None:
+            raise SessionError("there is no trial", hint="send MOVE first")
+        return self._now.trial
+
+    def _swap(self, **changes: Any) -> None:
+        self._now = replace(self._now, **changes)
+
+    def _require_built(self) -> Built:
+        if self._built is None:
+            raise SessionError("the mesh is not built yet", hint="send UPLOAD and BUILD first")
+        return self._built

@@ -1,0 +1,40 @@
+"""With the linear polynomial of (2.1) every basis reproduces a linear motion, whatever solves its matrix."""
+
+import numpy as np
+import pytest
+
+from docs.studies.thesis._linear_polynomial import WithPolynomial
+from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation.interpolant import factorize
+from mesh_motion_server.numerics.interpolation.kernels import BASES
+
+DEFINITE = sorted(name for name, basis in BASES.items() if not basis.unusable and basis.order == 0)
+SOLVERS = ("dense", "sparse", "iterative")
+
+
+def cloud(n, d, seed=0):
+    """Jittered grid points: random, but nowhere closer than a third of the spacing."""
+    rng = np.random.default_rng(seed)
+    side = int(np.ceil(n ** (1 / d)))
+    grid = np.stack(np.meshgrid(*[np.linspace(0, 1, side)] * d, indexing="ij"), axis=-1).reshape(-1, d)
+    return grid + rng.uniform(-1, 1, grid.shape) / (3 * side)
+
+
+@pytest.mark.parametrize(
+    ("name", "solver"), [(n, s) for n in DEFINITE for s in SOLVERS if BASES[n].compact or s != "sparse"]
+)
+def test_linear_motion_is_reproduced_with_the_polynomial(name, solver):
+    points, places = cloud(80, 3), np.random.default_rng(1).uniform(-1, 2, (50, 3))
+    matrix, shift = np.random.default_rng(2).standard_normal((3, 3)), np.array([1.0, -2.0, 0.5])
+    made = WithPolynomial(
+        factorize(points, basis=name, support_radius=0.5 if BASES[name].compact else 0.3, solver=solver)
+    )
+    got = LocalEvaluator().displacement(made.solve(points @ matrix.T + shift), places)
+    assert np.max(np.abs(got - (places @ matrix.T + shift))) < 1e-11
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_no_motion_gives_exact_zero(solver):
+    made = WithPolynomial(factorize(cloud(100, 3), support_radius=0.3, solver=solver))
+    interpolant = made.solve(np.zeros((len(made.factorization.control_points), 3)))
+    assert (LocalEvaluator().displacement(interpolant, np.random.default_rng(0).random((10, 3))) == 0).all()
