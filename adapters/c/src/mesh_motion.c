@@ -38,8 +38,6 @@
 #define NAME_BYTES 257     /* what SPEC.md admits for names and labels, and the end */
 #define ENDPOINT_BYTES 512 /* a path of ipc:// is at most 107, a host name 253 */
 
-/* Before a third connection after two that broke four times as long. */
-#define PAUSE_SECONDS 0.1
 /* One request survives so many broken connections. */
 #define ATTEMPTS 5
 /* A worker that falls while the mesh is uploaded leaves nothing to resume: the session is opened again so often. */
@@ -1123,7 +1121,7 @@ static outcome deliver(mm_session *session, request *request, double seconds, an
     number(&session->line, &session->request, request);
     for (int attempt = 0; attempt < ATTEMPTS && how == LOST; ++attempt) {
         if (attempt > 1) { /* a server may need a moment to see that its worker is gone */
-            pause_for(fmin((1 << attempt) * PAUSE_SECONDS, seconds_left(deadline)));
+            pause_for(fmin((1 << (attempt - 1)) * PAUSE_SECONDS, seconds_left(deadline)));
         }
         mm_clear_error(context);
         how = request_data(session, request, deadline, got);
