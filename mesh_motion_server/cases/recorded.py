@@ -15,10 +15,9 @@ from mesh_motion_server.session.journal.files import read_ledger, read_stored_st
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal.ledger import Ledger
 from mesh_motion_server.session.journal.mesh_store import read_mesh
-from mesh_motion_server.session.listing import SPEC
 from mesh_motion_server.session.partitions.merging import merge
 from mesh_motion_server.session.partitions.numbering import UploadView, upload_view
-from mesh_motion_server.session.spec import StoredSpec
+from mesh_motion_server.session.spec import StoredSpec, spec_bytes
 from mesh_motion_server.watch.observation.fold import StepFold, is_corrected
 from mesh_motion_server.watch.observation.series import PHASES
 
@@ -121,7 +120,7 @@ def read_recorded(folder: Path) -> Recorded:
     JournalError
         If the folder is not a session folder, or the data for a replay does not verify.
     """
-    spec = _spec(folder)
+    spec = StoredSpec.from_bytes(spec_bytes(folder))
     spec.require_cells()
     log = BoundaryLog(folder)
     if not log.steps:
@@ -144,16 +143,6 @@ def read_recorded(folder: Path) -> Recorded:
         notes=notes,
         stored=_stored(folder, files, ledger),
     )
-
-
-def _spec(folder: Path) -> StoredSpec:
-    try:
-        return StoredSpec.from_bytes((folder / SPEC).read_bytes())
-    except OSError as error:
-        raise JournalError(
-            f"{folder} is no session's folder: {error.strerror or error}",
-            hint="give a folder below STATE FOLDER/sessions, or a copy of one",
-        ) from error
 
 
 def _stored(folder: Path, files: PosixFileSystem, ledger: Ledger) -> tuple[int, Floats] | None:
