@@ -18,7 +18,7 @@ from mesh_motion_server.session.journal.mesh_store import read_mesh
 from mesh_motion_server.session.partitions.merging import merge
 from mesh_motion_server.session.partitions.numbering import UploadView, upload_view
 from mesh_motion_server.session.spec import StoredSpec, spec_bytes
-from mesh_motion_server.watch.observation.fold import StepFold, is_corrected
+from mesh_motion_server.watch.observation.fold import StepFold, is_corrected, number_of
 from mesh_motion_server.watch.observation.series import PHASES
 
 __all__ = ["Recorded", "StepFigures", "read_recorded"]
@@ -63,8 +63,8 @@ class StepFigures:
     def take_motion(self, quality: dict[str, Any], correction: dict[str, Any], seconds: dict[str, float]) -> None:
         """Add a Move of the step, as reported by MOVED."""
         self.moves += 1
-        self.standard_min = _number(quality["standard"].get("metric", {}).get("min"))
-        self.predicted_min = _number(quality["corrected"].get("metric", {}).get("min"))
+        self.standard_min = number_of(quality["standard"].get("metric", {}).get("min"))
+        self.predicted_min = number_of(quality["corrected"].get("metric", {}).get("min"))
         self.corrected = is_corrected(correction)
         self.enrichment_points, self.freed_nodes = correction["enrichment_points"], correction["freed_nodes"]
         for phase in PHASES:
@@ -74,7 +74,7 @@ class StepFigures:
     def take_commit(self, quality: dict[str, Any], digest: bytes) -> None:
         """Add the commit of the step, as reported by COMMITTED."""
         distribution = quality.get("size_skew", quality.get("metric", {}))
-        self.min_quality, self.mean_quality = _number(distribution.get("min")), _number(distribution.get("mean"))
+        self.min_quality, self.mean_quality = number_of(distribution.get("min")), number_of(distribution.get("mean"))
         self.digest = digest
 
 
@@ -186,7 +186,3 @@ def _figures(folder: Path) -> dict[int, StepFigures]:
             current.take_commit(event["quality"], bytes.fromhex(event["digest"]))
             found[current.step], current = current, StepFigures(current.step + 1)
     return found
-
-
-def _number(value: float | None) -> float:
-    return np.nan if value is None else float(value)
