@@ -50,13 +50,18 @@ RUNS = {
         "fine": ("--refinement", "1.3"),
         "control": ("--refinement", "1.0", "--motion", "laplacian"),
     },
-    "kratos": {"kratos": ("--motion", "server"), "kratos-control": ("--motion", "own")},
+    "kratos": {
+        "kratos-coarse": ("--elements", "22", "--coarsest", "0.05"),
+        "kratos": ("--motion", "server"),
+        "kratos-control": ("--motion", "own"),
+    },
 }
 LABELS = {
     "coarse": "server, 6 300 cells",
     "middle": "server, 13 000 cells",
     "fine": "server, 22 000 cells",
     "control": "displacementLaplacian, 13 000 cells",
+    "kratos-coarse": "Kratos and server, 3 400 nodes",
     "kratos": "Kratos and server, 6 900 nodes",
     "kratos-control": "Kratos alone, 6 900 nodes",
 }
