@@ -95,13 +95,6 @@ def test_few_steps_are_not_thinned() -> None:
     assert len(Series().columns(10)["step"]) == 0
 
 
-def test_steps_that_are_made_again_replace_what_came_after() -> None:
-    events = list(made_up_events(10))
-    again = [event for event in events if event.get("step") in (6, 7)]
-    columns = Series([*events, {"at": 0.0, "event": "resumed", "step": 5, "epoch": 2}, *again]).columns()
-    assert columns["step"].tolist() == [1, 2, 3, 4, 5, 6, 7]
-
-
 def test_steps_that_a_crash_took_are_gone_and_leave_nothing_to_those_made_again() -> None:
     events = list(made_up_events(13))
     lost = [event for event in events if event.get("step") != 13 or event["event"] == "moved"]
