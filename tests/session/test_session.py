@@ -243,9 +243,9 @@ def test_a_trial_whose_cells_are_with_the_client_is_committed_once_they_are_judg
         session.judge(quality_of(-1.0))
     with pytest.raises(SessionError, match="the trial is not judged, or it was refused"):
         commit(session)
-    (warning,) = session.judge(quality_of(0.01))
+    (warning,) = session.judge(quality_of(0.01)).warnings
     assert "below the threshold" in warning
-    assert session.judge(quality_of(0.5)) == []  # just at the threshold
+    assert session.judge(quality_of(0.5)).warnings == []  # just at the threshold
     assert session.state is State.TRIAL
     assert commit(session).step == 1
     np.testing.assert_array_equal(session.field("committed").coefficients, moved.field.coefficients)

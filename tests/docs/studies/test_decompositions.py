@@ -85,6 +85,14 @@ def test_eigenvalues_tell_scaling_from_turning():
     np.testing.assert_allclose(turned, [np.exp(-0.7j), np.exp(0.7j)])
 
 
+def test_two_reversed_directions_are_half_a_turn():
+    """Thesis Fig. 5.8: the determinant does not see it, the polar decomposition calls it a rotation."""
+    B = np.diag([-0.3, -0.6])[None]
+    assert (eigen(B).values.real < 0).all()
+    assert abs(rotation_angle(polar(B).rotation)[0]) == pytest.approx(np.pi)
+    assert sorted(svd(B).stretches[0]) == pytest.approx([0.3, 0.6])
+
+
 @DIMENSIONS
 def test_a_collapsed_cell_is_no_error(d):
     B = np.zeros((1, d, d))
