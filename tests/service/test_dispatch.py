@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.digests import state_digest
-from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Join, Move, Rollback, Status, Upload
+from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Hello, Join, Move, Ping, Rollback, Status, Upload
 from raising import raising
 
 from mesh_motion_server.errors import SessionError
@@ -88,6 +88,19 @@ def test_status(ready: Any) -> None:
     assert report.report["caches"]["factorization"]["made"] == 2
     assert report.report["quality"]["cells"] == 32
     assert report.report["peak_memory_bytes"] > 1e6
+
+
+def test_words_that_nobody_knows_are_refused_and_change_nothing(driver: Any) -> None:
+    """At a socket the table of bad inputs asks with many more of them."""
+    driver.join()
+    assert driver.ask(Upload, item="edges", rows=np.zeros((1, 2))).code == "INVALID_ARGUMENT.VALUE"
+    driver.upload()
+    driver.all(Build)
+    assert driver.all(Move, driver.displacement(1), step=1, frame="other")[0].code == "INVALID_ARGUMENT.VALUE"
+    assert driver.ask(Close, outcome="maybe").code == "INVALID_ARGUMENT.VALUE"
+    for kind, answer in ((Ping, "PONG"), (Hello, "ERROR")):
+        assert driver.host.handle(Envelope(b"any", kind()))[0].message.type == answer
+    assert driver.move(1)[0].iteration == 1
 
 
 def test_an_upload_of_another_type_is_named_as_it_was_sent(driver: Any) -> None:
