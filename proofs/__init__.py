@@ -11,7 +11,7 @@ A check that is not named here is one module. What the others consist of, and wh
                          expected.py)
     the disk             model_files.py loses power, damages and fails; kill_nine.py kills killed_process.py
     a fault anywhere     named_failpoints.py: persistent_user.py on persistent_holder.py asks a failing_server.py
-    the network          network_faults.py: network_driver.py goes through faulty_network.py
+    the network          network_faults.py: network_driver.py goes through faulty_network.py; own_ranks.py
     attacks              attacked_server.py: attacks.py on bytes of zmtp_stream.py
     neighbours           isolation.py: neighbours.py harm sessions of isolation_service.py; scheduling.py
     bad messages         decoder_fuzz.py, handler_fuzz.py: mutations.py, request_mutations.py of valid_requests.py;

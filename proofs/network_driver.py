@@ -22,7 +22,7 @@ from proofs.client_mesh import client_mesh
 from proofs.stand_in import grid_mesh
 from proofs.undisturbed import Step, Undisturbed
 
-__all__ = ["Driver", "Lost"]
+__all__ = ["EXCUSED", "Driver", "Lost"]
 
 _Answer = TypeVar("_Answer")
 
@@ -36,7 +36,7 @@ PATIENCE = 90.0
 _MOVES = (0.5, 1.0)
 #: What a broken network may cost, and nothing else: no answer, another holder (a replayed JOIN or RESUME), another's
 #: worker (a swapped connection), a trial that a restart has taken; besides a message of which frames were lost.
-_EXCUSED = ("DEADLINE_EXCEEDED", "UNAVAILABLE", "ABORTED.FENCED", "ABORTED.TRIAL_LOST", "UNAUTHENTICATED", "NOT_FOUND")
+EXCUSED = ("DEADLINE_EXCEEDED", "UNAVAILABLE", "ABORTED.FENCED", "ABORTED.TRIAL_LOST", "UNAUTHENTICATED", "NOT_FOUND")
 
 
 class Lost(Exception):
@@ -215,7 +215,7 @@ class Driver:
                     raise Lost from error
 
     def _require_excused(self, what: str, error: MeshMotionError) -> None:
-        excused = error.code.startswith(_EXCUSED) or isinstance(error, DamagedReply)
+        excused = error.code.startswith(EXCUSED) or isinstance(error, DamagedReply)
         require(excused, f"{what} raised {error.code}: {error}")
 
     def _once(self, what: str, seconds: float, action: Callable[[], _Answer]) -> _Answer:

@@ -16,6 +16,7 @@ from proofs import (
     named_failpoints,
     network_faults,
     numerical_input,
+    own_ranks,
     power_loss,
     soak,
     state_machine,
@@ -40,6 +41,7 @@ CHECKS: tuple[Check, ...] = (
     attacked_server.CHECK,
     authorisation_matrix.CHECK,
     network_faults.CHECK,
+    own_ranks.CHECK,
     isolation.CHECK,
     numerical_input.CHECK,
     # how many, how long

@@ -12,7 +12,7 @@ from rich.text import Text
 from mesh_motion_server.cases.story import tell_step
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.session.inspection import Inspection, inspect_session
-from mesh_motion_server.session.listing import SPEC
+from mesh_motion_server.session.spec import SPEC
 from mesh_motion_server.watch.observation.steps import HistoryDigest, digest_of_history
 
 __all__ = ["Found", "inspect_folder", "inspect_step", "list_sessions"]

@@ -22,6 +22,7 @@ from mesh_motion_server.cases.kept import KEPT, Kept
 from mesh_motion_server.cases.records import StepRecord
 from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.session.history.events import finite
 
 __all__ = [
     "RESULTS",
@@ -138,7 +139,7 @@ def remove_ended(folder: Path) -> None:
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
     """Write summary.json; NaN and infinity become null, because JSON does not have them."""
-    text = json.dumps(_finite(summary), indent=2, allow_nan=False, ensure_ascii=False)
+    text = json.dumps(finite(summary), indent=2, allow_nan=False, ensure_ascii=False)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
 
 
@@ -153,17 +154,6 @@ def write_steps(folder: Path, steps: Sequence[StepRecord]) -> None:
         writer = csv.DictWriter(file, (*StepRecord.columns(), *FACES))
         writer.writeheader()
         writer.writerows(step.as_row() for step in steps)
-
-
-def _finite(value: Any) -> Any:
-    """The value with None for every number that JSON cannot represent."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
 
 
 def _unwritable(folder: Path, error: OSError) -> ResourceError:

@@ -15,11 +15,10 @@ from mesh_motion_server.session.journal.files import read_ledger, read_stored_st
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal.ledger import Ledger
 from mesh_motion_server.session.journal.mesh_store import read_mesh
-from mesh_motion_server.session.listing import SPEC
 from mesh_motion_server.session.partitions.merging import merge
 from mesh_motion_server.session.partitions.numbering import UploadView, upload_view
-from mesh_motion_server.session.spec import StoredSpec
-from mesh_motion_server.watch.observation.fold import StepFold, is_corrected
+from mesh_motion_server.session.spec import StoredSpec, spec_bytes
+from mesh_motion_server.watch.observation.fold import StepFold, is_corrected, number_of
 from mesh_motion_server.watch.observation.series import PHASES
 
 __all__ = ["Recorded", "StepFigures", "read_recorded"]
@@ -64,8 +63,8 @@ class StepFigures:
     def take_motion(self, quality: dict[str, Any], correction: dict[str, Any], seconds: dict[str, float]) -> None:
         """Add a Move of the step, as reported by MOVED."""
         self.moves += 1
-        self.standard_min = _number(quality["standard"].get("metric", {}).get("min"))
-        self.predicted_min = _number(quality["corrected"].get("metric", {}).get("min"))
+        self.standard_min = number_of(quality["standard"].get("metric", {}).get("min"))
+        self.predicted_min = number_of(quality["corrected"].get("metric", {}).get("min"))
         self.corrected = is_corrected(correction)
         self.enrichment_points, self.freed_nodes = correction["enrichment_points"], correction["freed_nodes"]
         for phase in PHASES:
@@ -75,7 +74,7 @@ class StepFigures:
     def take_commit(self, quality: dict[str, Any], digest: bytes) -> None:
         """Add the commit of the step, as reported by COMMITTED."""
         distribution = quality.get("size_skew", quality.get("metric", {}))
-        self.min_quality, self.mean_quality = _number(distribution.get("min")), _number(distribution.get("mean"))
+        self.min_quality, self.mean_quality = number_of(distribution.get("min")), number_of(distribution.get("mean"))
         self.digest = digest
 
 
@@ -121,7 +120,7 @@ def read_recorded(folder: Path) -> Recorded:
     JournalError
         If the folder is not a session folder, or the data for a replay does not verify.
     """
-    spec = _spec(folder)
+    spec = StoredSpec.from_bytes(spec_bytes(folder))
     spec.require_cells()
     log = BoundaryLog(folder)
     if not log.steps:
@@ -144,16 +143,6 @@ def read_recorded(folder: Path) -> Recorded:
         notes=notes,
         stored=_stored(folder, files, ledger),
     )
-
-
-def _spec(folder: Path) -> StoredSpec:
-    try:
-        return StoredSpec.from_bytes((folder / SPEC).read_bytes())
-    except OSError as error:
-        raise JournalError(
-            f"{folder} is no session's folder: {error.strerror or error}",
-            hint="give a folder below STATE FOLDER/sessions, or a copy of one",
-        ) from error
 
 
 def _stored(folder: Path, files: PosixFileSystem, ledger: Ledger) -> tuple[int, Floats] | None:
@@ -197,7 +186,3 @@ def _figures(folder: Path) -> dict[int, StepFigures]:
             current.take_commit(event["quality"], bytes.fromhex(event["digest"]))
             found[current.step], current = current, StepFigures(current.step + 1)
     return found
-
-
-def _number(value: float | None) -> float:
-    return np.nan if value is None else float(value)

@@ -32,6 +32,7 @@ from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, drawn, qua
 from mesh_motion_server.errors import InvalidInput, MeshMotionError
 from mesh_motion_server.files import VtuSeries
 from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.mesh.roles import nodes_with
 from mesh_motion_server.numerics.quality.metrics import cell_quality
 from mesh_motion_server.numerics.quality.orientation import oriented_at_rest
 from mesh_motion_server.session.history.boundary import BoundaryStep
@@ -222,7 +223,7 @@ class _Output:
         view = recorded.mesh
         self._reference, self._points = view.points, view.points
         self._cells, self._sizes = oriented_at_rest(view.points, view.cells)
-        self._moving = np.unique(np.concatenate([p.nodes for p in view.patches.values() if p.role == "moving"]))
+        self._moving = nodes_with(view.patches, ("moving",))
         self._quality = cell_quality(view.points, self._cells, self._sizes)
         self._before = self._worst = self._snapshot(0)
         self._records: list[StepRecord] = []

@@ -8,8 +8,7 @@ from typing import Any
 
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.history.events import read_events
-from mesh_motion_server.session.listing import SPEC
-from mesh_motion_server.session.spec import StoredSpec
+from mesh_motion_server.session.spec import StoredSpec, spec_bytes
 from mesh_motion_server.watch.observation.fold import is_corrected
 from mesh_motion_server.watch.observation.steps import events_of_step
 
@@ -90,8 +89,8 @@ def reason_of_move(event: Event, settings: dict[str, Any]) -> str:
 def _settings(session_folder: Path) -> dict[str, Any]:
     """The session's settings: as stored, because the BUILT event may be deleted; otherwise from BUILT."""
     try:
-        return dict(StoredSpec.from_bytes((session_folder / SPEC).read_bytes()).settings.model_dump())
-    except (OSError, JournalError):
+        return dict(StoredSpec.from_bytes(spec_bytes(session_folder)).settings.model_dump())
+    except JournalError:
         built = (event for event in read_events(session_folder) if event["event"] == "built")
         settings: dict[str, Any] = next(built, {}).get("settings", {})
         return settings

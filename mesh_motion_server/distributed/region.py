@@ -135,7 +135,7 @@ class Region:
             "nodes": np.column_stack([self.ids, self.whole]).astype(np.int64),
             "points": self.points,
             "positions": self.positions,
-            "corners": np.concatenate([np.empty(0, dtype=np.int64), *corners])[:, None],
+            "corners": np.concatenate([np.empty(0, dtype=np.int32), *corners]).astype(np.int32)[:, None],
         }
 
 

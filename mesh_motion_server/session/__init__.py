@@ -3,6 +3,8 @@
 ::
 
     session.py           one session: trial, commit, rollback, resume
+    position.py          where it stands: its state and steps, and which requests fit there
+    corrections.py       the correction of a mesh whose cells are with the client
     state.py, values.py  the states as a table; the values that the session replaces as a whole
     model.py, motions.py what a session needs from the numerics; a Move as a function of values
     replay.py            recomputes states that were logged, not stored

@@ -27,7 +27,7 @@ from mesh_motion_server.session.partitions.regions import merge_regions
 __all__ = ["CorrectOutcome", "correct", "first_extent", "is_good"]
 
 #: Rings about the bad cells that are told at first: most corrections free fewer.
-_FIRST_RINGS = 4
+_FIRST_RINGS = 2
 #: With more rings, all cells are told.
 _MOST_RINGS = 64
 #: A rank judges positions that are rounded once more.
@@ -107,8 +107,11 @@ def correct(mesh: MergedMesh, method: Method, points: Floats, field: Field, told
     region = merge_regions(mesh, told, known)
     try:
         found = correct_region(method, region.points, region.positions, region.cells, region.held, region.elsewhere)
-    except RegionTooSmall:
-        return CorrectOutcome(_larger(extents[0]), region.between, np.empty((0, points.shape[1])))
+    except RegionTooSmall as missing:
+        none, wanted = np.empty((0, points.shape[1])), region.ids[missing.nodes]
+        if np.isin(wanted, region.between).all():  # as many rings do, where other ranks tell of theirs
+            return CorrectOutcome(extents[0], np.union1d(wanted, region.settled), none)
+        return CorrectOutcome(_larger(extents[0]), region.between, none)
     moved = np.flatnonzero((found.points != region.positions).any(axis=1))
     displacement = differences_of(found.points, region.points, moved)
     done = replace(found, points=displacement[:0], quality=None)

@@ -16,8 +16,7 @@ from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileS
 from mesh_motion_server.session.journal.mesh_store import read_mesh
 from mesh_motion_server.session.journal.records import Record
 from mesh_motion_server.session.journal.recovery import Findings
-from mesh_motion_server.session.listing import SPEC
-from mesh_motion_server.session.spec import StoredSpec
+from mesh_motion_server.session.spec import StoredSpec, spec_bytes
 
 __all__ = ["Check", "Inspection", "RecordLine", "inspect_session"]
 
@@ -92,7 +91,7 @@ def inspect_session(folder: Path | str) -> Inspection:
         If it is not a session's folder: it has no readable ``spec.json``.
     """
     path, files = Path(folder), PosixFileSystem()
-    raw = _read(path / SPEC)
+    raw = spec_bytes(path)
     spec = StoredSpec.from_bytes(raw)
     found, journal_check = _journal(path, files)
     checks = [journal_check]
@@ -126,16 +125,6 @@ def inspect_session(folder: Path | str) -> Inspection:
 def _stored_step(found: Findings) -> int:
     snapshot = found.ledger.snapshot
     return snapshot.step if snapshot else 0
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise JournalError(
-            f"{path.parent} is no session's folder: {error.strerror or error}",
-            hint="give a folder below STATE FOLDER/sessions",
-        ) from error
 
 
 def _journal(path: Path, files: FileSystem) -> tuple[Findings | None, Check]:

@@ -15,13 +15,11 @@ from typing import Generic, TypeVar
 from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.session.journal.files import MANIFEST, read_ledger
 from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, unreadable
-from mesh_motion_server.session.spec import StoredSpec
+from mesh_motion_server.session.spec import SPEC, StoredSpec
 from mesh_motion_server.session.state import State
 
-__all__ = ["SPEC", "Listing", "Remembered", "StoredSession"]
+__all__ = ["Listing", "Remembered", "StoredSession"]
 
-#: File with what OPEN fixed.
-SPEC = "spec.json"
 #: Maximum number of cached sessions, the most recently requested ones; some 10 MB.
 _MOST = 10_000
 #: A file that was changed less than this many seconds ago may change again with the same time stamp: file system

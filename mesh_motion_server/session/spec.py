@@ -6,12 +6,16 @@ import hashlib
 import hmac
 import json
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from mesh_motion_server.errors import InvalidInput, JournalError
 from mesh_motion_server.settings import MethodSettings
 
-__all__ = ["SessionSpec", "StoredSpec"]
+__all__ = ["SPEC", "SessionSpec", "StoredSpec", "spec_bytes"]
+
+SPEC = "spec.json"
+"""The file in a session's folder that says what OPEN fixed."""
 
 _FORMAT = 1
 
@@ -127,7 +131,7 @@ class StoredSpec:
             raise JournalError(
                 f"the session's spec cannot be read: {error}",
                 hint="restore the session's folder from a backup, or discard the session",
-                details={"file": "spec.json"},
+                details={"file": SPEC},
             ) from error
 
 
@@ -141,5 +145,22 @@ def _check_version(number: Any, settings: dict[str, Any]) -> None:
         f"the session's spec {what}, which this version does not know; it reads format {_FORMAT}",
         code="UNIMPLEMENTED.VERSION",
         hint="open it with the version of the server that wrote it; nothing was changed",
-        details={"file": "spec.json", "got": number, "expected": _FORMAT},
+        details={"file": SPEC, "got": number, "expected": _FORMAT},
     )
+
+
+def spec_bytes(folder: Path) -> bytes:
+    """The content of a session's ``spec.json``.
+
+    Raises
+    ------
+    JournalError
+        If the folder has none: it is no session's.
+    """
+    try:
+        return (folder / SPEC).read_bytes()
+    except OSError as error:
+        raise JournalError(
+            f"{folder} is no session's folder: {error.strerror or error}",
+            hint="give a folder below STATE FOLDER/sessions, or a copy of one",
+        ) from error

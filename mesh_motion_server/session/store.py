@@ -30,9 +30,9 @@ from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileS
 from mesh_motion_server.session.journal.journal import Journal, record_area
 from mesh_motion_server.session.journal.ledger import Foundation
 from mesh_motion_server.session.journal.mesh_store import read_mesh, write_mesh
-from mesh_motion_server.session.listing import SPEC, Listing, Remembered, StoredSession
+from mesh_motion_server.session.listing import Listing, Remembered, StoredSession
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
-from mesh_motion_server.session.spec import SessionSpec, StoredSpec
+from mesh_motion_server.session.spec import SPEC, SessionSpec, StoredSpec
 
 __all__ = ["SessionFolder", "SessionStore", "StoredSession"]
 

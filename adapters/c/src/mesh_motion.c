@@ -1120,6 +1120,9 @@ static outcome deliver(mm_session *session, request *request, double seconds, an
     outcome how = LOST;
     number(&session->line, &session->request, request);
     for (int attempt = 0; attempt < ATTEMPTS && how == LOST; ++attempt) {
+        if (attempt > 1) { /* a server may need a moment to see that its worker is gone */
+            pause_for(fmin((1 << (attempt - 1)) * PAUSE_SECONDS, seconds_left(deadline)));
+        }
         mm_clear_error(context);
         how = request_data(session, request, deadline, got);
         if (how == FAILED && session->has_trial && mm_error_is(context, "ABORTED.TRIAL_LOST")) {
@@ -2099,11 +2102,11 @@ static void put_numbered(mmi_writer *out, const char *key, int64_t value)
 }
 
 /* An array of a request's own. */
-static void *own_array(request *to, int place, const char *name, size_t rows, size_t columns, int is_float)
+static void *own_array(request *to, int place, const char *name, size_t rows, size_t columns, size_t width)
 {
-    void *data = malloc(rows * columns * 8 + 1);
-    to->arrays[place] = make_block(name, data, rows, columns, 8);
-    to->arrays[place].is_float = is_float;
+    void *data = malloc(rows * columns * width + 1);
+    to->arrays[place] = make_block(name, data, rows, columns, width);
+    to->arrays[place].is_float = place == 1 || place == 2;
     to->arrays[place].owned = data;
     return data;
 }
@@ -2141,10 +2144,10 @@ static outcome make_correct(mm_session *session, const char *what, const extent 
             put_numbered(out, region->names[i], region->cells[i]);
         }
     }
-    int64_t *told = own_array(correct, 0, "nodes", nodes, 2, 0);
-    double *points = own_array(correct, 1, "points", nodes, d, 1);
-    double *there = own_array(correct, 2, "positions", nodes, d, 1);
-    int64_t *corners = own_array(correct, 3, "corners", (size_t)region->corners, 1, 0);
+    int64_t *told = own_array(correct, 0, "nodes", nodes, 2, sizeof *told);
+    double *points = own_array(correct, 1, "points", nodes, d, sizeof *points);
+    double *there = own_array(correct, 2, "positions", nodes, d, sizeof *there);
+    int32_t *corners = own_array(correct, 3, "corners", (size_t)region->corners, 1, sizeof *corners);
     if (!told || !points || !there || !corners) {
         return no_memory(session->context);
     }
@@ -2155,8 +2158,8 @@ static outcome make_correct(mm_session *session, const char *what, const extent 
         memcpy(points + i * d, mmv_points(session->volume) + node * d, d * sizeof *points);
         memcpy(there + i * d, positions + node * d, d * sizeof *there);
     }
-    if (region->corners) {
-        memcpy(corners, region->rows, (size_t)region->corners * sizeof *corners);
+    for (int64_t i = 0; i < region->corners; ++i) {
+        corners[i] = (int32_t)region->rows[i];
     }
     return DONE;
 }

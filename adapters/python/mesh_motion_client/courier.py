@@ -43,7 +43,7 @@ _Reply = TypeVar("_Reply", bound=Message)
 _ATTEMPTS = 5
 #: A PROBE while a request is computed: silence of the gateway alone ends nothing.
 _PROBE_SECONDS = 2.0
-#: Between two PROBEs of a worker that is starting.
+#: Between two PROBEs of a worker that is starting; the next connection after two that broke waits four times as long.
 _PAUSE_SECONDS = 0.1
 
 
@@ -145,7 +145,9 @@ class Courier:
         deadline = time.monotonic() + seconds
         message = self._unanswered = self._numbered(message)
         broken: ConnectionLost | None = None
-        for _ in range(_ATTEMPTS):
+        for attempt in range(_ATTEMPTS):
+            if attempt > 1:  # a server may need a moment to see that its worker is gone
+                time.sleep(min(2**attempt * _PAUSE_SECONDS, seconds_left(deadline)))
             try:
                 reply = _expect(self._request(message, deadline), kind)
             except ConnectionLost as error:

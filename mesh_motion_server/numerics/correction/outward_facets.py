@@ -14,7 +14,7 @@ import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.closest_point import FacetSet
-from mesh_motion_server.numerics.mesh.smooth_pieces import Piece, area_vectors
+from mesh_motion_server.numerics.mesh.smooth_pieces import Piece, area_vectors, widened
 
 __all__ = ["OutwardFacets"]
 
@@ -56,7 +56,7 @@ class OutwardFacets:
             if piece.normal is not None:
                 blocks.append(_Facets(piece.facets, area_vectors(points, piece.facets).sum(axis=0)[None], None))
             else:
-                simplices = _filled(piece.simplices)
+                simplices = widened(piece.simplices, piece.facets.shape[1])
                 corners = FacetSet(points[piece.simplices])
                 blocks.append(_Facets(piece.facets, area_vectors(points, simplices), corners))
         return cls(tuple(blocks))
@@ -75,10 +75,3 @@ class OutwardFacets:
     def outward(self, points: Floats) -> Marks:
         """Whether each facet faces outwards with the nodes at points (l, d)."""
         return np.concatenate([np.empty(0, dtype=bool), *(block.outward(points) for block in self.blocks)])
-
-
-def _filled(simplices: Integers) -> Integers:
-    """Triangles as facets of width 4."""
-    if simplices.shape[1] < 3:
-        return simplices
-    return np.column_stack([simplices, np.full(len(simplices), -1, dtype=np.int64)])

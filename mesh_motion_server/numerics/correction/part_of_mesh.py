@@ -7,13 +7,25 @@ is nearly bad. Where that does not suffice, :class:`RegionTooSmall` says so, and
 
 from dataclasses import dataclass
 
-from mesh_motion_server.numerics.arrays import Marks
+import numpy as np
+
+from mesh_motion_server.numerics.arrays import Integers, Marks
 
 __all__ = ["Elsewhere", "RegionTooSmall"]
 
 
 class RegionTooSmall(Exception):
-    """The correction would free a node that has cells elsewhere."""
+    """The correction would free nodes that have cells elsewhere.
+
+    Parameters
+    ----------
+    nodes : (k,) int64 array
+        Indices of these nodes.
+    """
+
+    def __init__(self, nodes: Integers) -> None:
+        super().__init__("the region is too small")
+        self.nodes = nodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,5 +48,6 @@ class Elsewhere:
 
     def require_here(self, free: Marks) -> None:
         """Raise RegionTooSmall if a node (n,) that is to be free has cells elsewhere."""
-        if (free & self.rim).any():
-            raise RegionTooSmall
+        nodes = np.flatnonzero(free & self.rim)
+        if len(nodes):
+            raise RegionTooSmall(nodes)

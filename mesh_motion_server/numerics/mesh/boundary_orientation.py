@@ -13,7 +13,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors
+from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors, widened
 
 __all__ = ["closed_parts", "of_one_width", "overturned_place"]
 
@@ -61,9 +61,7 @@ def of_one_width(facets: Mapping[str, Integers]) -> Integers:
     """All facets in one array: (f, 2) in 2D, (f, 4) in 3D with −1 at the end of a triangle."""
     widest = max(nodes.shape[1] for nodes in facets.values())
     width = 4 if widest > 2 else 2
-    return np.concatenate(
-        [np.pad(nodes, ((0, 0), (0, width - nodes.shape[1])), constant_values=-1) for nodes in facets.values()]
-    )
+    return np.concatenate([widened(nodes, width) for nodes in facets.values()])
 
 
 def _parts(rows: Integers, count: int) -> Integers:

@@ -23,6 +23,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
 
+import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
@@ -246,23 +247,12 @@ def _face_geometry(corners: Floats) -> tuple[Floats, Floats]:
 def _worst(points: Floats, facets: CellFacets, angles: Floats, dimension: int) -> tuple[WorstFace, ...]:
     """The least orthogonal faces; of equal faces the first."""
     found = []
-    for face in _largest(angles, _WORST):
+    for face in kernels.smallest_values(-angles, _WORST).tolist():
         nodes = facets.nodes[face]
         centre = _face_geometry(points[None, nodes[nodes >= 0]])[0][0]
         cells = (int(facets.owner[face]), int(facets.neighbour[face]))
         found.append(WorstFace(cells, tuple(centre[:dimension].tolist()), float(angles[face])))
     return tuple(found)
-
-
-def _largest(values: Floats, count: int) -> list[int]:
-    """Indices of the largest values, largest first; of equal values the first."""
-    count = min(count, len(values))
-    if not count:
-        return []
-    limit = np.partition(values, len(values) - count)[len(values) - count]
-    candidates = np.concatenate([np.flatnonzero(values > limit), np.flatnonzero(values == limit)[:count]])
-    order: list[int] = candidates[np.argsort(-values[candidates], kind="stable")].tolist()
-    return order[:count]
 
 
 def _by_size(points: Floats, nodes: Ints) -> Iterator[tuple[Ints, Floats]]:

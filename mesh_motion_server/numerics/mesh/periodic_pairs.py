@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
-from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors
+from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors, widened
 from mesh_motion_server.numerics.mesh.spacing import local_spacing
 
 __all__ = ["PeriodicPair", "periodic_pairs"]
@@ -115,7 +115,7 @@ def _side(points: Floats, facets: Mapping[str, Integers], name: str, nodes: Inte
     area = np.zeros(points.shape[1])
     for block in facets.values():
         own = block[inside[block].all(axis=1)]
-        filled = np.column_stack([own, np.full(len(own), -1)]) if own.shape[1] == 3 else own
+        filled = widened(own, 4) if own.shape[1] == 3 else own
         area += area_vectors(points, filled).sum(axis=0)
     return _Side(name, nodes, places, spacing, area)
 

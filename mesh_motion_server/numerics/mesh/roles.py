@@ -15,7 +15,7 @@ import numpy as np
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Integers
 
-__all__ = ["ROLES", "SLIDING_ROLES", "BoundaryRoles", "Patch"]
+__all__ = ["ROLES", "SLIDING_ROLES", "BoundaryRoles", "Patch", "nodes_with"]
 
 #: Every role in messages and case files.
 ROLES = ("moving", "fixed", "slip", "symmetry", "periodic")
@@ -70,10 +70,10 @@ class BoundaryRoles:
         for name, patch in patches.items():
             if patch.role not in ROLES:
                 raise InvalidInput(f"patch {name!r}: unknown role {patch.role!r}; known are {', '.join(ROLES)}")
-        moving = _nodes(patches, ("moving",))
-        fixed = np.setdiff1d(_nodes(patches, ("fixed",)), moving)
-        sliding = np.setdiff1d(_nodes(patches, SLIDING_ROLES), np.union1d(moving, fixed))
-        periodic = np.setdiff1d(_nodes(patches, ("periodic",)), np.concatenate([moving, fixed, sliding]))
+        moving = nodes_with(patches, ("moving",))
+        fixed = np.setdiff1d(nodes_with(patches, ("fixed",)), moving)
+        sliding = np.setdiff1d(nodes_with(patches, SLIDING_ROLES), np.union1d(moving, fixed))
+        periodic = np.setdiff1d(nodes_with(patches, ("periodic",)), np.concatenate([moving, fixed, sliding]))
         if not len(moving):
             raise InvalidInput(
                 "no patch with role 'moving' has a node", hint="give the role 'moving' to the patch that is displaced"
@@ -91,7 +91,7 @@ class BoundaryRoles:
         return np.union1d(self.prescribed, self.sliding)
 
 
-def _nodes(patches: Mapping[str, Patch], roles: tuple[str, ...]) -> Integers:
+def nodes_with(patches: Mapping[str, Patch], roles: tuple[str, ...]) -> Integers:
     """(p,) nodes of all patches with one of these roles, ascending, each once."""
     chosen = [np.asarray(p.nodes, dtype=np.int64) for p in patches.values() if p.role in roles]
     return np.unique(np.concatenate(chosen)) if chosen else np.empty(0, dtype=np.int64)

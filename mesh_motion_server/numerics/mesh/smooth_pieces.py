@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_server.numerics.arrays import Floats, Integers
 
-__all__ = ["Piece", "area_vectors", "sides", "smooth_pieces"]
+__all__ = ["Piece", "area_vectors", "sides", "smooth_pieces", "widened"]
 
 
 #: Edges with a larger angle are sharp: a circle of ten segments is still smooth, a hexagon is not.
@@ -65,7 +65,7 @@ def smooth_pieces(points: Floats, facets: dict[str, Integers], nodes: Integers) 
     inside = np.zeros(len(points), dtype=bool)
     inside[nodes] = True
     width = {1: 1, 2: 2, 3: 4}[points.shape[1]]
-    own = [_widened(block[inside[block].all(axis=1)], width) for block in facets.values()]
+    own = [widened(block[inside[block].all(axis=1)], width) for block in facets.values()]
     table = np.concatenate([np.empty((0, width), dtype=np.int64), *own])
     if not len(table):
         return []
@@ -90,8 +90,8 @@ def sides(facets: Integers) -> tuple[Integers, Integers]:
     return np.sort(pairs[kept], axis=1), np.broadcast_to(rows, kept.shape)[kept]
 
 
-def _widened(block: Integers, width: int) -> Integers:
-    """Facets filled up with −1."""
+def widened(block: Integers, width: int) -> Integers:
+    """Facets (f, k) filled up with −1 to (f, ``width``)."""
     out = np.full((len(block), width), -1, dtype=np.int64)
     out[:, : block.shape[1]] = block
     return out

@@ -38,6 +38,7 @@ __all__ = [
     "EVENTS",
     "FOLDER",
     "end_torn_line",
+    "finite",
     "kept_of",
     "last_committed",
     "line_of",
@@ -64,7 +65,7 @@ def line_of(at: float, event: str, values: Mapping[str, Any]) -> bytes:
     try:
         text = _encoded(content)
     except ValueError:
-        text = _encoded(_finite(content))
+        text = _encoded(finite(content))
     return text.encode("utf-8", "backslashreplace") + b"\n"
 
 
@@ -150,10 +151,10 @@ def _encoded(content: dict[str, Any]) -> str:
     return text
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
     """Replace every number that JSON cannot represent by None."""
     if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

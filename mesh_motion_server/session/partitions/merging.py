@@ -15,7 +15,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.mesh.coincidence import coincident_nodes
-from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.numerics.mesh.roles import Patch, nodes_with
 from mesh_motion_server.session.partitions.cell_order import sorted_cells
 from mesh_motion_server.session.partitions.joining import joined
 from mesh_motion_server.session.partitions.meshes import CellCount, CellOrigin, MergedMesh, PartitionMesh
@@ -50,7 +50,7 @@ def merge(partitions: Sequence[PartitionMesh]) -> MergedMesh:
         cells=cells,
         patches=_merge_patches(partitions, node_maps),
         node_maps=node_maps,
-        moving_local=tuple(_moving_local(partition) for partition in partitions),
+        moving_local=tuple(nodes_with(partition.patches, ("moving",)) for partition in partitions),
         cell_origins=origins,
     )
 
@@ -265,9 +265,3 @@ def _merge_patches(partitions: Sequence[PartitionMesh], node_maps: Sequence[Inte
                 )
             parts.append(node_map[patch.nodes])
     return {name: Patch(role, np.unique(np.concatenate(parts))) for name, (role, _, parts) in sorted(found.items())}
-
-
-def _moving_local(partition: PartitionMesh) -> Integers:
-    """(k_p,) local indices of the partition's own moving patches, ascending, each once."""
-    parts = [patch.nodes for patch in partition.patches.values() if patch.role == "moving"]
-    return np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int64)

@@ -34,8 +34,8 @@ class MergedRegion:
     held : (n,) bool array
         Nodes on patches.
     elsewhere : Elsewhere
-    between : (k,) int64 array
-        Global ids of the nodes here that several ranks have.
+    between, settled : (k,), (s,) int64 arrays
+        Global ids of the nodes here that several ranks have; and of those of them whose cells are all told.
     """
 
     ids: Integers
@@ -45,6 +45,7 @@ class MergedRegion:
     held: Marks
     elsewhere: Elsewhere
     between: Integers
+    settled: Integers
 
 
 def merge_regions(mesh: MergedMesh, told: Sequence[Region], known: Callable[[Integers], Floats]) -> MergedRegion:
@@ -96,7 +97,8 @@ def merge_regions(mesh: MergedMesh, told: Sequence[Region], known: Callable[[Int
     elsewhere = Elsewhere(rim & ~held, free - int(np.count_nonzero(~held)), (min(skews), min(sizes)))
     holders = np.bincount(np.concatenate(mesh.node_maps), minlength=len(mesh.points))
     between = mesh.global_ids[here[holders[here] > 1]]
-    return MergedRegion(whole.global_ids, whole.points, positions, whole.cells, held, elsewhere, between)
+    settled = between[~rim[row_of(between)]]
+    return MergedRegion(whole.global_ids, whole.points, positions, whole.cells, held, elsewhere, between, settled)
 
 
 class _Rows:

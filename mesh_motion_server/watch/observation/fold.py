@@ -5,11 +5,12 @@ while. So steps are not counted; the step comes from the events that name it. A 
 steps, which a crash may have lost (durability ``relaxed``), and everything that was begun and not committed.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Place", "StepFold", "is_corrected"]
+__all__ = ["Place", "StepFold", "is_corrected", "number_of"]
 
 
 @dataclass(frozen=True)
@@ -57,3 +58,8 @@ class StepFold:
 def is_corrected(correction: Mapping[str, Any]) -> bool:
     """Whether MOVED's correction says that the motion was corrected."""
     return bool(correction["iterations"]) or correction["method"] != "none"
+
+
+def number_of(value: float | None) -> float:
+    """A recorded number; NaN where there is none."""
+    return math.nan if value is None else float(value)

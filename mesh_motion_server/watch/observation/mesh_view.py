@@ -21,10 +21,9 @@ from mesh_motion_server.session.journal.files import SLOTS, read_journal, verifi
 from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileSystem
 from mesh_motion_server.session.journal.ledger import Ledger
 from mesh_motion_server.session.journal.mesh_store import read_mesh
-from mesh_motion_server.session.listing import SPEC
 from mesh_motion_server.session.partitions.merging import merge
 from mesh_motion_server.session.partitions.meshes import CellOrigin, MergedMesh
-from mesh_motion_server.session.spec import StoredSpec
+from mesh_motion_server.session.spec import StoredSpec, spec_bytes
 from mesh_motion_server.watch.observation.mesh_surface import Surface, cells_surface, sides_surface
 
 __all__ = ["MOST_CELLS", "CellNames", "MeshView", "StoredMesh"]
@@ -118,7 +117,7 @@ class StoredMesh:
     def __init__(self, folder: Path, most_bytes: int = 1 << 62, files: FileSystem | None = None) -> None:
         self._folder = folder
         self._files = files or PosixFileSystem()
-        self._spec = StoredSpec.from_bytes(_read(folder / SPEC))
+        self._spec = StoredSpec.from_bytes(spec_bytes(folder))
         self._spec.require_cells()
         foundation = read_journal(folder, self._files).ledger.foundation
         _check_size(folder / "mesh.bin", most_bytes)
@@ -134,7 +133,7 @@ class StoredMesh:
         JournalError
             If its files do not verify.
         """
-        step, committed, points = self._coordinates()
+        step, committed, points = self.coordinates()
         method, cells = self._spec.settings, self._cells
         judged = cell_quality(points, cells, self._sizes)
         quality = judged.metric(method.quality_metric)
@@ -165,15 +164,13 @@ class StoredMesh:
     def coordinates(self) -> tuple[int, int, Floats]:
         """The last stored step, the last committed step, and the coordinates (n, d) of the stored step.
 
+        Nodes come in canonical order.
+
         Raises
         ------
         JournalError
             If its files do not verify.
         """
-        return self._coordinates()
-
-    def _coordinates(self) -> tuple[int, int, Floats]:
-        """Step, last committed step, and coordinates (n, d) in canonical order."""
         for left in reversed(range(_TRIES)):
             try:
                 ledger = read_journal(self._folder, self._files).ledger
@@ -231,13 +228,6 @@ def _names(mesh: MergedMesh, cells: Integers) -> CellNames:
         rows = cells[here] - first
         kind[here], partition[here], local[here] = number, origin.partition[rows], origin.local[rows]
     return CellNames(types, kind, partition, local)
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise JournalError(f"{path.parent} is no session's folder: {error.strerror or error}") from error
 
 
 def _check_size(path: Path, most: int) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.watch.observation.fold import Place, StepFold
+from mesh_motion_server.watch.observation.fold import Place, StepFold, number_of
 
 __all__ = ["PHASES", "QUALITY", "Series"]
 
@@ -131,11 +131,11 @@ class Series:
             for name in QUALITY:
                 row[f"predicted_{name}"] = math.nan
         for name, value in quality["corrected"].get("metric", {}).items():
-            row[f"predicted_{name}"] = _number(value)
-        row["standard_min"] = _number(quality["standard"].get("metric", {}).get("min"))
+            row[f"predicted_{name}"] = number_of(value)
+        row["standard_min"] = number_of(quality["standard"].get("metric", {}).get("min"))
         row["threshold"] = quality["threshold"]
         row["reached"] = float(correction["reached"])
-        row["non_orthogonality"] = _number(event.get("faces", {}).get("after", {}).get("max_non_orthogonality"))
+        row["non_orthogonality"] = number_of(event.get("faces", {}).get("after", {}).get("max_non_orthogonality"))
         row["enrichment_points"], row["freed_nodes"] = correction["enrichment_points"], correction["freed_nodes"]
         row["iterations"] += 1
         row["seconds_total"] += event.get("seconds_total", 0.0)
@@ -145,7 +145,7 @@ class Series:
     def _committed(self, event: Mapping[str, Any]) -> None:
         row = self._open | {"step": event["step"], "at": event["at"], "inverted": event["quality"]["inverted"]}
         for name, value in event["quality"].get("metric", {}).items():
-            row[f"actual_{name}"] = _number(value)
+            row[f"actual_{name}"] = number_of(value)
         row["seconds_total"] += event.get("seconds_total", 0.0)
         if self._count == len(self._table):
             self._table = np.concatenate([self._table, np.empty_like(self._table)])
@@ -165,10 +165,6 @@ def _empty_step() -> dict[str, float]:
     """A step without data: qualities are NaN, counts 0."""
     counted = ("iterations", "refusals", "rollbacks")
     return {name: 0.0 if name in counted or name.startswith("seconds_") else math.nan for name in _COLUMNS}
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else float(value)
 
 
 def _thinned(table: Floats, most: int) -> Floats:

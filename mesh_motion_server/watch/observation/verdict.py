@@ -11,6 +11,7 @@ from pathlib import Path
 from statistics import fmean, median
 from typing import Any, Literal
 
+from mesh_motion_server.watch.observation.fold import number_of
 from mesh_motion_server.watch.observation.follow import EventTail
 
 __all__ = ["Latest", "Recent", "Verdict", "duration", "server_gone", "verdict"]
@@ -120,7 +121,7 @@ class Recent:
             self.refusals += 1 + int(event.get("untold", 0))
         elif kind == "committed":
             self.final_step = event.get("final_step", 0)
-            self._commit(_Commit(at, event["step"], _number(event["quality"].get("metric", {}).get("min"))))
+            self._commit(_Commit(at, event["step"], number_of(event["quality"].get("metric", {}).get("min"))))
 
     def _commit(self, commit: _Commit) -> None:
         if len(self.commits) >= _TREND and not math.isnan(out := self.commits[-_TREND].minimum):
@@ -302,7 +303,3 @@ def _clock(at: float, now: float) -> str:
     """The time of the day here, with the date if that is not today."""
     when, today = time.localtime(at), time.localtime(now)
     return time.strftime("%H:%M" if when[:3] == today[:3] else "%Y-%m-%d %H:%M", when)
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else float(value)

@@ -9,7 +9,8 @@ import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
-from mesh_motion_server.session.listing import SPEC, Listing
+from mesh_motion_server.session.listing import Listing
+from mesh_motion_server.session.spec import SPEC
 from mesh_motion_server.watch.observation.follow import events_in_brief
 from mesh_motion_server.watch.observation.mesh_view import StoredMesh
 from mesh_motion_server.watch.observation.series import PHASES, Series

@@ -13,7 +13,7 @@ import numpy as np
 from mesh_motion_client import Keys, MeshMotionError, Server, connect
 
 from mesh_motion_server import errors
-from mesh_motion_server.session.listing import SPEC
+from mesh_motion_server.session.spec import SPEC
 from mesh_motion_server.watch.observation.follow import EventTail
 from mesh_motion_server.watch.observation.series import Series
 from mesh_motion_server.watch.observation.sessions import Sessions, SessionView, rests

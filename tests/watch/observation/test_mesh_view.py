@@ -58,7 +58,7 @@ def test_an_inverted_cell_is_told_apart_where_its_quality_is_that_of_a_valid_one
     _, folder = stepped(tmp_path, 1)
     stored = StoredMesh(folder)
     step, committed, points = stored.coordinates()
-    monkeypatch.setattr(stored, "_coordinates", lambda: (step, committed, points * [-1.0, 1.0]))
+    monkeypatch.setattr(stored, "coordinates", lambda: (step, committed, points * [-1.0, 1.0]))
     monkeypatch.setattr(stored, "_spec", with_metric(stored._spec, "skew"))
     seen = stored.look()
     assert seen.quality.min() > 0.0
