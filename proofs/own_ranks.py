@@ -222,8 +222,8 @@ def run(seed: int, budget: Budget) -> Result:
 CHECK = Check(
     "own-ranks",
     "{count} seeds: corrected by the ranks, bitwise as the whole mesh",
-    short=12,
+    short=8,
     full=300,
-    seconds=40,
+    seconds=30,
     run=run,
 )
