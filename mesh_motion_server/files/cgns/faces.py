@@ -29,7 +29,8 @@ def join_faces(zone: Node, points: Floats, sections: list[ListedElements]) -> Nu
     Raises
     ------
     InvalidInput
-        If faces and cells do not fit together, and as :class:`~mesh_motion_server.files.face_mesh.FaceMesh` does.
+        If faces and cells do not fit together, and as
+        :class:`~mesh_motion_server.files.polyhedra.face_mesh.FaceMesh` does.
     """
     polygons = [section for section in sections if section.kind == NGON]
     if not polygons:
