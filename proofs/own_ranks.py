@@ -145,7 +145,8 @@ class Rank:
                 self._session.commit(timeout=_CALL)
 
         if abandon:
-            self._session.move(0.5 * _motion(self._session, self._mesh, step), timeout=_CALL)
+            half = 0.5 * _motion(self._session, self._mesh, step)
+            self._again("MOVE", lambda: self._session.move(half, timeout=_CALL))
             self._resume()
         self._again("MOVE and COMMIT", move_and_commit)
         require(self._session.step == step, f"the session is at step {self._session.step}, not at {step}")

@@ -294,14 +294,14 @@ def test_a_server_killed_between_move_and_judge_judges_the_same_trial(tmp_path, 
         client.open(mesh, SETTINGS, evaluation="client") as session,
     ):
         expected = drive(session, mesh, 1)
-        judge = session._volume.judge
+        judge = session._own_cells.volume.judge
 
         def killed_before(*given):
             server.stop(signal.SIGKILL)
             server.start()
             return judge(*given)
 
-        monkeypatch.setattr(session._volume, "judge", killed_before)
+        monkeypatch.setattr(session._own_cells.volume, "judge", killed_before)
         moved = session.move(bend(mesh.points[session.moving_nodes], 1))
         np.testing.assert_array_equal(moved.displacement, expected[0].displacement)
         assert session.commit().step == 2

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -17,13 +17,9 @@ from mesh_motion_protocol.messages import (
     Closed,
     Commit,
     Committed,
-    Correct,
-    Corrected,
     Fetch,
     Fetched,
     Joined,
-    Judge,
-    Judged,
     Move,
     Rollback,
     RolledBack,
@@ -40,6 +36,7 @@ from mesh_motion_client.display import Described, draw
 from mesh_motion_client.errors import InvalidInput, MeshMotionError, SessionError
 from mesh_motion_client.mesh import Mesh, finite_rows
 from mesh_motion_client.moved import Moved
+from mesh_motion_client.own_cells import OwnCells
 from mesh_motion_client.volume import Volume
 
 __all__ = ["Frame", "Report", "Session"]
@@ -98,8 +95,7 @@ class Session(Described):
         self._patches: dict[str, NDArray[np.int64]] = {}
         self._mesh: Mesh | None = None
         self._evaluation = "server"
-        self._volume: Volume | None = None
-        self._corrected: dict[int, Corrected] = {}  # by step: of the trial, and of the committed state
+        self._own_cells: OwnCells | None = None
         self._control = control
         self._courier = Courier(control, credentials, partition, shares_memory=shares_memory)
         self._timeout = timeout
@@ -169,61 +165,13 @@ class Session(Described):
             displacement=self._rows(displacements),
         )
         seconds = timeout or self._compute_timeout
-        volume = self._volume_if_here()
+        own = self._own_cells_if_here()
         moved = self._courier.deliver(move, messages.Moved, seconds)
         self._courier.trial, self._courier.iteration = (replace(move, compute_limit_ms=0),), moved.iteration
         told = vars(moved)
-        if volume is not None:
-            told = told | self._on_volume(volume, moved, seconds)
+        if own is not None:
+            told = told | own.take_trial(moved, seconds)
         return Moved(**told, mesh=self._mesh, is_total=frame == "reference")
-
-    def _on_volume(self, volume: Volume, moved: messages.Moved, seconds: float) -> dict[str, Any]:
-        """Judge the cells, and correct them where the server says so; what changes of the answer."""
-        displacement, metric = volume.displacement(moved), moved.quality["metric"]
-        self._corrected.pop(self.step + 1, None)
-        judged = self._judged(volume.judge(displacement, metric), seconds)
-        if judged.region:
-            corrected = self._correct(volume, moved, judged.region, "trial", seconds)
-            self._corrected[self.step + 1] = corrected
-            volume.correct(displacement, corrected)
-            judged = self._judged(volume.judge(displacement, metric), seconds)
-        return {
-            "displacement": displacement,
-            "quality": judged.quality,
-            "correction": (judged.correction or moved.correction) | {"reached": judged.reached},
-            "warnings": [*moved.warnings, *judged.warnings],
-        }
-
-    def _correct(
-        self,
-        volume: Volume,
-        reply: messages.Moved | Fetched,
-        region: dict[str, Any],
-        what: Literal["trial", "committed"],
-        seconds: float,
-    ) -> Corrected:
-        """Tell of the bad cells and those about them until the server has corrected them."""
-        around = np.empty(0, dtype=np.int64)
-        while True:
-            fields = volume.region(reply, region, around)
-            correct = Correct(**self._address, step=self.step + 1, what=what, **fields)
-            corrected = self._courier.deliver(correct, Corrected, seconds)
-            if not corrected.region:
-                if what == "trial":
-                    self._courier.trial = (*self._courier.trial, correct)
-                return corrected
-            region, around = corrected.region, corrected.nodes
-
-    def _judged(self, fields: Callable[[list[dict[str, Any]]], dict[str, Any]], seconds: float) -> Judged:
-        """Tell what this partition's cells are like, until the server asks for nothing more."""
-        questions: list[dict[str, Any]] = []
-        while True:
-            judge = Judge(**self._address, step=self.step + 1, **fields(questions))
-            judged = self._courier.deliver(judge, Judged, seconds)
-            if not judged.questions:
-                self._courier.trial = (*self._courier.trial, judge)
-                return judged
-            questions += judged.questions
 
     def commit(self, *, final_step: int = 0, timeout: float | None = None) -> Committed:
         """Make the trial the committed state; it is durable up to :attr:`durable_step` when this returns.
@@ -243,7 +191,8 @@ class Session(Described):
         commit = Commit(**self._address, step=self.step + 1, final_step=final_step)
         committed = self._courier.deliver(commit, Committed, timeout or self._compute_timeout)
         self._courier.step, self._courier.iteration, self._courier.trial = committed.step, 0, ()
-        self._corrected = {step: found for step, found in self._corrected.items() if step == committed.step}
+        if self._own_cells is not None:
+            self._own_cells.keep(committed.step)
         self.durable_step = committed.durable_step
         return committed
 
@@ -255,18 +204,9 @@ class Session(Described):
 
     def points(self, what: Frame = "committed", *, timeout: float | None = None) -> NDArray[np.float64]:
         """(n, d) coordinates of this partition's nodes, committed or of the reference mesh."""
-        fetch, volume = Fetch(**self._address, what=what), self._volume_if_here()
+        fetch, own = Fetch(**self._address, what=what), self._own_cells_if_here()
         fetched = self._courier.deliver(fetch, Fetched, timeout or self._timeout)
-        if volume is None:
-            return fetched.points
-        corrected = None
-        if fetched.region:
-            corrected = self._corrected.get(fetched.step)
-            if corrected is None:  # the session was resumed
-                seconds = timeout or self._compute_timeout
-                corrected = self._correct(volume, fetched, fetched.region, "committed", seconds)
-                self._corrected[fetched.step] = corrected
-        return volume.coordinates(fetched, corrected)
+        return fetched.points if own is None else own.coordinates(fetched, timeout or self._compute_timeout)
 
     def status(self, *, timeout: float | None = None) -> StatusReport:
         """Where the session stands: state, step, iteration, counters."""
@@ -337,7 +277,7 @@ class Session(Described):
     def upload(self, mesh: Mesh, partitions: int) -> Built:
         """Send the mesh and wait until all partitions have sent theirs and the server has checked the whole."""
         self.take(mesh)
-        for part in (self._volume or mesh).parts(**self._courier.address):
+        for part in (self._own_cells.volume if self._own_cells else mesh).parts(**self._courier.address):
             self._courier.deliver(part, Uploaded, self._timeout)
         built = self._courier.deliver(Build(**self._courier.address), Built, self._compute_timeout)
         self.moving_nodes = self._in_mesh(built.moving_nodes)
@@ -348,7 +288,7 @@ class Session(Described):
     def take(self, mesh: Mesh) -> None:
         """Know the mesh of this partition, as it was opened with."""
         if self._evaluation == "client":
-            self._volume = Volume(mesh)
+            self._own_cells = OwnCells(Volume(mesh), self._courier)
         self._mesh = mesh
         self._patches = {name: patch.nodes for name, patch in mesh.patches.items() if patch.role == "moving"}
 
@@ -361,7 +301,7 @@ class Session(Described):
             If it is another one.
         """
         self.take(mesh)
-        nodes = slice(None) if self._volume is None else self._volume.nodes
+        nodes = slice(None) if self._own_cells is None else self._own_cells.volume.nodes
         fetch = Fetch(**self._address, what="reference")
         if not np.array_equal(self._courier.deliver(fetch, Fetched, self._timeout).points, mesh.points[nodes]):
             raise InvalidInput(
@@ -372,22 +312,22 @@ class Session(Described):
 
     def _in_mesh(self, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
         """Nodes (k,) as numbered in the mesh, not in what was uploaded of it."""
-        return nodes if self._volume is None else self._volume.nodes[nodes]
+        return nodes if self._own_cells is None else self._own_cells.volume.nodes[nodes]
 
-    def _volume_if_here(self) -> Volume | None:
-        """The volume, where the client evaluates it.
+    def _own_cells_if_here(self) -> OwnCells | None:
+        """The cells, where the client evaluates the volume.
 
         Raises
         ------
         InvalidInput
             If it must be known, and is not.
         """
-        if self._evaluation == "client" and self._volume is None:
+        if self._evaluation == "client" and self._own_cells is None:
             raise InvalidInput(
                 "the volume of this session stays with the client, and the mesh is not known here",
                 hint="give the mesh: server.resume(credentials, mesh), or server.join(credentials, mesh, partition=…)",
             )
-        return self._volume
+        return self._own_cells
 
     @property
     def _address(self) -> dict[str, Any]:
