@@ -178,6 +178,8 @@ def _fields(request: str, at: dict[str, Any]) -> dict[str, Any]:
     rows = np.full((5, 2), 1e-4)
     known = at | {"dimension": 2, "item": "nodes", "frame": "committed", "rows": rows, "displacement": rows}
     known |= {"part": {}, "questions": [], "bins": np.zeros((0, 3), dtype=np.int64), "values": rows, "worst": rows}
+    corners = np.arange(3)[:, None]
+    known |= {"nodes": np.zeros((5, 2), dtype=np.int64), "points": rows, "positions": rows, "corners": corners}
     names = m.MESSAGES[request].__dataclass_fields__
     fields = {name: value for name, value in known.items() if name in names}
     return fields | ({"outcome": "keep"} if request == "CLOSE" else {})
@@ -322,8 +324,8 @@ def run(seed: int, budget: Budget) -> Result:
 CHECK = Check(
     "authorisation",
     "{count} questions by every role; strangers see no session",
-    short=375,
-    full=3750,
+    short=397,
+    full=3970,
     seconds=40,
     run=run,
 )

@@ -5,7 +5,6 @@ import os
 import re
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from raising import raising
 
 from mesh_motion_server import __version__
 from mesh_motion_server.commands import app as commands
@@ -62,23 +62,10 @@ def test_each_command_explains_itself_with_examples(run: Run, command: str) -> N
     assert f"mesh-motion {command} " in out
 
 
-def test_conform_lists_its_cases(run: Run) -> None:
-    status, out, _ = run("conform", "--endpoint", "tcp://127.0.0.1:1", "--list", "--only", "16")
-    assert status == 0
-    assert out.startswith("16-one-move: ")
-
-
 def test_conform_tells_what_is_not_met(run: Run) -> None:
     status, out, _ = run("conform", "--client", shlex.join([sys.executable, "-c", ""]), "--only", "18.1", "-q")
     assert status == ExitStatus.UNMET
     assert "FAIL 18.1-" in out
-
-
-def test_conform_tells_at_once_that_nobody_is_there(run: Run) -> None:
-    status, out, err = run("conform", "--endpoint", "tcp://127.0.0.1:1", "--timeout", "600")
-    assert status == ExitStatus.UNAVAILABLE
-    assert out == ""
-    assert err == "mesh-motion: nobody listens at tcp://127.0.0.1:1\n"
 
 
 @pytest.mark.parametrize(
@@ -149,18 +136,9 @@ def test_statuses_follow_the_error_codes() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (
-            "support_radius = 0.5",
-            "support_radius = -0.5",
-            "method.support_radius: expected a number greater than 0, got -0.5",
-        ),
         ('basis = "wendland-c2"', 'basis = "wendland-c9"', "wendland-c9"),
-        ('block = "moving"', 'blok = "moving"', "its patches are 'outer', 'block' (did you mean 'block'?)"),
         ('outer = "fixed"', "", "patch 'outer' of mesh.npz has no role"),
-        ("[-0.2, -0.2]", "[nan, -0.2]", "expected a finite number, got nan"),
-        ("[-0.2, -0.2]", "[-0.2, -0.2, 0.0]", "translation has 3 entries, but the mesh is 2D"),
         ('file = "mesh.npz"', 'file = "empty.npz"', "the mesh has no cells"),
-        ("[mesh]", "[mesh", "not a TOML file"),
     ],
 )
 def test_an_invalid_case_is_one_line_and_status_2(run: Run, tmp_path: Path, old: str, new: str, message: str) -> None:
@@ -229,12 +207,6 @@ def test_play_over_the_wire_and_its_exit_statuses(run: Run, tmp_path: Path) -> N
     assert names == {"mesh.pvd", "mesh_0000.vtu", "refused.vtu", "quality.png", "steps.csv", "summary.json"}
 
 
-def test_nobody_at_the_endpoint_is_status_69(run: Run, tmp_path: Path) -> None:
-    status, _, err = run("inspect", "--endpoint", f"ipc://{tmp_path}/nobody", "--timeout", "0.2")
-    assert status == ExitStatus.UNAVAILABLE
-    assert "no server answers" in one_line(err)
-
-
 def test_wrong_and_unsafe_server_settings_are_status_78(run: Run, tmp_path: Path) -> None:
     status, _, err = run("serve", "--endpoint", "tcp://0.0.0.0:0")
     assert status == ExitStatus.CONFIGURATION
@@ -248,42 +220,6 @@ def test_wrong_and_unsafe_server_settings_are_status_78(run: Run, tmp_path: Path
     one_line(err)
 
 
-def test_inspect_of_a_strange_folder_is_status_2(run: Run, tmp_path: Path) -> None:
-    status, _, err = run("inspect", tmp_path)
-    assert status == ExitStatus.INVALID
-    one_line(err)
-
-
-def test_serve_says_ready_lists_its_sessions_and_drains(run: Run, tmp_path: Path) -> None:
-    endpoint = f"ipc://{tmp_path}/control"
-    process = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "mesh_motion_server",
-            "serve",
-            "--endpoint",
-            endpoint,
-            "--state",
-            str(tmp_path / "state"),
-        ],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    )
-    try:
-        assert process.stdout.readline() == f"ready {endpoint}\n"
-        status, out, _ = run("inspect", "--endpoint", endpoint)
-        assert status == 0
-        assert "0 sessions" in out
-        status, out, _ = run("inspect", "--endpoint", endpoint, "--json")
-        assert json.loads(out)["sessions"] == []
-    finally:
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(30) == 0
-        process.stdout.close()
-
-
 def test_without_the_server_extra_one_line_names_it(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     for package in ("typer", "mesh_motion_server.commands.app"):
         monkeypatch.delitem(sys.modules, package, raising=False)
@@ -295,10 +231,7 @@ def test_without_the_server_extra_one_line_names_it(run: Run, monkeypatch: pytes
 
 
 def test_a_defect_is_status_70_and_asks_to_be_reported(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken() -> None:
-        raise ZeroDivisionError
-
-    monkeypatch.setattr(commands, "app", broken)
+    monkeypatch.setattr(commands, "app", raising(ZeroDivisionError()))
     status, _, err = run("version")
     assert status == ExitStatus.DEFECT
     assert "please report" in err

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from scale_figures import FIGURES
 
 from benchmarks.correction.cases import CASES as CORRECTIONS
 from benchmarks.correction.cost import Cost
@@ -25,32 +26,20 @@ from benchmarks.summary.evidence import Evidence
 from benchmarks.summary.page import FRONT, aims_table, front_table, page
 from benchmarks.summary.plan import PLANS, Job
 
-_TENTH = Seconds(0.1, 0.1)
-
 
 def figures(nodes: int, step: float) -> Figures:
     """Of a mesh of tetrahedra."""
-    return Figures(
+    iteration, brief = Seconds(step, step / 2), Seconds(0.9 * step, step / 2.1)
+    times = {"step": Seconds(2 * step, step), "iteration": iteration, "brief": brief, "judge_brief": Seconds(0.1, 0.04)}
+    return replace(
+        FIGURES,
         nodes=nodes,
         cells=6 * nodes,
-        boundary=6000,
-        setup=_TENTH,
-        first=_TENTH,
-        step=Seconds(2 * step, step),
-        iteration=Seconds(step, step / 2),
-        brief=Seconds(0.9 * step, step / 2.1),
-        solve=_TENTH,
-        displace=_TENTH,
-        predict=_TENTH,
-        judge_brief=Seconds(0.1, 0.04),
         kept_bytes=100 * nodes,
         peak_bytes=300 * nodes,
         resident_bytes=4_100_000_000,
-        minimum=0.12,
         near_wall=0.4,
-        inverted=0,
-        boundary_error=1e-13,
-        corrected=False,
+        **times,
     )
 
 
@@ -69,7 +58,7 @@ def evidence() -> Evidence:
         "M5-steady": figures(4_887_591, 5.0),
         "M3-large": figures(50_144, 0.05),
     }
-    results.wire = {"M4-steady": WireFigures(_TENTH, _TENTH, _TENTH, _TENTH, 0.12, 0.1, 50, 20)}
+    results.wire = {"M4-steady": WireFigures(*[Seconds(0.1, 0.1)] * 4, 0.12, 0.1, 50, 20)}
     found = Evidence(results, {"M3-large": Truth(0.11, 0.41)})
     found.costs["M3-0.28"] = Cost(50_144, 44_000, 3000, 0.118, 0.2801, 15, 4.0, 4.0, 3.0, 10**8)
     return found

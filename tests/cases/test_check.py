@@ -26,12 +26,6 @@ def test_a_good_case_is_described(make_case) -> None:
     assert 0 < report.quality["minimum skew"] <= report.quality["mean skew"] <= 1
 
 
-def test_a_mesh_alone_is_checked_too(make_case) -> None:
-    report = check(make_case().parent / "mesh.npz")
-    assert report.roles == {}
-    assert report.support_radius is None
-
-
 def test_a_mesh_without_patches_is_usable_but_odd(make_case) -> None:
     path = make_case().parent / "mesh.npz"
     write_npz(path, replace(read_mesh(path), patches={}))
@@ -123,15 +117,6 @@ def test_nodes_at_the_same_place_are_refused_where_only_distinct_ones_will_do(ma
     write_npz(mesh.path, replace(mesh, points=points, patches=patches))
     with pytest.raises(InvalidInput, match=r"are at the same place, \[.*\]: reduction = 'greedy' needs distinct ones"):
         check(path)
-
-
-def test_an_unknown_basis_and_a_missing_file(make_case, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="wendland-c9"):
-        check(make_case(("0.6", '0.6\nbasis = "wendland-c9"')))
-    with pytest.raises(InvalidInput, match="cannot be read"):
-        check(tmp_path / "none.toml")
-    with pytest.raises(InvalidInput, match="no such mesh file"):
-        check(tmp_path / "none.msh")
 
 
 def test_costs_follow_the_solver_that_would_be_chosen() -> None:

@@ -3,15 +3,12 @@
 import contextlib
 import json
 import os
-import selectors
-import socket
 import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mesh_motion_client import Keys, Mesh, Patch, connect
-from mesh_motion_client.control import Control
 
 from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
 from proofs.server_process import ServerProcess
@@ -49,75 +46,6 @@ class PlainServer(ServerProcess):
             path.unlink(missing_ok=True)
 
 
-class Proxy:
-    """Forwards bytes between a client and a worker; may cut all connections or swallow the replies."""
-
-    def __init__(self, target):
-        host, _, port = target.removeprefix("tcp://").rpartition(":")
-        self._target, self.deaf, self.stubborn, self.shut = (host, int(port)), False, False, False
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self.endpoint = f"tcp://127.0.0.1:{self._listener.getsockname()[1]}"
-        self._selector = selectors.DefaultSelector()
-        self._selector.register(self._listener, selectors.EVENT_READ)
-        self._peers, self._lock, self._over = {}, threading.RLock(), False
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-
-    def _run(self):
-        while not self._over:
-            for key, _ in self._selector.select(0.02):
-                with self._lock:
-                    self._accept() if key.fileobj is self._listener else self._forward(key.fileobj)
-
-    def _accept(self):
-        client, _ = self._listener.accept()
-        if self.shut:
-            client.close()
-            return
-        try:
-            worker = socket.create_connection(self._target)
-        except OSError:
-            client.close()
-            return
-        self._peers |= {client: (worker, True), worker: (client, False)}
-        for end in (client, worker):
-            self._selector.register(end, selectors.EVENT_READ)
-
-    def _forward(self, source):
-        if source not in self._peers:
-            return
-        other, from_client = self._peers[source]
-        try:
-            data = source.recv(1 << 16)
-        except OSError:
-            data = b""
-        if not data and self.stubborn and not from_client:
-            self._selector.unregister(source)  # the client does not learn that the worker is gone
-        elif not data:
-            self._close(source, other)
-        elif from_client or not self.deaf:
-            with contextlib.suppress(OSError):
-                other.sendall(data)
-
-    def _close(self, *ends):
-        for end in ends:
-            if self._peers.pop(end, None) is not None:
-                with contextlib.suppress(KeyError, ValueError):
-                    self._selector.unregister(end)
-                end.close()
-
-    def cut(self):
-        with self._lock:
-            self._close(*list(self._peers))
-
-    def close(self):
-        self._over = True
-        self._thread.join()
-        self.cut()
-        self._selector.close()
-        self._listener.close()
-
-
 @contextlib.contextmanager
 def running_server(folder, **settings):
     running = PlainServer(folder, **settings).start()
@@ -147,7 +75,7 @@ def server_with(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def keyed_server(tmp_path_factory):
-    """A server with keys that admits alice, an eye and an admin; ``keys_of(name)`` makes and loads a client's."""
+    """A server with keys that admits alice, and not mallory."""
     folder = tmp_path_factory.mktemp("keyed")
     make_server_keys(folder / "keys")
 
@@ -158,10 +86,8 @@ def keyed_server(tmp_path_factory):
         return Keys.load(folder / name / f"{name}.secret", folder / "keys" / "server.public")
 
     with running_server(folder, keys_folder=str(folder / "keys")) as running:
-        running.keys_of = keys_of
-        running.alice, running.eye, running.admin, running.mallory = (
-            keys_of(name, roles)
-            for name, roles in (("alice", ["owner"]), ("eye", ["monitor"]), ("admin", ["admin"]), ("mallory", []))
+        running.alice, running.mallory = (
+            keys_of(name, roles) for name, roles in (("alice", ["owner"]), ("mallory", []))
         )
         yield running
 
@@ -193,25 +119,6 @@ def client(server):
 def session(client, mesh):
     with client.open(mesh, {"support_radius": 1.0}, label="test") as session:
         yield session
-
-
-@pytest.fixture
-def proxy(monkeypatch):
-    """Every data connection goes through a proxy; the list holds them, newest last."""
-    proxies = []
-
-    def through_proxy(self, endpoint):
-        for known in proxies:
-            if known.target == endpoint:
-                return known.endpoint
-        proxies.append(Proxy(endpoint))
-        proxies[-1].target = endpoint
-        return proxies[-1].endpoint
-
-    monkeypatch.setattr(Control, "data_endpoint", through_proxy)
-    yield proxies
-    for made in proxies:
-        made.close()
 
 
 @pytest.fixture

@@ -59,17 +59,6 @@ def test_an_open_that_was_not_answered_keeps_its_id(monkeypatch, unheard):
     assert wire.sent == [("OPEN", 1), ("OPEN", 1), ("OPEN", 2)]
 
 
-def test_an_open_that_was_refused_and_one_of_another_content_are_new_requests(monkeypatch):
-    wire = Wire([SessionError("no"), Timeout("silence"), None])
-    monkeypatch.setattr(control, "Connection", wire)
-    asking = Control("tcp://127.0.0.1:1")
-    for dimension, error in ((2, SessionError), (2, Timeout)):
-        with pytest.raises(error):
-            asking.ask(Open, Opened, 0.0, dimension=dimension)
-    asking.ask(Open, Opened, 0.0, dimension=3)
-    assert wire.sent == [("OPEN", 1), ("OPEN", 2), ("OPEN", 3)]
-
-
 def test_a_connection_that_kept_silent_is_given_up(monkeypatch):
     wire = Wire([Timeout("silence"), None, None])
     monkeypatch.setattr(control, "Connection", wire)

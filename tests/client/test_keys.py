@@ -10,8 +10,7 @@ import pytest
 import zmq
 from mesh_motion_client import SessionError, Unavailable, connect
 from mesh_motion_client.connection import Connection, ConnectionLost
-from mesh_motion_client.control import Control
-from mesh_motion_protocol.messages import Close, Closed, Hello, List, Listed, Probe, Probed, Status, StatusReport
+from mesh_motion_protocol.messages import Hello
 from zmq.utils.monitor import recv_monitor_message
 
 TOLD = np.full((4, 2), 0.125)
@@ -22,23 +21,6 @@ SECONDS = 30.0
 def alice(keyed_server):
     with connect(keyed_server.endpoint, timeout=SECONDS, keys=keyed_server.alice) as server:
         yield server
-
-
-@pytest.fixture
-def overseer(keyed_server):
-    """(keys, session) → the control connection of somebody who oversees, a data connection, the epoch."""
-    made = []
-
-    def overseer(keys, session):
-        control = Control(keyed_server.endpoint, keys)
-        made.append(control)
-        probed = control.ask(Probe, Probed, SECONDS, session=session, token=bytes(32))
-        made.append(control.data_connection(probed.endpoint))
-        return control, made[-1], probed.epoch
-
-    yield overseer
-    for connection in made:
-        connection.close()
 
 
 def test_a_session_from_open_to_resume_with_keys(keyed_server, alice, mesh):
@@ -79,36 +61,6 @@ def test_a_connection_that_ends_just_before_a_request_is_sent_does_not_hang(last
             recv_monitor_message(connection._events)  # as if the check before the request had come a moment too early
         with pytest.raises(ConnectionLost):
             connection.request(Hello(client=b"a" * 16, sequence=1, agent="test", features=[]), deadline_in(SECONDS))
-
-
-def test_a_monitor_sees_how_a_session_does_and_nothing_of_its_mesh(keyed_server, alice, mesh, overseer):
-    with alice.open(mesh, {"support_radius": 1.0}, label="flag") as session:
-        session.move(TOLD)
-        session.commit()
-        assert "worst" in session.status().report["quality"]
-        _, data, epoch = overseer(keyed_server.eye, session.credentials.session)
-        at = {"session": session.credentials.session, "epoch": epoch}
-        seen = data.request(Status(client=b"e" * 16, sequence=1, **at), deadline_in(SECONDS))
-        assert isinstance(seen, StatusReport)
-        assert (seen.step, seen.report["label"]) == (1, "flag")
-        assert "mean" in str(seen.report["quality"])
-        assert "worst" not in str(seen.report)
-        with pytest.raises(SessionError) as error:
-            data.request(Close(client=b"e" * 16, sequence=2, **at, outcome="discard"), deadline_in(SECONDS))
-        assert error.value.code == "PERMISSION_DENIED"
-        session.move(TOLD)  # it has noticed nothing
-
-
-def test_an_admin_closes_anybodys_session_which_stays_its_owners(keyed_server, alice, mesh, overseer):
-    session = alice.open(mesh, {"support_radius": 1.0})
-    name = session.credentials.session
-    control, data, epoch = overseer(keyed_server.admin, name)
-    listed = {entry["session"]: entry["owner"] for entry in control.ask(List, Listed, SECONDS).sessions}
-    assert listed[name] == "alice"
-    closing = Close(client=b"e" * 16, sequence=1, session=name, epoch=epoch, outcome="keep")
-    assert isinstance(data.request(closing, deadline_in(SECONDS)), Closed)
-    assert session.move(TOLD).step == 1  # resumed by its owner
-    session.close("discard")
 
 
 def deadline_in(seconds):

@@ -28,8 +28,9 @@ def failing(endpoint, only=(), seconds=3.0):
     return [outcome.case.id for outcome in outcomes if outcome.verdict == "FAIL"]
 
 
-@pytest.mark.nightly
+@pytest.mark.timeout(600)
 def test_a_server_without_fault_fails_no_case(tmp_path):
+    """Gateway, control, worker and sessions in one process: three seconds of computing for the whole suite."""
     with in_process_server(tmp_path) as server:
         # a wrong server is caught by silence, soon; a right one may be as slow as the machine
         assert sorted(failing(server.endpoint, seconds=30.0)) == WITHOUT_JUDGEMENT

@@ -8,6 +8,7 @@ import pytest
 from box_meshes import box_mesh
 from mesh_motion_client import InvalidInput, Mesh, Patch, QualityRefused, SessionError, connect
 from mesh_motion_protocol.messages import Fetch, Fetched
+from own_ranks import CORRECTED, SETTINGS, bend, whole
 
 from mesh_motion_server.cases.recorded import read_recorded
 from mesh_motion_server.distributed.split import Split
@@ -17,13 +18,6 @@ from mesh_motion_server.watch.observation.mesh_view import StoredMesh
 from proofs.server_process import ServerProcess
 from proofs.waiting import PATIENCE
 
-SETTINGS = {
-    "displacement": "absolute",
-    "correction": "none",
-    "sub_steps": "never",
-    "boundary_layer_thickness": 0.0,
-    "quality_report": "every-move",
-}
 #: Two with one dense matrix, two in two scales.
 MESHES = {
     "plane": ("quad", 20),
@@ -37,13 +31,6 @@ MESHES = {
 def server(tmp_path_factory):
     with ServerProcess(tmp_path_factory.mktemp("server")) as server:
         yield server
-
-
-def whole(kind, count):
-    """The mesh in one piece."""
-    box = box_mesh(kind, count)
-    cells = {block.type.name: block.nodes for block in box.cells}
-    return Mesh(box.points, cells, {"body": Patch("moving", box.body), "outer": Patch("fixed", box.outer)})
 
 
 def pieces(kind, count, ranks):
@@ -63,17 +50,12 @@ def pieces(kind, count, ranks):
     return parts
 
 
-def displacement(points, step):
-    """A bend that grows with the steps."""
-    return 0.01 * step * np.sin(3.0 * points[:, ::-1] + step)
-
-
 def drive(session, mesh, steps=2, by=1):
     """Two moves a step; what was answered, and where the nodes are."""
     found = []
     for step in range(1, steps + 1):
         for share in (0.5, 1.0):
-            moved = session.move(share * displacement(mesh.points[session.moving_nodes], by * step))
+            moved = session.move(share * bend(mesh.points[session.moving_nodes], by * step))
         found += [moved, session.commit()]
     return [*found, session.points()]
 
@@ -121,9 +103,6 @@ def assert_same_quality(found, expected):
     assert [cell["metric"] for cell in found["worst"]] == [cell["metric"] for cell in expected["worst"]]
 
 
-CORRECTED = SETTINGS | {"correction": "optimised", "correction_target": "threshold", "quality_threshold": 0.5}
-
-
 @pytest.mark.parametrize("metric", ["size-skew", "relative-size-skew"])
 @pytest.mark.parametrize("ranks", [1, 3])
 @pytest.mark.parametrize("mesh", MESHES)
@@ -133,7 +112,7 @@ def test_corrected_nodes_are_those_of_a_session_with_the_whole_mesh(server, mesh
     def drive(session, part):
         found = []
         for step in (16, 24):
-            moved = session.move(displacement(part.points[session.moving_nodes], step))
+            moved = session.move(bend(part.points[session.moving_nodes], step))
             found += [moved, session.commit(), session.points()]
         return found
 
@@ -203,14 +182,14 @@ def test_what_is_refused_with_the_whole_mesh_is_refused_here(server):
     with connect(server.endpoint) as client:
         for evaluation in ("server", "client"):
             with client.open(mesh, settings, evaluation=evaluation) as session:
-                bend = displacement(mesh.points[session.moving_nodes], 3)
+                told = bend(mesh.points[session.moving_nodes], 3)
                 with pytest.raises(QualityRefused) as refused:
-                    session.move(4.0 * bend)
+                    session.move(4.0 * told)
                 refusals.append(refused.value)
                 if evaluation == "client":
                     with pytest.raises(SessionError, match="not judged, or it was refused"):
                         session.commit()
-                session.move(0.1 * bend)
+                session.move(0.1 * told)
                 assert session.commit().step == 1
     whole_mesh, here = refusals
     assert (here.code, here.message, here.best) == (whole_mesh.code, whole_mesh.message, whole_mesh.best)
@@ -263,12 +242,12 @@ def test_two_nodes_at_the_same_place_are_refused(server):
 def test_increments_and_faces_are_refused(server):
     mesh = whole("quad", 10)
     with connect(server.endpoint) as client, client.open(mesh, SETTINGS, evaluation="client") as session:
-        bend = displacement(mesh.points[session.moving_nodes], 1)
+        told = bend(mesh.points[session.moving_nodes], 1)
         with pytest.raises(InvalidInput, match="expected frame 'reference'"):
-            session.move(bend, frame="committed")
+            session.move(told, frame="committed")
         with pytest.raises(InvalidInput, match="expected report ''"):
-            session.move(bend, report="faces")
-        session.move({"body": bend})
+            session.move(told, report="faces")
+        session.move({"body": told})
         session.rollback()
         assert (session.step, session.iteration) == (0, 0)
 
@@ -288,7 +267,7 @@ def test_after_kill_9_field_and_nodes_are_bitwise_the_same(tmp_path, mesh, durab
         session = client.open(mesh, settings, evaluation="client", durability=durability)
         drive(session, mesh, by=by)
         field, points = raw_field(session), session.points()
-        session.move(displacement(mesh.points[session.moving_nodes], 3 * by))
+        session.move(bend(mesh.points[session.moving_nodes], 3 * by))
         server.stop(signal.SIGKILL)
         server.start()
         third = session.commit()  # the trial is made and judged again
@@ -297,7 +276,7 @@ def test_after_kill_9_field_and_nodes_are_bitwise_the_same(tmp_path, mesh, durab
         server.start()
         with connect(server.endpoint) as other, other.resume(session.credentials, mesh) as resumed:
             assert (raw_field(resumed), resumed.points().tobytes()) == (after[0], after[1].tobytes())
-            again = resumed.move(displacement(mesh.points[resumed.moving_nodes], 2 * by))
+            again = resumed.move(bend(mesh.points[resumed.moving_nodes], 2 * by))
             np.testing.assert_array_equal(mesh.points + again.displacement, points)
             resumed.commit()
             assert raw_field(resumed) == field
@@ -323,7 +302,7 @@ def test_a_server_killed_between_move_and_judge_judges_the_same_trial(tmp_path, 
             return judge(*given)
 
         monkeypatch.setattr(session._volume, "judge", killed_before)
-        moved = session.move(displacement(mesh.points[session.moving_nodes], 1))
+        moved = session.move(bend(mesh.points[session.moving_nodes], 1))
         np.testing.assert_array_equal(moved.displacement, expected[0].displacement)
         assert session.commit().step == 2
 
@@ -345,9 +324,7 @@ def test_after_kill_9_two_ranks_take_their_nodes_up_again(tmp_path):
             second = other.join(shared[0], parts[1], partition=1)
             for session, found in zip((first, second), points, strict=True):
                 np.testing.assert_array_equal(session.points(), found)
-            step = [
-                displacement(part.points[s.moving_nodes], 2) for part, s in zip(parts, (first, second), strict=True)
-            ]
+            step = [bend(part.points[s.moving_nodes], 2) for part, s in zip(parts, (first, second), strict=True)]
             there = threading.Thread(target=lambda: second.move(step[1]))
             there.start()
             again = first.move(step[0])
@@ -378,7 +355,7 @@ def test_a_resumed_session_needs_the_mesh(server):
         with pytest.raises(InvalidInput, match="the mesh is not the one"):
             client.resume(session.credentials, whole("quad", 12))
         with client.resume(session.credentials, mesh) as resumed:
-            resumed.move({"body": displacement(mesh.points[np.sort(mesh.patches["body"].nodes)], 2)})
+            resumed.move({"body": bend(mesh.points[np.sort(mesh.patches["body"].nodes)], 2)})
 
 
 def test_an_unusable_cell_is_refused_by_its_rank(server):

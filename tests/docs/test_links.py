@@ -1,9 +1,9 @@
-"""Every link of a page to a file of the checkout leads there."""
+"""Every link of a page to a file of the checkout, and to a heading in it, leads there."""
 
-import re
 from pathlib import Path
 
 import pytest
+from page_links import dead_links
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("adapters", "benchmarks", "docs", "examples", "kernels", "protocol")
@@ -12,6 +12,9 @@ PAGES = [*ROOT.glob("*.md"), *(page for folder in FOLDERS for page in (ROOT / fo
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_link_leads_somewhere(page: Path) -> None:
-    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-    links = re.findall(r"\]\((?!https?:|mailto:)([^)#\s]+)(?:#[^)]*)?\)", text)
-    assert [link for link in links if not (page.parent / link).exists()] == []
+    assert dead_links(page, page.read_text(encoding="utf-8")) == []
+
+
+@pytest.mark.parametrize("wrong", ["a.md", "README.md#nowhere", "#nowhere"])
+def test_a_dead_link_is_found(wrong: str) -> None:
+    assert dead_links(ROOT / "README.md", f"# Here\n[this](#here) [that](README.md) [x]({wrong})\n") != []

@@ -113,11 +113,6 @@ def test_damaged_files_give_one_clear_line(tmp_path: Path, old: str, new: str, m
     assert "\n" not in str(caught.value)
 
 
-def test_an_empty_file_has_no_cells(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="no cells"):
-        read_mesh(su2(tmp_path, ""))
-
-
 def with_rows(text: str, *changes: tuple[str, str]) -> str:
     """The file with other lines."""
     for old, new in changes:

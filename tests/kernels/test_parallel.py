@@ -81,10 +81,6 @@ assert (found == 0.0).all()
 """
 
 
-def test_an_error_in_a_block_reaches_python_and_the_next_loop_runs() -> None:
-    _run(_LOST)
-
-
 _LIMITS = """
 import threading
 import mesh_motion_kernels as kernels
@@ -112,10 +108,6 @@ assert kernels.get_threads() == 2
 """
 
 
-def test_a_limit_is_that_of_the_calling_thread() -> None:
-    _run(_LIMITS)
-
-
 _LEFT_INSIDE = """
 import threading, mesh_motion_kernels as kernels, numpy as np
 
@@ -129,5 +121,13 @@ begun.wait()
 """
 
 
-def test_an_interpreter_ends_while_a_thread_is_inside_a_loop() -> None:
-    _run(_LEFT_INSIDE)
+@pytest.mark.parametrize(
+    "script",
+    [
+        pytest.param(_LOST, id="an error in a block reaches Python and the next loop runs"),
+        pytest.param(_LIMITS, id="a limit is that of the calling thread"),
+        pytest.param(_LEFT_INSIDE, id="an interpreter ends while a thread is inside a loop"),
+    ],
+)
+def test_a_process_with_three_threads(script: str) -> None:
+    _run(script)

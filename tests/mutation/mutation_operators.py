@@ -6,11 +6,12 @@ tables and defaults: tests compare them with what is written elsewhere.
 
 import ast
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
+from copy import copy
 from types import CodeType
+from typing import Any, NamedTuple
 
-__all__ = ["Mutant", "code_of", "mutants", "telling"]
+__all__ = ["Mutant", "mutants"]
 
 _COMPARE: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Eq: (ast.NotEq,),
@@ -41,167 +42,79 @@ _BINARY: dict[type[ast.operator], type[ast.operator]] = {
 _SWAPPED = {"min": "max", "max": "min", "any": "all", "all": "any"}
 #: Calls whose arguments are words for people, or do nothing.
 _WORDS = (
-    "Error",
-    "InvalidInput",
-    "_damage",
-    "_malformed",
-    "_disk_error",
-    "_not_found",
-    "unreadable",
-    "_freezing",
-    "failpoint",
-    "cast",
+    *("Error", "InvalidInput", "_damage", "_malformed", "_disk_error", "_not_found", "unreadable"),
+    *("_freezing", "failpoint", "cast"),
 )
 
 
-@dataclass(frozen=True)
-class Mutant:
-    """One changed module.
-
-    Attributes
-    ----------
-    function : str
-        Qualified name of the function that differs.
-    line : int
-        Of that function's definition.
-    key : str
-        Function and change, and which one of equal ones: stays the same when other code moves.
-    tree : ast.Module
-    """
+class Mutant(NamedTuple):
+    """A changed function: qualified name, first line, what is changed (stays when other code moves), and its code."""
 
     function: str
     line: int
     key: str
-    tree: ast.Module
+    code: CodeType
 
 
-Change = Callable[[ast.AST], ast.AST | None]
-
-
-def mutants(source: str) -> Iterator[Mutant]:
+def mutants(source: str, filename: str) -> Iterator[Mutant]:
     """All mutants of a module, in the order of its lines."""
     tree = ast.parse(source)
     seen: Counter[str] = Counter()
-    for function, name in _functions(tree):
-        for path in _places(function):
-            for change in _changes(_at(function, path)):
-                mutated = ast.parse(source)  # quicker than a copy
-                before, after = _apply(mutated, (function.lineno, function.name), path, change)
-                key = f"{name}: {before} → {after}"
+    for function, name in _functions(tree.body):
+        line = min(node.lineno for node in (function, *function.decorator_list))
+        for fields, place in list(_places(function)):
+            node = fields[place]
+            for other in _others(node):
+                key = f"{name}: {_brief(node)} → {_brief(other)}"
                 seen[key] += 1
-                number = f" ({seen[key]})" if seen[key] > 1 else ""
-                yield Mutant(name, _first_line(function), key + number, ast.fix_missing_locations(mutated))
+                fields[place] = ast.fix_missing_locations(ast.copy_location(other, node))
+                codes = _codes(compile(tree, filename, "exec", dont_inherit=True))
+                fields[place] = node
+                code = next(each for each in codes if (each.co_qualname, each.co_firstlineno) == (name, line))
+                yield Mutant(name, line, key + (f" ({seen[key]})" if seen[key] > 1 else ""), code)
 
 
-def code_of(mutant: Mutant, filename: str) -> CodeType:
-    """The compiled function that differs."""
-    return _find(compile(mutant.tree, filename, "exec", dont_inherit=True), mutant.function, mutant.line)
-
-
-def telling(source: str, filename: str, told: str) -> Iterator[tuple[int, CodeType]]:
-    """Each function of a module that first adds "file:first line" to the set ``told``, after that line."""
-    tree = ast.parse(source)
-    functions = list(_functions(tree))
-    for function, _ in functions:
-        tell = ast.parse(f"{told}.add({f'{filename}:{_first_line(function)}'!r})").body[0]
-        for node in ast.walk(tell):
-            ast.copy_location(node, function)
-        function.body.insert(0, tell)
-    code = compile(tree, filename, "exec", dont_inherit=True)
-    for function, name in functions:
-        yield _first_line(function), _find(code, name, _first_line(function))
-
-
-def _find(code: CodeType, name: str, line: int) -> CodeType:
-    """The function of this qualified name and first line in a module's code."""
-
-    def find(code: CodeType) -> CodeType | None:
-        if (code.co_qualname, code.co_firstlineno) == (name, line):
-            return code
-        inner = (find(each) for each in code.co_consts if isinstance(each, CodeType))
-        return next((each for each in inner if each is not None), None)
-
-    found = find(code)
-    if found is None:
-        raise LookupError(f"there is no function {name} in line {line}")
-    return found
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    """Of a module, its classes, and all functions."""
+    yield code
+    for each in code.co_consts:
+        if isinstance(each, CodeType):
+            yield from _codes(each)
 
 
 # --- where -----------------------------------------------------------------------------------------------------------
 
 _Function = ast.FunctionDef | ast.AsyncFunctionDef
-_Path = tuple[tuple[str, int | None], ...]
 
 
-def _functions(tree: ast.Module) -> Iterator[tuple[_Function, str]]:
+def _functions(body: list[ast.stmt], prefix: str = "") -> Iterator[tuple[_Function, str]]:
     """Functions and methods with their qualified names; functions inside functions belong to these."""
-
-    def walk(body: list[ast.stmt], prefix: str) -> Iterator[tuple[_Function, str]]:
-        for node in body:
-            if isinstance(node, _Function):
-                yield node, prefix + node.name
-            elif isinstance(node, ast.ClassDef) and not any(_name(base) == "Protocol" for base in node.bases):
-                yield from walk(node.body, f"{prefix}{node.name}.")
-
-    yield from walk(tree.body, "")
+    for node in body:
+        if isinstance(node, _Function):
+            yield node, prefix + node.name
+        elif isinstance(node, ast.ClassDef) and not any(_name(base) == "Protocol" for base in node.bases):
+            yield from _functions(node.body, f"{prefix}{node.name}.")
 
 
-def _first_line(function: _Function) -> int:
-    """As its code object has it."""
-    return min([function.lineno, *(decorator.lineno for decorator in function.decorator_list)])
-
-
-def _places(function: _Function) -> Iterator[_Path]:
-    """Paths to the nodes of the body that may be changed."""
-    for number, statement in enumerate(function.body):
-        if number == 0 and _is_docstring(statement):
-            continue
-        yield from _walk(statement, (("body", number),))
-
-
-def _walk(node: ast.AST, path: _Path) -> Iterator[_Path]:
-    if isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Call) and _name(node.func).endswith(_WORDS)):
-        return
-    if isinstance(node, ast.keyword) and node.arg == "strict":  # of a zip: says what is so, and does nothing
-        return
-    yield path
+def _places(node: ast.AST) -> Iterator[tuple[Any, Any]]:
+    """Where what is below a node may be changed: a list or the fields of a node, and the index or the name in it."""
     for name, value in ast.iter_fields(node):
         if name in ("annotation", "returns", "decorator_list", "args") and not isinstance(node, ast.Call):
             continue
-        if isinstance(value, ast.AST):
-            yield from _walk(value, (*path, (name, None)))
-        elif isinstance(value, list):
-            for number, each in enumerate(value):
-                if isinstance(each, ast.AST) and not (name == "body" and number == 0 and _is_docstring(each)):
-                    yield from _walk(each, (*path, (name, number)))
+        for place, each in enumerate(value) if isinstance(value, list) else [(name, value)]:
+            if isinstance(each, ast.AST) and not _is_said(each) and not (name == "body" and _is_docstring(each)):
+                yield value if isinstance(value, list) else vars(node), place
+                yield from _places(each)
 
 
-def _at(node: ast.AST, path: _Path) -> ast.AST:
-    for name, number in path:
-        node = getattr(node, name) if number is None else getattr(node, name)[number]
-    return node
-
-
-def _apply(tree: ast.Module, function: tuple[int, str], path: _Path, change: Change) -> tuple[str, str]:
-    """Change the node of the copied tree; source before and after."""
-    start = next(
-        node for node in ast.walk(tree) if isinstance(node, _Function) and (node.lineno, node.name) == function
-    )
-    parent, (name, number) = _at(start, path[:-1]), path[-1]
-    node = _at(parent, path[-1:])
-    before = _brief(node)
-    after = change(node) or node
-    ast.copy_location(after, node)
-    if number is None:
-        setattr(parent, name, after)
-    else:
-        getattr(parent, name)[number] = after
-    return before, _brief(after)
-
-
-def _brief(node: ast.AST) -> str:
-    """Its source in one line; of a compound statement the head."""
-    return ast.unparse(node).splitlines()[0]
+def _is_said(node: ast.AST) -> bool:
+    """Words for people; and the ``strict`` of a zip, which says what is so."""
+    match node:
+        case ast.Call(func=func):
+            return _name(func).endswith(_WORDS)
+        case ast.JoinedStr() | ast.keyword(arg="strict"):
+            return True
+    return False
 
 
 def _is_docstring(node: ast.AST) -> bool:
@@ -212,68 +125,52 @@ def _name(node: ast.AST) -> str:
     return getattr(node, "id", "") or getattr(node, "attr", "")
 
 
+def _brief(node: ast.AST) -> str:
+    """Its source in one line; of a compound statement the head."""
+    return ast.unparse(node).splitlines()[0]
+
+
 # --- what ------------------------------------------------------------------------------------------------------------
 
 
-def _changes(node: ast.AST) -> Iterator[Change]:
-    """What may become of a node; each change takes a copy of it, and gives what takes its place or alters it."""
-    if isinstance(node, ast.Compare):
-        yield from _compared(node)
-    elif isinstance(node, ast.BoolOp):
-        yield lambda n: _set(n, op=ast.Or() if isinstance(node.op, ast.And) else ast.And())
-    elif isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
-        yield lambda n: _set(n, op=_BINARY[type(node.op)]())
-    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.USub):
-        yield lambda n: n.operand  # type: ignore[attr-defined]
-    elif isinstance(node, ast.Call) and _name(node.func) in _SWAPPED and isinstance(node.func, ast.Name):
-        yield lambda n: _set(n, func=ast.Name(_SWAPPED[_name(node.func)], ast.Load()))
-    elif isinstance(node, ast.Constant):
-        yield from _constants(node)
-    elif isinstance(node, ast.If | ast.While | ast.IfExp) and not isinstance(node.test, ast.Compare | ast.UnaryOp):
-        yield lambda n: _set(n, test=ast.UnaryOp(ast.Not(), n.test))  # type: ignore[attr-defined]
-    elif isinstance(node, ast.stmt):
-        yield from _statements(node)
+def _others(node: ast.AST) -> Iterator[ast.AST]:  # noqa: PLR0912  a table of shapes
+    """What may stand in a node's place."""
+    match node:
+        case ast.Compare(ops=ops):
+            for number, operator in enumerate(ops):
+                for other in _COMPARE[type(operator)]:
+                    yield _but(node, ops=[*ops[:number], other(), *ops[number + 1 :]])
+        case ast.BoolOp(op=op):
+            yield _but(node, op=ast.Or() if isinstance(op, ast.And) else ast.And())
+        case ast.BinOp(op=op) if type(op) in _BINARY:
+            yield _but(node, op=_BINARY[type(op)]())
+        case ast.UnaryOp(op=ast.Not() | ast.USub(), operand=operand):
+            yield operand
+        case ast.Call(func=ast.Name(id=name)) if name in _SWAPPED:
+            yield _but(node, func=ast.Name(_SWAPPED[name], ast.Load()))
+        case ast.Constant(value=bool(value)):
+            yield ast.Constant(not value)
+        case ast.Constant(value=int(value)):
+            yield ast.Constant(value + 1)
+        case ast.Constant(value=str(value) | bytes(value)) if value:
+            yield ast.Constant("x" + value if isinstance(value, str) else b"x" + value)
+        case ast.If(test=test) | ast.While(test=test) | ast.IfExp(test=test):
+            if not isinstance(test, ast.Compare | ast.UnaryOp):
+                yield _but(node, test=ast.UnaryOp(ast.Not(), test))
+        case ast.Return(value=ast.expr() as value) if _brief(value) != "None":
+            yield ast.Return(ast.Constant(None))
+        case ast.Expr(value=ast.Call() | ast.Yield() | ast.YieldFrom() as value) if not _is_said(value):
+            yield ast.Pass()
+        case ast.Raise() | ast.AugAssign() | ast.Delete():
+            yield ast.Pass()
+        case ast.Assign(targets=[ast.Attribute() | ast.Subscript(), *_]):
+            yield ast.Pass()
+        case ast.Continue() | ast.Break():
+            yield ast.Break() if isinstance(node, ast.Continue) else ast.Continue()
 
 
-def _compared(node: ast.Compare) -> Iterator[Change]:
-    for number, operator in enumerate(node.ops):
-        for other in _COMPARE[type(operator)]:
-            yield lambda n, number=number, other=other: _set(
-                n, ops=[other() if k == number else each for k, each in enumerate(node.ops)]
-            )
-
-
-def _constants(node: ast.Constant) -> Iterator[Change]:
-    value = node.value
-    if isinstance(value, bool):
-        yield lambda n: _set(n, value=not value)
-    elif isinstance(value, int):
-        yield lambda n: _set(n, value=value + 1)
-    elif isinstance(value, str | bytes) and value and node.kind is None:
-        word = "x" if isinstance(value, str) else b"x"
-        yield lambda n: _set(n, value=word + value)  # type: ignore[operator]
-
-
-def _statements(node: ast.stmt) -> Iterator[Change]:
-    """Left out, or returning nothing."""
-    if isinstance(node, ast.Return) and node.value is not None and not _is_none(node.value):
-        yield lambda n: _set(n, value=ast.Constant(None))
-    elif (isinstance(node, ast.Expr) and isinstance(node.value, ast.Call | ast.Yield | ast.YieldFrom)) or isinstance(
-        node, ast.Raise | ast.AugAssign | ast.Delete
-    ):
-        if not (isinstance(node, ast.Expr) and _name(getattr(node.value, "func", node)).endswith(_WORDS)):
-            yield lambda n: ast.Pass()
-    elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Attribute | ast.Subscript):
-        yield lambda n: ast.Pass()
-    elif isinstance(node, ast.Continue | ast.Break):
-        yield lambda n: ast.Break() if isinstance(node, ast.Continue) else ast.Continue()
-
-
-def _is_none(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant) and node.value is None
-
-
-def _set(node: ast.AST, **values: object) -> ast.AST:
-    for name, value in values.items():
-        setattr(node, name, value)
-    return node
+def _but(node: ast.AST, **values: object) -> ast.AST:
+    """The same node, but for these fields."""
+    other = copy(node)
+    vars(other).update(values)
+    return other

@@ -77,12 +77,6 @@ def test_a_node_with_many_cells():
     np.testing.assert_array_equal(facets["line"], fan[:, 1:])
 
 
-def test_the_order_of_the_facets_is_that_of_the_cells():
-    quads = np.array([[0, 1, 4, 3], [1, 2, 5, 4]])
-    facets = boundary_facets(CellTable.from_arrays({"quad": quads}))
-    assert facets["line"].tolist() == [[0, 1], [4, 3], [3, 0], [1, 2], [2, 5], [5, 4]]
-
-
 def test_a_facet_of_three_cells_is_named():
     cells = CellTable.from_arrays({"tetra": np.array([[0, 1, 2, 3], [0, 2, 1, 4], [5, 0, 1, 2]])})
     with pytest.raises(

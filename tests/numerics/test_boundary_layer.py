@@ -15,7 +15,6 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.motion.motion_found import Motion
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 DISPLACEMENTS = ("relative", "absolute", "reanchored")
 
@@ -279,10 +278,3 @@ def test_a_mesh_of_one_dimension_has_no_layer() -> None:
     cells = CellTable.from_arrays({"line": np.column_stack([np.arange(4), np.arange(1, 5)])})
     with pytest.raises(InvalidInput, match="expected a mesh in 2D or 3D"):
         model_of((points, cells, {"end": Patch("moving", np.array([0]))}))
-
-
-@pytest.mark.parametrize("name", ["layer_flag", "layer_wing"])
-def test_the_stored_meshes_are_valid(name: str) -> None:
-    mesh = stored_layer(name)
-    assert not cell_quality(mesh.points, mesh.cells, reference_sizes(mesh.points, mesh.cells)).inverted.any()
-    assert mesh.columns.shape[1] == {"layer_flag": 11, "layer_wing": 7}[name]

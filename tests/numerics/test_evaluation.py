@@ -99,11 +99,6 @@ def test_no_point_is_no_problem():
     assert LocalEvaluator().gradient(interpolant, np.empty((0, 2))).shape == (0, 2, 2)
 
 
-def test_beyond_the_radius_a_compact_interpolant_is_zero():
-    interpolant = made("wendland-c2", 2, radius=0.3)
-    assert (LocalEvaluator().displacement(interpolant, np.array([[5.0, 5.0], [-1.0, 0.5]])) == 0).all()
-
-
 def test_wrong_dimension_is_refused():
     with pytest.raises(InvalidInput, match=r"expected points of shape \(n, 2\), got \(4, 3\)"):
         LocalEvaluator().displacement(made("wendland-c2", 2), np.zeros((4, 3)))

@@ -35,14 +35,6 @@ def attempts(layer: Layer | None, **choices: float) -> Any:
     return LayerAttempts(layer, THRESHOLD, **choices)  # type: ignore[arg-type]
 
 
-def test_a_good_motion_is_the_answer() -> None:
-    layer, good = Layer(), motion(GOOD)
-    found = attempts(layer)
-    found.accepted(good)
-    assert found.over
-    assert found.answer == (good, layer)
-
-
 def test_without_a_layer_there_is_one_attempt() -> None:
     found = attempts(None)
     found.accepted(motion(-0.1))

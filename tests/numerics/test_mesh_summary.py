@@ -41,17 +41,6 @@ def test_blocks_of_several_types_are_numbered_through():
     assert len({cells.locate(cell.number)[0].type.name for cell in expected.worst}) > 1
 
 
-def test_a_position_that_is_no_number_is_the_worst():
-    points, cells = MESHES["tetra"]
-    sizes, moved = reference_sizes(points, cells), shaken(points, 0.02)
-    moved[100, 1] = np.nan
-    found = mesh_summary(moved, cells, sizes)
-    assert (found.metric.min, found.size.mean) == (-np.inf, -np.inf)
-    touched = np.flatnonzero((cells.blocks[0].nodes == 100).any(axis=1))
-    assert [cell.number for cell in found.worst] == touched[:10].tolist()
-    assert repr(found) == repr(summarize(cell_quality(moved, cells, sizes), moved, cells))  # centres are NaN
-
-
 def test_threads_do_not_matter():
     points, cells = MESHES["triangle"]
     many = CellTable.from_arrays({"triangle": np.tile(cells.blocks[0].nodes, (400, 1))})

@@ -30,15 +30,6 @@ def targets_of(model: MotionModel, degrees: float = 0.0, shift: tuple[float, flo
     return (model.points[model.roles.moving] - 0.5) @ rotation(degrees).T + 0.5 + shift
 
 
-def test_a_small_motion_is_left_alone() -> None:
-    model = model_of()
-    motion = model.move(model.points, targets_of(model, shift=(0.02, 0.01)))
-    assert motion.reached
-    assert motion.correction.method == "none"
-    assert motion.warnings == []
-    assert motion.standard.metric.min == motion.corrected.metric.min >= 0.2
-
-
 def test_a_large_motion_is_corrected_before_any_node_moves() -> None:
     model = model_of()
     motion = model.move(model.points, targets_of(model, 60.0, (-0.2, -0.2)))

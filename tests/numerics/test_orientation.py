@@ -106,12 +106,6 @@ def test_motions_do_not_depend_on_how_cells_are_listed():
     np.testing.assert_array_equal(one.summary(points).size.min, other.summary(points).size.min)
 
 
-def test_a_crossed_cell_is_still_refused():
-    points, cells, patches = square({5: [0, 2, 1, 3]})
-    with pytest.raises(InvalidInput, match=r"cell 5 \(quad.*inverted or degenerate"):
-        checked_mesh(points, cells, patches)
-
-
 def test_a_folded_mesh_is_still_refused():
     """Its negative cells are listed like all others: mirrored, they would lie over their neighbours."""
     points = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1], [1.5, 0.5]])

@@ -78,13 +78,6 @@ def test_a_node_without_an_image_is_named_with_its_distance(make) -> None:
     assert refusal.value.details["distance"] > 1e-3
 
 
-def test_a_patch_without_a_partner_is_named() -> None:
-    points, cells, patches = periodic_box("quad", 10)
-    both = type(patches["y0"])("periodic", np.union1d(patches["y0"].nodes, patches["y1"].nodes))
-    with pytest.raises(InvalidInput, match="'sides' has no partner"):
-        pairs_of((points, cells, {"sides": both}))
-
-
 def test_a_side_is_not_its_own_image() -> None:
     points, cells, patches = periodic_box("quad", 10)
     with pytest.raises(InvalidInput, match="'a' and 'b' have the same nodes"):

@@ -127,11 +127,6 @@ def test_a_bound_that_is_met_before_the_tolerance_is_warned_of() -> None:
     assert np.array_equal(motion.points[model.roles.moving], turned(model))
 
 
-def test_nothing_moves() -> None:
-    model = model_of(reduction="error-peaks")
-    assert np.array_equal(model.move(model.points, model.points[model.roles.moving]).points, model.points)
-
-
 def test_all_nodes_leave_nothing_to_correct() -> None:
     points = np.random.default_rng(1).random((20, 2))
     method = Method(support_radius=2.0, reduction="greedy", reduction_tolerance=0.0)

@@ -15,17 +15,11 @@ C2 = basis_named("wendland-c2")
 
 @pytest.mark.parametrize("k", [1, 2, 3, 4, 5, 8, 12])
 def test_products_are_those_of_the_dense_matrix(k: int) -> None:
+    """Some of whose rows are empty."""
     rng = np.random.default_rng(k)
-    matrix = csr_array(random_array((300, 200), density=0.05, rng=rng))
+    matrix = csr_array(random_array((300, 200), density=0.02, rng=rng))
     vectors = rng.normal(size=(200, k))
     np.testing.assert_allclose(product(matrix, vectors), matrix.toarray() @ vectors, atol=1e-13)
-
-
-def test_an_empty_row_is_zero() -> None:
-    matrix = csr_array(
-        (np.array([2.0]), np.array([1], dtype=np.int32), np.array([0, 0, 1], dtype=np.int32)), shape=(2, 3)
-    )
-    np.testing.assert_array_equal(product(matrix, np.ones((3, 4))), [[0.0] * 4, [2.0] * 4])
 
 
 @pytest.mark.parametrize("k", [2, 3, 5])

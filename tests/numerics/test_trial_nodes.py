@@ -117,13 +117,6 @@ def test_what_is_out_of_reach_gives_the_best_there_is() -> None:
     assert found.minimum >= 0.12
 
 
-def test_a_good_motion_is_not_touched() -> None:
-    mesh = stored("thesis_block")
-    found = reach(mesh.points, mesh.trial, 0.2)
-    assert found.points is mesh.points
-    assert found.iterations == found.freed == 0
-
-
 @pytest.mark.parametrize("dx", [-0.46, -0.6, -1.0])
 def test_an_impossible_motion_is_given_up_early(dx: float) -> None:
     mesh = stored("thesis_block")

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from raising import raising
 
 from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.operation import disk_watch
@@ -89,11 +90,7 @@ def test_without_memory_for_a_thread_the_last_answer_stays(
 ) -> None:
     watch = DiskWatch(tmp_path, disk.look)
     watch.fresh()
-
-    def refuse(_self: threading.Thread) -> None:
-        raise RuntimeError("can't start new thread")
-
-    monkeypatch.setattr(threading.Thread, "start", refuse)
+    monkeypatch.setattr(threading.Thread, "start", raising(RuntimeError("can't start new thread")))
     assert watch.fresh().free == 10
     assert watch.silence() == 0.0
 

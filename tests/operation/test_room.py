@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 import pytest
+from raising import raising
 
 from mesh_motion_server.operation.room import DiskRoom, anonymous_bytes, available_memory, disk_room, resident_bytes
 
@@ -78,19 +79,13 @@ def test_a_folder_that_is_not_there_yet(tmp_path: Path) -> None:
 
 
 def test_a_disk_that_does_not_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(path: Path) -> None:
-        raise OSError(5, "Input/output error")
-
-    monkeypatch.setattr(os, "statvfs", fails)
+    monkeypatch.setattr(os, "statvfs", raising(OSError(5, "Input/output error")))
     assert disk_room(tmp_path) == DiskRoom(0, 0, False)
 
 
 @pytest.mark.parametrize("failing", ["stat", "statvfs"])
 def test_a_disk_that_does_not_answer_has_no_room(failing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object, **__: object) -> None:
-        raise OSError(errno.EIO, "Input/output error")
-
-    monkeypatch.setattr(os, failing, fail)
+    monkeypatch.setattr(os, failing, raising(OSError(errno.EIO, "Input/output error")))
     found = disk_room(tmp_path)
     monkeypatch.undo()
     assert found == DiskRoom(0, 0, False)

@@ -14,7 +14,7 @@ from proofs.check import BrokenPromise, Budget
 from proofs.processes import Usage, descendants, usage_of
 
 
-@pytest.mark.nightly
+@pytest.mark.slow  # it waits for handshakes to end
 def test_a_few_attacks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(attacked_server, "_STORM", 20)
     result = CHECK.run(3, Budget(80))

@@ -27,7 +27,7 @@ def stage(folder: Path) -> Iterator[Stage]:
         made.close()
 
 
-@pytest.mark.nightly
+@pytest.mark.slow  # it waits for the delay of what is not found
 def test_some_questions_and_all_that_is_beside_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
     cells = list(role_cells())
     monkeypatch.setattr(row, "_TIMED", 5)

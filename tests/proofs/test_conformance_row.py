@@ -1,26 +1,16 @@
 """The row of conformance: which cases, for whom, and what it says of servers and clients that are wrong."""
 
-import shlex
-import sys
-from pathlib import Path
 from random import Random
-from typing import Any
 
 import pytest
-from in_process import in_process_server
 from mesh_motion_conformance.case import Case, Outcome
 from mesh_motion_conformance.client import client_cases
 from mesh_motion_conformance.command import Subject
-from mesh_motion_conformance.runner import selected
 from mesh_motion_conformance.server import server_cases
-from seeded_faults import FAULTS
 
-from mesh_motion_server.transport.telemetry import configure
 from proofs import conformance
 from proofs.check import Budget
-from proofs.conformance import CHECK, CLIENTS_VARIABLE, Part, choice, clients, put_to, verdict
-
-WRONG_CLIENT = Path(__file__).parents[1] / "conformance" / "wrong_client.py"
+from proofs.conformance import CHECK, CLIENTS_VARIABLE, Part, choice, clients, verdict
 
 
 @pytest.mark.parametrize("cases", [server_cases(), client_cases()], ids=["server", "client"])
@@ -65,23 +55,3 @@ def test_clients_are_command_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     assert list(clients()) == ["Python"]
     monkeypatch.setenv(CLIENTS_VARIABLE, "C=build/driver --fast;Rust = r")
     assert clients() | {"C": "build/driver --fast", "Rust": "r"} == clients()
-
-
-@pytest.mark.parametrize("name", ["forgets what was executed", "takes requests of strangers"])
-def test_a_wrong_server_is_found(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    configure("conformance", "critical")
-    fault: Any = next(fault for fault in FAULTS if fault.name == name)
-    fault.seed(monkeypatch)
-    with in_process_server(tmp_path) as server:
-        part = Part("server", Subject(server.endpoint, seconds=3.0, opening_seconds=3.0), 1.0)
-        chosen = selected(part.subject.cases(), fault.caught)
-        told = verdict("server", put_to(part, chosen, Budget(len(chosen))))
-    assert sorted(case["id"] for case in told["failed"]) == sorted(fault.caught)
-
-
-def test_a_wrong_client_is_found() -> None:
-    command = shlex.join([sys.executable, str(WRONG_CLIENT), "takes-any-reply"])
-    part = Part("wrong", Subject(client=command), 1.0)
-    chosen = selected(part.subject.cases(), ["4-replies-to-others-come-first"])
-    told = verdict("wrong", put_to(part, chosen, Budget(1)))
-    assert [case["id"] for case in told["failed"]] == ["4-replies-to-others-come-first"]

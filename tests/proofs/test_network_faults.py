@@ -14,6 +14,7 @@ from mesh_motion_client.courier import Courier
 from mesh_motion_client.errors import error_from
 from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.messages import ErrorReply
+from raising import raising
 
 from proofs import network_driver, network_faults
 from proofs.check import BrokenPromise, Budget
@@ -105,30 +106,27 @@ def test_a_client_that_takes_a_reply_with_another_id_is_found(lane: Lane, monkey
         strike(lane, Fault("duplicate", "data", "out", FIRST, 0.5))
 
 
-def test_a_client_that_tries_again_by_a_new_id_is_found(lane: Lane, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("kinds", "unit", "broken"),
+    [
+        (("MOVE", "COMMIT"), FIRST, "2 moves of step 1 were executed, 1 made"),
+        (("COMMIT",), THIRD, r"COMMIT raised FAILED_PRECONDITION\.STEP"),
+    ],
+)
+def test_a_client_that_tries_again_by_a_new_id_is_found(
+    lane: Lane, monkeypatch: pytest.MonkeyPatch, kinds: tuple[str, ...], unit: int, broken: str
+) -> None:
     good = Courier._request
 
     def request(self: Any, message: Any, deadline: float) -> Any:
-        self._sequence += 1
-        return good(self, courier.replace(message, sequence=self._sequence), deadline)
-
-    monkeypatch.setattr(Courier, "_request", request)
-    with pytest.raises(BrokenPromise, match="2 moves of step 1 were executed, 1 made"):
-        strike(lane, Fault("cut", "data", "out", FIRST, 0.5))
-
-
-def test_a_commit_that_is_tried_again_by_a_new_id_is_found(lane: Lane, monkeypatch: pytest.MonkeyPatch) -> None:
-    good = Courier._request
-
-    def request(self: Any, message: Any, deadline: float) -> Any:
-        if message.type == "COMMIT":
+        if message.type in kinds:
             self._sequence += 1
             message = courier.replace(message, sequence=self._sequence)
         return good(self, message, deadline)
 
     monkeypatch.setattr(Courier, "_request", request)
-    with pytest.raises(BrokenPromise, match=r"COMMIT raised FAILED_PRECONDITION\.STEP"):
-        strike(lane, Fault("cut", "data", "out", THIRD, 0.5))
+    with pytest.raises(BrokenPromise, match=broken):
+        strike(lane, Fault("cut", "data", "out", unit, 0.5))
 
 
 def test_a_client_that_ignores_its_deadline_is_found(lane: Lane, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -153,10 +151,7 @@ def wait_for_lanes() -> None:
 
 
 def test_an_error_of_another_type_is_found(lane: Lane, monkeypatch: pytest.MonkeyPatch) -> None:
-    def lost(*_: Any) -> None:
-        raise OSError("seeded")
-
-    monkeypatch.setattr(Connection, "_check_connected", lost)
+    monkeypatch.setattr(Connection, "_check_connected", raising(OSError("seeded")))
     with pytest.raises(BrokenPromise, match="MOVE raised OSError: seeded"):
         lane.driver.step()
 

@@ -10,10 +10,16 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
+from seeded_faults import (
+    does_not_compare_what_partitions_ask_for,
+    does_not_look_at_the_step,
+    forgets_what_was_executed,
+    lets_fenced_holders_go_on,
+    takes_another_content_for_a_repeat,
+    takes_requests_of_strangers,
+)
 
-from mesh_motion_server.errors import SessionError
 from mesh_motion_server.service import dispatch, execution
-from mesh_motion_server.service.gathering import Gathering
 from mesh_motion_server.service.holders import Holders
 from mesh_motion_server.session import session as sessions
 from mesh_motion_server.session import state
@@ -139,11 +145,6 @@ def rollback_keeps_the_trial(patch: Patch) -> None:
     patch.setattr(Session, "rollback", lambda self: self._swap(state=self.admit(Operation.ROLLBACK)))
 
 
-def repeats_are_executed_again(patch: Patch) -> None:
-    """With the step it had: so a COMMIT would be done twice."""
-    patch.setattr(ReplyTable, "find", lambda self, request: None)
-
-
 def a_refused_move_counts(patch: Patch) -> None:
     honest = Session.move
 
@@ -157,23 +158,6 @@ def a_refused_move_counts(patch: Patch) -> None:
             raise
 
     patch.setattr(Session, "move", counting)
-
-
-def a_stale_epoch_is_admitted(patch: Patch) -> None:
-    honest = Holders.check_address
-
-    def lenient(self: Holders, request: Any) -> None:
-        try:
-            honest(self, request)
-        except SessionError as error:
-            if error.code != "ABORTED.FENCED":
-                raise
-
-    patch.setattr(Holders, "check_address", lenient)
-
-
-def any_step_is_taken(patch: Patch) -> None:
-    patch.setattr(Session, "require_next_step", lambda self, step: None)
 
 
 def resume_keeps_the_trial(patch: Patch) -> None:
@@ -193,23 +177,11 @@ def frozen_admits_commit(patch: Patch) -> None:
     patch.setattr(state, "TABLE", MappingProxyType({**state.TABLE, State.FROZEN: row}))
 
 
-def another_content_gets_the_stored_reply(patch: Patch) -> None:
-    patch.setattr(ReplyTable, "_same", lambda self, known, request: known)
-
-
 def a_second_join_leaves_the_first(patch: Patch) -> None:
     def join(self: Holders, peer: bytes, partition: int) -> None:
         self._peers.setdefault(partition, peer)
 
     patch.setattr(Holders, "join", join)
-
-
-def whoever_joined_once_may_go_on(patch: Patch) -> None:
-    patch.setattr(Holders, "check_joined", lambda self, peer, partition: None)
-
-
-def a_collective_runs_too_early(patch: Patch) -> None:
-    patch.setattr(Gathering, "check_agreement", lambda self, arrival: None)
 
 
 def a_suspension_keeps_the_trial(patch: Patch) -> None:
@@ -294,9 +266,9 @@ def replay_loses_a_logged_step(patch: Patch) -> None:
 
 
 SEEDED: tuple[Callable[[Patch], None], ...] = (
-    rollback_keeps_the_trial, repeats_are_executed_again, a_refused_move_counts, a_stale_epoch_is_admitted,
-    any_step_is_taken, resume_keeps_the_trial, frozen_admits_commit, another_content_gets_the_stored_reply,
-    a_second_join_leaves_the_first, whoever_joined_once_may_go_on, a_collective_runs_too_early,
+    rollback_keeps_the_trial, forgets_what_was_executed, a_refused_move_counts, lets_fenced_holders_go_on,
+    does_not_look_at_the_step, resume_keeps_the_trial, frozen_admits_commit, takes_another_content_for_a_repeat,
+    a_second_join_leaves_the_first, takes_requests_of_strangers, does_not_compare_what_partitions_ask_for,
     a_suspension_keeps_the_trial, strangers_are_let_in, a_build_forgets_the_epoch, a_close_that_fails_has_closed,
     a_commit_is_told_before_it_is_durable, fetch_shows_the_trial, the_digest_is_of_another_order,
     a_dropped_reply_is_executed_again, those_who_wait_are_forgotten, more_is_told_durable_than_is,
@@ -306,7 +278,7 @@ SEEDED: tuple[Callable[[Patch], None], ...] = (
 
 #: Where the first lives of seed 1 do not get to it soon: others, or lives that are drawn to a state.
 SEEDS = {
-    a_second_join_leaves_the_first: 18, a_close_that_fails_has_closed: 8, a_collective_runs_too_early: 3,
+    a_second_join_leaves_the_first: 18, a_close_that_fails_has_closed: 8, does_not_compare_what_partitions_ask_for: 3,
     a_build_forgets_the_epoch: 3, resume_keeps_the_trial: 2, those_who_wait_are_forgotten: 2,
 }  # fmt: skip
 DRAWN_TO = {frozen_admits_commit: "FROZEN"}

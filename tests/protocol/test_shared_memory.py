@@ -8,9 +8,8 @@ import msgpack
 import numpy as np
 import pytest
 from mesh_motion_protocol.codec import decode, encode
-from mesh_motion_protocol.digests import request_digest
 from mesh_motion_protocol.errors import ProtocolError
-from mesh_motion_protocol.messages import Move, Moved
+from mesh_motion_protocol.messages import Moved
 from mesh_motion_protocol.shared_memory import SUPPORTED, SharedMemory
 
 pytestmark = pytest.mark.skipif(not SUPPORTED, reason="needs anonymous files of Linux")
@@ -133,9 +132,3 @@ def test_a_place_is_refused_where_no_memory_was_offered():
     with pytest.raises(ProtocolError) as caught:
         decode(_with_place(64))
     assert caught.value.code == "INVALID_ARGUMENT.HEADER"
-
-
-def test_memory_is_no_content():
-    move = {"session": "s", "epoch": 1, "step": 1, "frame": "reference", "displacement": np.zeros((1, 2))}
-    one, other = (Move(**move, memory=memory) for memory in ({}, {"process": 1}))
-    assert request_digest(one) == request_digest(other)

@@ -46,16 +46,3 @@ def test_invalid(case):
     with pytest.raises(ProtocolError) as caught:
         decode(frames_of(case))
     assert caught.value.code == case["error"]
-
-
-def test_literal_bytes_of_ping():
-    header = (
-        b"\x86"
-        b"\xa1v\x01"
-        b"\xa4type\xa4PING"
-        b"\xa6client\xc4\x10" + bytes(range(16)) + b"\xa8sequence\x07"
-        b"\xa6fields\x80"
-        b"\xa6arrays\x90"
-    )
-    assert decode([header]).sequence == 7
-    assert encode(decode([header])) == [header]

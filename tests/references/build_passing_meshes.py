@@ -6,10 +6,9 @@
 Run: python build_passing_meshes.py
 """
 
-from pathlib import Path
-
 import gmsh
 import numpy as np
+from gmsh_meshes import arrays, quiet_gmsh, save
 
 HALF = (1.5, 1.0)
 CENTRES = ((-0.4, 0.13), (0.4, -0.13))
@@ -50,39 +49,14 @@ def is_inner(curve: int) -> bool:
     return max(-low_x, high_x) < HALF[0] - 1e-3 and max(-low_y, high_y) < HALF[1] - 1e-3
 
 
-def build(kind: str) -> dict[str, np.ndarray]:
-    """Arrays of one mesh."""
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.option.setNumber("Mesh.Algorithm", 6)  # frontal Delaunay
-    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
-    gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 0)
-    geometry(kind)
-    gmsh.model.mesh.generate(2)
-    tags, coordinates, _ = gmsh.model.mesh.getNodes()
-    nodes = gmsh.model.mesh.getElementsByType(2)[1].reshape(-1, 3)
-    gmsh.finalize()
-    used, cells = np.unique(nodes, return_inverse=True)
-    row = {int(tag): i for i, tag in enumerate(tags)}
-    points = coordinates.reshape(-1, 3)[[row[int(tag)] for tag in used], :2]
-    cells = cells.reshape(nodes.shape)
-    mirrored = np.linalg.det(points[cells[:, 1:]] - points[cells[:, :1]]) < 0
-    cells[mirrored] = cells[mirrored][:, ::-1]
-    edges = np.sort(np.concatenate([cells[:, pair] for pair in ([0, 1], [1, 2], [2, 0])]), axis=1)
-    unique, count = np.unique(edges, axis=0, return_counts=True)
-    boundary = np.unique(unique[count == 1])
-    outer = boundary[(np.abs(np.abs(points[boundary]) - HALF) < 1e-9).any(axis=1)]
-    inner = np.setdiff1d(boundary, outer)
-    upper = points[inner, 1] > 0
-    return {
-        "points": points,
-        "cells_triangle": cells,
-        "patch_outer": outer,
-        "patch_upper": inner[upper],
-        "patch_lower": inner[~upper],
-    }
-
-
 if __name__ == "__main__":
     for kind in ("blocks", "ellipses"):
-        np.savez_compressed(Path(__file__).parent / f"passing_{kind}.npz", **build(kind))
+        with quiet_gmsh(MeshSizeExtendFromBoundary=0, MeshSizeFromPoints=0):
+            geometry(kind)
+            gmsh.model.mesh.generate(2)
+            points, cells, boundary = arrays(2)
+        outer = boundary[(np.abs(np.abs(points[boundary]) - HALF) < 1e-9).any(axis=1)]
+        inner = np.setdiff1d(boundary, outer)
+        upper = points[inner, 1] > 0
+        bodies = {"patch_upper": inner[upper], "patch_lower": inner[~upper]}
+        save(f"passing_{kind}", points=points, cells_triangle=cells, patch_outer=outer, **bodies)

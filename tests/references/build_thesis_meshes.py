@@ -6,10 +6,9 @@ the 416 triangles and the smallest edge of 0.04 of thesis Fig. 3.11, around the 
 Run: python build_thesis_meshes.py
 """
 
-from pathlib import Path
-
 import gmsh
 import numpy as np
+from gmsh_meshes import arrays, quiet_gmsh, rectangle, save
 
 # (x0, x1, y0, y1), segments along x and y, of a side of the square, and the interior size that comes closest
 MESHES = {
@@ -20,48 +19,21 @@ MESHES = {
 SQUARE = (0.0, 1.0, 0.0, 1.0)
 
 
-def rectangle(box: tuple[float, ...], segments: tuple[int, int]) -> list[int]:
-    """Tags of the four sides, divided evenly."""
-    x0, x1, y0, y1 = box
-    corners = [gmsh.model.geo.addPoint(x, y, 0) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))]
-    sides = [gmsh.model.geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
+def divided(box: tuple[float, ...], segments: tuple[int, int]) -> int:
+    """Curve loop of four sides that are divided evenly."""
+    sides = rectangle(box)
     for i, side in enumerate(sides):
         gmsh.model.geo.mesh.setTransfiniteCurve(side, segments[i % 2] + 1)
-    return sides
-
-
-def build(box: tuple[float, ...], segments: tuple[int, int], outside: int, size: float) -> dict[str, np.ndarray]:
-    """The arrays of a mesh file."""
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.option.setNumber("Mesh.Algorithm", 6)  # frontal Delaunay
-    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
-    gmsh.option.setNumber("Mesh.MeshSizeMax", size)
-    outer, inner = rectangle(SQUARE, (outside, outside)), rectangle(box, segments)
-    geo = gmsh.model.geo
-    geo.addPlaneSurface([geo.addCurveLoop(outer), geo.addCurveLoop(inner)])
-    geo.synchronize()
-    gmsh.model.mesh.generate(2)
-    tags, coordinates, _ = gmsh.model.mesh.getNodes()
-    number = np.full(int(tags.max()) + 1, -1)
-    number[tags.astype(int)] = np.arange(len(tags))
-    triangles = number[gmsh.model.mesh.getElementsByType(2)[1].astype(int)].reshape(-1, 3)
-
-    def nodes(sides: list[int]) -> np.ndarray:
-        return np.unique(
-            np.concatenate([number[gmsh.model.mesh.getElementsByType(1, s)[1].astype(int)] for s in sides])
-        )
-
-    mesh = {
-        "points": coordinates.reshape(-1, 3)[:, :2].copy(),
-        "cells_triangle": triangles,
-        "patch_outer": nodes(outer),
-        "patch_block": nodes(inner),
-    }
-    gmsh.finalize()
-    return mesh
+    return gmsh.model.geo.addCurveLoop(sides)
 
 
 if __name__ == "__main__":
-    for name, choices in MESHES.items():
-        np.savez_compressed(Path(__file__).with_name(f"{name}.npz"), **build(*choices))
+    for name, (box, segments, outside, size) in MESHES.items():
+        with quiet_gmsh(MeshSizeExtendFromBoundary=0, MeshSizeMax=size):
+            gmsh.model.geo.addPlaneSurface([divided(SQUARE, (outside, outside)), divided(box, segments)])
+            gmsh.model.geo.synchronize()
+            gmsh.model.mesh.generate(2)
+            points, cells, boundary = arrays(2)
+        outer = np.any((points[boundary] < 1e-9) | (points[boundary] > 1 - 1e-9), axis=1)
+        patches = {"patch_outer": boundary[outer], "patch_block": boundary[~outer]}
+        save(name, points=points, cells_triangle=cells, **patches)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Move, Rollback, Status, Upload
+from mesh_motion_protocol.messages import Build, Close, Commit, Move, Status, Upload
 
 from mesh_motion_server.session.history.events import read_events
 from mesh_motion_server.session.state import State
@@ -37,27 +37,6 @@ def move(driver: Any, partition: int, **fields: Any) -> Any:
     return driver.request(Move, partition, **{"step": 1, "displacement": driver.displacement(1)[partition]} | fields)
 
 
-@pytest.mark.parametrize("parts", [2, 3, 5])
-def test_any_number_of_partitions_gives_the_same_bits(store: Any, parts: int) -> None:
-    whole = grid_mesh(7)
-    one = make_driver(store, [whole], session="1" * 32)
-    many = make_driver(store, split_mesh(whole, parts, parts), session="2" * 32)
-    for driver in (one, many):
-        driver.open()
-    for step in (1, 2, 3):
-        (expected,) = one.move(step)
-        moved = many.move(step)
-        for p, mesh in enumerate(many.meshes):
-            assert moved[p].displacement.tobytes() == expected.displacement[mesh.global_ids].tobytes()
-            assert {k: v for k, v in moved[p].quality["corrected"].items() if k != "worst"} == {
-                k: v for k, v in expected.quality["corrected"].items() if k != "worst"
-            }
-        (committed,) = one.all(Commit, step=step)
-        assert {reply.digest for reply in many.all(Commit, step=step)} == {committed.digest}
-    for p, mesh in enumerate(many.meshes):
-        assert many.ask(Fetch, p).points.tobytes() == one.ask(Fetch).points[mesh.global_ids].tobytes()
-
-
 def test_worst_cells_are_named_as_their_partition_knows_them(pair: Any) -> None:
     moved = pair.move(1)
     places = moved[0].quality["corrected"]["worst"]
@@ -66,65 +45,6 @@ def test_worst_cells_are_named_as_their_partition_knows_them(pair: Any) -> None:
         corners = points[place["partition"]][pair.meshes[place["partition"]].cells["triangle"][place["cell"]]]
         a, b = corners[1] - corners[0], corners[2] - corners[0]
         assert place["size"] == pytest.approx(a[0] * b[1] - a[1] * b[0], rel=1e-12)
-
-
-def test_everybody_waits_for_the_last(pair: Any) -> None:
-    assert pair.send(move(pair, 1)) == []
-    status = pair.ask(Status, 0)
-    assert status.waiting_for == [0]
-    assert pair.host.state is State.READY
-    assert len(pair.send(move(pair, 0))) == 2
-    assert pair.ask(Status, 1).waiting_for == []
-
-
-def test_what_is_wrong_with_one_partition_is_told_to_it_alone(pair: Any) -> None:
-    assert pair.send(move(pair, 0)) == []
-    assert pair.send(move(pair, 1, step=2))[0].code == "FAILED_PRECONDITION.STEP"
-    assert pair.send(move(pair, 1, displacement=np.zeros((99, 2))))[0].code == "INVALID_ARGUMENT.SHAPE"
-    assert len(pair.send(move(pair, 1))) == 2
-
-
-@pytest.mark.parametrize(
-    ("kind", "fields", "says"),
-    [
-        (Move, {"frame": "reference"}, "partition 0 for MOVE step 1 frame committed, partition 1 for MOVE step 1"),
-        (Rollback, {}, "partition 1 for ROLLBACK step 1"),
-    ],
-)
-def test_partitions_that_ask_for_different_things(pair: Any, kind: Any, fields: Any, says: str) -> None:
-    pair.send(move(pair, 0))
-    own = fields if kind is Rollback else fields | {"displacement": pair.displacement(1)[1]}
-    replies = pair.send(pair.request(kind, 1, step=1, **own))
-    assert [reply.code for reply in replies] == ["INVALID_ARGUMENT.PARTITION"] * 2
-    assert says in replies[0].message
-    assert pair.ask(Status, 0).waiting_for == []
-    assert pair.move(1)[-1].type == "MOVED"
-
-
-def test_partitions_that_move_a_shared_node_differently(pair: Any) -> None:
-    rows = pair.displacement(1)
-    rows[1] = rows[1] + 1.0
-    replies = pair.all(Move, rows, step=1)
-    assert [reply.code for reply in replies] == ["INVALID_ARGUMENT.PARTITION"] * 2
-    assert "global id" in replies[0].message
-    assert pair.host.state is State.READY
-
-
-def test_a_partition_that_asks_anew_gives_its_waiting_request_up(pair: Any) -> None:
-    pair.send(move(pair, 0))
-    second = move(pair, 0)
-    (stale,) = pair.send(second)
-    assert (stale.code, stale.sequence) == ("ABORTED.STALE", second.sequence - 1)
-    replies = pair.send(move(pair, 1))
-    assert [reply.sequence for reply in replies] == [second.sequence, pair.sequences[1]]
-
-
-def test_other_content_while_it_waits_conflicts(pair: Any) -> None:
-    first = move(pair, 0)
-    pair.send(first)
-    other = move(pair, 0, sequence=first.sequence, frame="reference")
-    assert pair.send(other)[0].code == "ABORTED.CONFLICT"
-    assert pair.send(first) == []
 
 
 def test_a_partition_that_does_not_come_is_named(pair: Any) -> None:
@@ -184,15 +104,6 @@ def test_discarding_is_done_when_all_have_left(pair: Any, store: Any) -> None:
     assert len(store.sessions()) == 1
     pair.ask(Close, 1)
     assert store.sessions() == []
-
-
-def test_a_wish_to_discard_ends_with_its_epoch(pair: Any, store: Any) -> None:
-    pair.ask(Close, 0, outcome="discard")
-    assert pair.host.reclaim(TOKEN) == 2
-    pair.join()
-    for partition in (0, 1):
-        assert pair.ask(Close, partition).type == "CLOSED"
-    assert len(store.sessions()) == 1
 
 
 def test_who_waits_when_the_lease_ends_is_told(pair: Any) -> None:

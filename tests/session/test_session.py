@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from raising import raising
 from tiny_meshes import tiny_mesh
 
 from mesh_motion_server.errors import InvalidInput, JournalError, NumericalError, SessionError
@@ -116,12 +117,8 @@ def test_in_one_dimension_no_face_is_measured(tmp_path: Path) -> None:
 
 def test_a_receipt_that_cannot_be_made_stops_the_commit_before_anything_is_written(session: Session) -> None:
     session.move("committed", right(0.1))
-
-    def broken(outcome: Any) -> bytes:
-        raise ZeroDivisionError
-
     with pytest.raises(ZeroDivisionError):
-        session.commit((), broken)
+        session.commit((), raising(ZeroDivisionError()))
     assert (session.state, session.step) == (State.TRIAL, 0)
     assert commit(session).step == 1
 
@@ -297,12 +294,8 @@ def test_a_commit_that_the_disk_refuses_is_told_and_changes_nothing_but_the_stat
 @pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
 def test_a_commit_that_the_journal_does_not_take_can_be_repeated(level: str, monkeypatch: pytest.MonkeyPatch) -> None:
     session, _ = with_a_trial(level)
-
-    def refuse(*given: Any) -> None:
-        raise JournalError("does not fit", code="INTERNAL")
-
     with monkeypatch.context() as patch:
-        patch.setattr(session._built.keeper, "commit", refuse)  # type: ignore[union-attr]
+        patch.setattr(session._built.keeper, "commit", raising(JournalError("does not fit", code="INTERNAL")))  # type: ignore[union-attr]
         with pytest.raises(JournalError, match="does not fit"):
             commit(session)
     assert (session.state, session.step, session.iteration) == (State.TRIAL, 0, 1)
@@ -377,12 +370,8 @@ def test_a_closed_session_holds_nothing(level: str) -> None:
 def test_a_session_that_cannot_be_reopened_gives_its_journal_back() -> None:
     store, files = closed("full")
     folder = store.open(SESSION, TOKEN)
-
-    def broken(*given: Any) -> Any:
-        raise ZeroDivisionError
-
     with pytest.raises(ZeroDivisionError):
-        Session.reopen(folder, ServerSettings(), broken)
+        Session.reopen(folder, ServerSettings(), raising(ZeroDivisionError()))
     assert list(files.handles.values()) == [("lock", folder.path / "lock")]
     folder.release()
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from raising import raising
 
 from mesh_motion_server.errors import InvalidInput, JournalError, MeshMotionError, ResourceError, SessionError
 from mesh_motion_server.session import store as store_module
@@ -77,6 +78,8 @@ def test_an_unknown_session_and_a_wrong_token_are_alike(store: SessionStore, ses
 
 def test_a_session_is_held_once(store: SessionStore) -> None:
     driver = build(store)
+    with pytest.raises(SessionError, match="already"):
+        store.create(make_spec())
     with pytest.raises(SessionError, match="still held") as caught:
         store.open(SESSION, TOKEN)
     assert caught.value.code == "UNAVAILABLE.STARTING"
@@ -102,11 +105,7 @@ def test_a_large_mesh_is_written_beside_its_check(
     build(beside).host.close()
     folder = beside.root / "sessions" / SESSION
     assert (folder / "mesh.bin").read_bytes() == written
-
-    def refuse(*_: Any) -> None:
-        raise InvalidInput("unusable")
-
-    monkeypatch.setattr("mesh_motion_server.session.session.checked_model", refuse)
+    monkeypatch.setattr("mesh_motion_server.session.session.checked_model", raising(InvalidInput("unusable")))
     refused = make_driver(beside, [grid_mesh()], session=OTHER)
     assert refused.open()[-1].message == "unusable"
     assert not (beside.root / "sessions" / OTHER / "mesh.bin").exists()

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from raising import raising
 
-from mesh_motion_server.errors import InvalidInput, JournalError, MeshMotionError, ResourceError, SessionError
+from mesh_motion_server.errors import InvalidInput, JournalError, ResourceError, SessionError
 from mesh_motion_server.session import store as store_module
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.state import State
@@ -170,11 +171,7 @@ def test_a_lock_is_given_back_when_opening_fails(
 
 def test_a_lock_that_the_system_refuses_is_told(store: SessionStore, monkeypatch: pytest.MonkeyPatch) -> None:
     build(store)
-
-    def refuse(self: Any, path: Path) -> int:
-        raise OSError(errno.EMFILE, "Too many open files")
-
-    monkeypatch.setattr(Counted, "lock", refuse)
+    monkeypatch.setattr(Counted, "lock", raising(OSError(errno.EMFILE, "Too many open files")))
     with pytest.raises(ResourceError, match="the session cannot be opened: Too many open files") as caught:
         store.open(SESSION, TOKEN)
     assert caught.value.details == {"errno": errno.EMFILE}
@@ -256,6 +253,8 @@ def test_a_session_that_the_disk_does_not_let_go_is_as_before() -> None:
 @pytest.mark.parametrize("session", [f"../sessions/{SESSION}", f"{SESSION}/", f"./{SESSION}"])
 def test_a_session_is_found_by_its_id_and_by_no_path(store: SessionStore, session: str) -> None:
     build(store)
+    with pytest.raises(SessionError, match="already"):
+        store.create(make_spec())
     for ask in (lambda: store.open(session, TOKEN), lambda: store.discard(session)):
         with pytest.raises(SessionError) as caught:
             ask()
@@ -292,14 +291,3 @@ def test_a_build_without_room_leaves_nothing_but_what_open_made() -> None:
             left = {path.name for path in files.entries}
             assert left == {"spec.json"} or "manifest" in left
     assert fail_at > 10
-
-
-def test_a_session_is_made_once_and_found_by_its_token(store: SessionStore) -> None:
-    build(store)
-    with pytest.raises(SessionError, match="already"):
-        store.create(make_spec())
-    assert store.check_token(SESSION, TOKEN).session == SESSION
-    for session, token in ((SESSION, bytes(32)), (OTHER, TOKEN)):
-        with pytest.raises(MeshMotionError) as caught:
-            store.check_token(session, token)
-        assert caught.value.code == "NOT_FOUND"

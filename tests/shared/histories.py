@@ -44,7 +44,7 @@ def made_up_events(steps: int, *, seed: int = 0, dimension: int = 2, iterations:
         if step % 97 == 0:
             told.append(_moved(step, 1, chance, dimension))
             told.append({"event": "rolled_back", "step": step, "iteration": 1})
-            told.append(_refused(step))
+            told.append(refused(step))
         told += [_moved(step, iteration, chance, dimension) for iteration in range(1, iterations + 1)]
         told[-1]["faces"] = {"before": _faces(24.5), "after": _faces(largest_angle(step))}
         told.append(_committed(step, chance, dimension))
@@ -158,13 +158,14 @@ def _committed(step: int, chance: random.Random, dimension: int) -> dict[str, An
     return {"event": "committed", "step": step, "quality": quality, "digest": f"{step:064x}", "seconds_total": 0.001}
 
 
-def _refused(step: int) -> dict[str, Any]:
+def refused(step: int, message: str = "no valid mesh found: 3 of 722 cells are inverted") -> dict[str, Any]:
+    """A refusal as a history tells it, without the time."""
     return {
         "event": "refused",
         "request": "MOVE",
         "step": step,
         "code": "FAILED_PRECONDITION.QUALITY",
-        "message": "no valid mesh found: 3 of 722 cells are inverted",
+        "message": message,
         "hint": "move the fraction that stays valid, in smaller steps",
         "details": {"best": -0.2, "fraction": 0.5, "worst": [{"partition": 0, "type": "triangle", "cell": 7}]},
     }

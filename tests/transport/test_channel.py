@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -73,30 +74,19 @@ def test_an_outbox_keeps_the_order_and_so_many_at_most(ends: Ends) -> None:
     assert there.receive() == {"number": -1}
 
 
-class Sent:
-    """In place of the gateway's socket."""
-
-    def __init__(self) -> None:
-        self.messages: list[Any] = []
-
-    def send_multipart(self, frames: list[bytes], flags: int) -> None:
-        del flags
-        self.messages.append(decode(frames[1:]))
-
-
 def test_a_gateway_answers_while_the_supervisor_does_not_read(ends: Ends) -> None:
-    here, there = ends
-    sent = Sent()
-    gateway = Gateway(there, sent, {})  # type: ignore[arg-type]
+    (here, there), sent = ends, list[Any]()
+    socket = SimpleNamespace(send_multipart=lambda frames, **_: sent.append(decode(frames[1:])))
+    gateway = Gateway(there, socket, {})  # type: ignore[arg-type]
     number = 0
-    while not sent.messages:
+    while not sent:
         number += 1
         gateway._take(b"peer", "", [bytes(f) for f in encode(List(client=bytes(16), sequence=number))])
-    refused = sent.messages.pop()
+    refused = sent.pop()
     assert (refused.code, refused.retryable, refused.sequence) == ("UNAVAILABLE", True, number)
     gateway._obey({"order": "ping"})  # nobody can be told that its loop turns
     gateway._take(b"peer", "", [bytes(f) for f in encode(Ping(client=bytes(16), sequence=1))])
-    assert sent.messages.pop().type == "PONG"
+    assert sent.pop().type == "PONG"
     assert [here.receive(0.0) is not None for _ in range(number)] == [True] * (number - 1) + [False]
     gateway._obey({"order": "ping"})
     pong = here.receive(0.0)

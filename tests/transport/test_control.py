@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.messages import List, Open, Opened, Probe, Probed, Resume
+from raising import raising
 
 from mesh_motion_server.operation.disk_watch import DiskWatch
 from mesh_motion_server.session.store import SessionStore
@@ -51,17 +52,23 @@ class Scripted:
         self.control.heard(live, {"event": "serving", "endpoint": "", "epoch": epoch, "state": "READY", "step": 1})
 
 
+def served(folder: Path) -> tuple[Scripted, Any]:
+    """A session was opened; its worker serves."""
+    told = Scripted(folder)
+    told.ask(Open(client=CLIENT, sequence=1, dimension=2, settings={}))
+    told.serving(1)
+    (live,) = told.control.registry.live.values()
+    return told, live
+
+
 @pytest.mark.parametrize("is_stored", [True, False])
 def test_a_worker_that_ended_as_it_should_says_nothing_of_the_next_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_stored: bool
 ) -> None:
     """The session is over just when RESUMEs ask for it: another worker takes it up if it is stored, and dies later."""
-    told = Scripted(tmp_path)
-    told.ask(Open(client=CLIENT, sequence=1, dimension=2, settings={}))
-    told.serving(1)
+    told, live = served(tmp_path)
     (opened,) = told.replies
     assert isinstance(opened, Opened)
-    (live,) = told.control.registry.live.values()
     for sequence in (2, 3):
         told.ask(Resume(client=CLIENT, sequence=sequence, session=opened.session, token=opened.token))
     told.control.heard(live, {"event": "over"})
@@ -112,26 +119,16 @@ def test_a_process_that_the_system_refuses_is_an_answer_and_a_repeat_a_new_try(t
 
 
 def test_a_socket_file_that_cannot_be_removed_ends_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    told = Scripted(tmp_path)
-    told.ask(Open(client=CLIENT, sequence=1, dimension=2, settings={}))
-    told.serving(1)
-    (live,) = told.control.registry.live.values()
+    told, live = served(tmp_path)
     live.endpoint = f"ipc://{tmp_path}/w1.ipc"
-
-    def refuse(*_: Any, **__: Any) -> None:
-        raise OSError(30, "Read-only file system")
-
-    monkeypatch.setattr(Path, "unlink", refuse)
+    monkeypatch.setattr(Path, "unlink", raising(OSError(30, "Read-only file system")))
     told.control.gone(live, -9)
     assert live.status == "dead"
 
 
 def test_a_worker_that_writes_for_a_new_holder_is_given_the_time_of_a_drain(tmp_path: Path) -> None:
     """What it writes may have been answered: killing it would lose commits of level "relaxed"."""
-    told = Scripted(tmp_path)
-    told.ask(Open(client=CLIENT, sequence=1, dimension=2, settings={}))
-    told.serving(1)
-    (live,) = told.control.registry.live.values()
+    told, live = served(tmp_path)
     told.control.heard(live, {"event": "reclaiming"})
     assert live.deadline is None
     told.ask(Resume(client=CLIENT, sequence=2, session=live.session, token=live.token))
@@ -142,10 +139,7 @@ def test_a_worker_that_writes_for_a_new_holder_is_given_the_time_of_a_drain(tmp_
 
 
 def test_so_many_resumes_of_one_session_wait_and_no_more(tmp_path: Path) -> None:
-    told = Scripted(tmp_path)
-    told.ask(Open(client=CLIENT, sequence=1, dimension=2, settings={}))
-    told.serving(1)
-    (live,) = told.control.registry.live.values()
+    told, live = served(tmp_path)
     for number in range(100):
         told.ask(Resume(client=CLIENT, sequence=2 + number, session=live.session, token=live.token))
     refused = told.replies[1:]
@@ -179,10 +173,7 @@ def test_of_sessions_whose_worker_fell_only_the_latest_are_remembered(
 def test_a_disk_that_hangs_holds_up_nobody_and_tells_nobody_what_there_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told = Scripted(tmp_path)
-    told.ask(Open(client=CLIENT, sequence=1, dimension=2, settings={}))
-    told.serving(1)
-    (live,) = told.control.registry.live.values()
+    told, live = served(tmp_path)
     monkeypatch.setattr(told.disk, "silence", lambda: 100.0)
     monkeypatch.setattr(told.disk, "_answered", threading.Event())
     monkeypatch.setattr(told.disk, "ask", lambda: None)

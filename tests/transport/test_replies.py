@@ -1,6 +1,7 @@
 """Replies on their way out."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 from mesh_motion_protocol.codec import decode
@@ -22,24 +23,15 @@ def test_a_reply_that_cannot_be_encoded_becomes_an_error():
     assert decode(encoded(Pong(**IDENTITY))).type == "PONG"
 
 
-class Sent:
-    """In place of the gateway's socket."""
-
-    def __init__(self):
-        self.messages = []
-
-    def send_multipart(self, frames, flags):
-        self.messages.append(decode(frames[1:]))
-
-
 def test_the_gateway_goes_on_after_a_reply_that_cannot_be_encoded():
-    sent = Sent()
+    sent = []
+    socket = SimpleNamespace(send_multipart=lambda frames, flags: sent.append(decode(frames[1:])))
     welcome = {"server": "s" * 70_000, "boot": b"b" * 16, "limits": {}, "durability": ["full"]}
-    gateway = Gateway(None, sent, welcome)
+    gateway = Gateway(None, socket, welcome)
     gateway._reply(b"peer", Welcome(**IDENTITY, version=[1, 0], features=[], **welcome))
     gateway._reply(b"peer", Pong(**IDENTITY))
-    assert [(m.type, m.sequence) for m in sent.messages] == [("ERROR", 7), ("PONG", 7)]
-    assert sent.messages[0].code == "INTERNAL"
+    assert [(m.type, m.sequence) for m in sent] == [("ERROR", 7), ("PONG", 7)]
+    assert sent[0].code == "INTERNAL"
 
 
 @pytest.mark.parametrize("characters", [0, 100, 200])

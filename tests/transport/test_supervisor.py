@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import socket
 import time
 from pathlib import Path
 
@@ -45,19 +44,6 @@ def test_a_session_from_open_to_close(start, connect, open_session, scheme, tmp_
     wait_until(lambda: control.ask(Probe, **probe).worker == "none", "the worker has ended")
     resumed = control.ask(Resume, **probe)
     assert (resumed.epoch, resumed.step) == (2, 1)
-
-
-def test_a_repeated_open_opens_one_session(start, connect):
-    server = start()
-    control = connect(server.endpoint)
-    first = control.ask(Open, dimension=2)
-    again = control.ask(Open, dimension=2, sequence=control.sequence)
-    other = connect(server.endpoint)
-    elsewhere = other.ask(Open, dimension=2, client=control.client, sequence=control.sequence)
-    assert first.session == again.session == elsewhere.session
-    assert len(control.ask(List).sessions) == 1
-    conflict = control.ask(Open, dimension=3, client=control.client, sequence=1)
-    assert conflict.code == "ABORTED.CONFLICT"
 
 
 def test_what_cannot_be_opened_says_why(start, connect):
@@ -173,15 +159,6 @@ def test_a_signal_and_the_end_of_the_lifeline_are_one_drain(start, open_session)
     assert (server.state / f"closed-{opened.session}").exists()
 
 
-def test_the_end_of_the_lifeline_drains(start):
-    reader, writer = os.pipe()
-    server = start(environment={"MESH_MOTION_LIFELINE_FD": str(reader)}, pass_fds=[reader])
-    os.close(reader)
-    os.close(writer)
-    assert server.process.wait(10) == 0
-    assert server.events("draining")[0]["reason"] == "lifeline"
-
-
 def test_a_session_nobody_is_connected_to_is_suspended_and_then_put_away(start, connect):
     server = start(lease_seconds=0.2, idle_seconds=1.0)
     control = connect(server.endpoint)
@@ -189,23 +166,6 @@ def test_a_session_nobody_is_connected_to_is_suspended_and_then_put_away(start, 
     wait_until(lambda: control.ask(List).sessions[0]["state"] == "SUSPENDED", "suspended")
     wait_until(lambda: control.ask(List).sessions[0]["worker"] == "none", "put away")
     assert control.ask(Resume, session=opened.session, token=opened.token).epoch == 2
-
-
-def test_a_connection_holds_the_lease(start, connect, open_session):
-    server = start(lease_seconds=0.2, idle_seconds=0.5)
-    _, data, at = open_session(server)
-    opened = connect(server.endpoint).ask(Open, dimension=2)
-    control = connect(server.endpoint)
-    probe = {"session": opened.session, "token": opened.token}
-    wait_until(lambda: control.ask(Probe, **probe).worker == "none", "the one without a connection is put away")
-    assert data.ask(Status, **at).state == "READY"
-
-
-@pytest.mark.parametrize("endpoint", ["tcp://0.0.0.0:0", "udp://127.0.0.1:1"])
-def test_an_unsafe_or_wrong_endpoint_exits_78(start, endpoint):
-    server = start(endpoint=endpoint, ready=False)
-    assert server.process.wait(30) == 78
-    assert server.events("refused")
 
 
 def test_insecure_listens_says_so_and_counts_greetings(start, connect):
@@ -218,14 +178,6 @@ def test_insecure_listens_says_so_and_counts_greetings(start, connect):
     address, pages = server.events("insecure")
     assert ("metrics" in address, pages["metrics"]) == (False, "0.0.0.0:0")
     assert [line["count"] for line in server.events("insecure_hello")] == [1, 2]
-
-
-def test_an_occupied_port_exits_69(start):
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        server = start(endpoint=f"tcp://127.0.0.1:{taken.getsockname()[1]}", ready=False)
-        assert server.process.wait(30) == 69
 
 
 def test_an_ipc_endpoint_is_not_stolen(start, connect, tmp_path):

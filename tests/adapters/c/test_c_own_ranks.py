@@ -7,21 +7,14 @@ from ctypes import byref, c_char_p, c_double, c_int, c_int64, c_size_t, c_void_p
 
 import numpy as np
 import pytest
-from box_meshes import box_mesh
 from mesh_motion_client import Mesh, Patch, connect
+from own_ranks import CORRECTED, SETTINGS, bend
+from own_ranks import whole as box
 
 from proofs.server_process import ServerProcess
 
 pytestmark = [pytest.mark.nightly, pytest.mark.timeout(1200)]
 
-SETTINGS = {
-    "displacement": "absolute",
-    "correction": "none",
-    "sub_steps": "never",
-    "boundary_layer_thickness": 0.0,
-    "quality_report": "every-move",
-}
-CORRECTED = SETTINGS | {"correction": "optimised", "correction_target": "threshold", "quality_threshold": 0.5}
 SINCE_REFERENCE, SINCE_COMMITTED, KEEP = 1, 0, 0
 
 
@@ -189,16 +182,6 @@ class CSession:
 def at(array):
     assert array.flags.c_contiguous
     return array.ctypes.data_as(c_void_p)
-
-
-def box(kind, count):
-    made = box_mesh(kind, count)
-    sides = {"body": Patch("moving", made.body), "outer": Patch("fixed", made.outer)}
-    return Mesh(made.points, {block.type.name: block.nodes for block in made.cells}, sides)
-
-
-def bend(points, step):
-    return 0.01 * step * np.sin(3.0 * points[:, ::-1] + step)
 
 
 #: Numbers of a report; means are sums in another order.

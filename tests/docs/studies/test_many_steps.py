@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from docs.studies.thesis._many_steps import AccumulatedGradients, ComposedField, predict_many_steps
-from docs.studies.thesis._predictors import PREDICTORS, CallableField, InterpolantField, predict
+from docs.studies.thesis._predictors import PREDICTORS, CallableField, InterpolantField
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
@@ -108,17 +108,6 @@ def test_one_dimension_is_the_product_of_the_thesis():
     exact = predict_many_steps("trial-nodes", points, cells, sizes, steps)
     assert np.abs(predicted.size - exact.size).max() < 0.04
     assert exact.size.min() > 0.0
-
-
-def test_one_step_is_the_plain_prediction():
-    points, cells = square(4)
-    sizes = reference_sizes(points, cells)
-    for name in PREDICTORS:
-        one, plain = (
-            predict_many_steps(name, points, cells, sizes, [swirl(0.4)]),
-            predict(name, points, cells, sizes, swirl(0.4)),
-        )
-        np.testing.assert_allclose(one.size, plain.size, rtol=1e-13)
 
 
 def test_no_step_is_refused():

@@ -101,14 +101,6 @@ def test_the_best_iterate_is_kept_when_later_ones_are_worse():
     assert lowest_quality(found.points, c.cells, c.reference_sizes).metric.min == max(predicted)
 
 
-def test_a_good_motion_is_left_alone():
-    c = case("x")
-    found = explicit_iterations(replace(c, standard=c.start), ExplicitSettings(enrichment_radius=0.5))
-    assert (found.best, len(found.history), found.reached) == (0, 1, True)
-    np.testing.assert_array_equal(found.points, c.start)
-    assert found.coefficients.shape == (0, 2, 2)
-
-
 def test_a_motion_that_is_no_number_ends_at_once():
     c = case("x")
     broken = c.standard.copy()

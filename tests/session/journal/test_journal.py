@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mesh_motion_protocol.digests import state_digest
+from raising import raising
 
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.journal import journal as journal_module
@@ -351,12 +352,8 @@ def test_a_record_that_does_not_fit_is_refused(tmp_path: Path, capacity: int, re
 
 def test_an_error_of_the_disk_without_a_number_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     journal = write(tmp_path, 0)
-
-    def broken(self: Any, handle: int) -> None:
-        raise OSError("the disk is gone")
-
     with monkeypatch.context() as patch:
-        patch.setattr(PosixFileSystem, "sync", broken)
+        patch.setattr(PosixFileSystem, "sync", raising(OSError("the disk is gone")))
         with pytest.raises(JournalError, match=r"the disk is gone \(unknown\)") as caught:
             journal.raise_epoch()
     assert caught.value.details == {"errno": "unknown"}

@@ -100,11 +100,6 @@ def test_a_batch_brings_the_commits_that_were_passed_over() -> None:
     assert (ledger.step, ledger.snapshot, ledger.logged) == (4, Snapshot(4, b"digest 4", 0), ())
 
 
-def test_few_commits_are_all_kept() -> None:
-    assert after(FULL, commit(1).as_body(), commit(2).as_body()).commits == (commit(1), commit(2))
-    assert after(FULL, *(commit(step).as_body() for step in range(1, 5)), keep=3).commits[0] == commit(2)
-
-
 @pytest.mark.parametrize(
     ("foundation", "body"),
     [

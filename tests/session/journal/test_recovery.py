@@ -54,13 +54,6 @@ def test_a_clean_end() -> None:
     assert (found.torn, found.completion, found.dirty_slots) == (False, (), ())
 
 
-def test_a_slot_that_was_being_written() -> None:
-    packed = chain("commit", "commit")
-    for being_written in (DIRTY, slot(packed[2], whole=False)):
-        found = judge(packed[:2], being_written, slot(packed[1]))
-        assert (found.ledger.step, found.dirty_slots, found.torn) == (1, (0,), False)
-
-
 @pytest.mark.parametrize("tail", [b"", b"torn", bytes(100) + b"torn"])
 def test_a_slot_that_was_written_and_a_record_that_was_not(tail: bytes) -> None:
     packed = chain("commit", "commit")
@@ -74,12 +67,6 @@ def test_two_lost_records_are_completed_in_their_order() -> None:
     packed = chain("commit", "commit")
     found = judge(packed[:1], slot(packed[2]), slot(packed[1]))
     assert [r.sequence for r in found.completion] == [1, 2]
-
-
-def test_a_torn_epoch() -> None:
-    packed = chain("commit", "epoch")
-    found = judge(packed[:2], BLANK, slot(packed[1]), packed[2][:50])
-    assert (found.torn, found.ledger.epoch, found.ledger.step) == (True, 1, 1)
 
 
 PACKED = chain("commit", "epoch", "commit")

@@ -12,14 +12,6 @@ def ask(sequence: int, content: bytes = b"x", client: bytes = b"c") -> RequestId
     return RequestId(client, sequence, content)
 
 
-def test_a_repeat_gets_the_stored_reply() -> None:
-    table: ReplyTable[str] = ReplyTable(3, 1000)
-    assert table.find(ask(1)) is None
-    table.store(ask(1), "one", 10)
-    assert table.find(ask(1)) == "one"
-    assert table.find(ask(1, client=b"d")) is None
-
-
 def test_other_content_conflicts_also_after_a_failure() -> None:
     table: ReplyTable[str] = ReplyTable(3, 1000)
     table.store(ask(1), "one")

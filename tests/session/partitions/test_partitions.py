@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.partitions.merging import merge
 from mesh_motion_server.session.partitions.numbering import in_senders_numbers, upload_view
 from proofs.stand_in import grid_mesh, split_mesh
@@ -103,37 +102,6 @@ def test_coordinates_of_shared_nodes_must_agree() -> None:
         merge(meshes)
     assert caught.value.details["partitions"] == [0, 1]
     assert len(caught.value.details["values"]) == 2  # type: ignore[arg-type]
-
-
-def test_a_patch_has_one_role() -> None:
-    meshes = two()
-    patches = dict(meshes[1].patches) | {"left": Patch("fixed", meshes[1].patches["left"].nodes)}
-    with pytest.raises(InvalidInput, match="'left' has the role 'moving' in partition 0 and 'fixed' in 1"):
-        merge([meshes[0], replace(meshes[1], patches=patches)])
-
-
-def test_a_cell_comes_once() -> None:
-    whole = grid_mesh(3)
-    cells = {"triangle": np.vstack([whole.cells["triangle"], whole.cells["triangle"][2]])}
-    with pytest.raises(InvalidInput, match="cell 2 of type 'triangle' in partition 0 is also cell 8 in partition 0"):
-        merge([replace(whole, cells=cells)])
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ({"points": np.empty((0, 2)), "global_ids": np.empty(0, int)}, "partition 0 has no nodes"),
-        ({"global_ids": np.arange(5)}, "9 nodes but 5 global ids"),
-        ({"global_ids": np.array([0, 1, 2, 3, 4, 5, 6, 7, 7])}, "global id 7 is given to more than one node"),
-        ({"cells": {"triangle": np.array([[0, 1, 2], [0, 1, 9]])}}, r"row 1: node index 9 is not in 0 … 8"),
-        ({"cells": {"triangle": np.array([[0, -1, 2]])}}, r"row 0: node index -1 is not in"),
-        ({"patches": {"left": Patch("moving", np.array([0, 99]))}}, r"patch 'left', row 1: node index 99"),
-        ({"cells": {}}, "the mesh has no cells"),
-    ],
-)
-def test_what_is_wrong_with_one_partition(change: dict[str, Any], says: str) -> None:
-    with pytest.raises(InvalidInput, match=says):
-        merge([replace(grid_mesh(3), **change)])
 
 
 @pytest.mark.parametrize("parts", [1, 3])

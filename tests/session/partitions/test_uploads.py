@@ -53,47 +53,10 @@ def test_an_empty_part_is_a_part(upload: MeshUpload) -> None:
     assert upload.add(0, nodes(np.empty((0, 2)))) == 0
 
 
-@pytest.mark.parametrize(
-    ("part", "code", "says"),
-    [
-        (Part("edges", "", "", np.zeros((1, 2))), ".VALUE", "unknown item 'edges'"),
-        (Part("nodes", "a", "", np.zeros((1, 2))), ".VALUE", "takes no name"),
-        (Part("nodes", "", "moving", np.zeros((1, 2))), ".VALUE", "only patches have a role"),
-        (Part("nodes", "", "", np.zeros((1, 3))), ".SHAPE", r"expected an array of shape \(k, 2\), got \(1, 3\)"),
-        (Part("nodes", "", "", np.zeros(2)), ".SHAPE", "expected an array"),
-        (Part("nodes", "", "", np.zeros((1, 2), int)), ".DTYPE", "expected float rows"),
-        (Part("nodes", "", "", np.array([[0.0, np.nan]])), ".NONFINITE", "node 0: coordinate 1 is nan"),
-        (Part("global_ids", "", "", np.zeros((1, 2), int)), ".SHAPE", r"shape \(k, 1\)"),
-        (Part("global_ids", "", "", np.zeros((1, 1))), ".DTYPE", "expected integer rows"),
-        (
-            Part("cells", "tetra", "", np.zeros((1, 4), int)),
-            ".VALUE",
-            "no cell type of a 2D mesh; those are triangle, quad",
-        ),
-        (Part("cells", "", "", np.zeros((1, 3), int)), ".VALUE", "no cell type"),
-        (Part("cells", "quad", "", np.zeros((1, 3), int)), ".SHAPE", r"shape \(k, 4\)"),
-        (Part("patch", "", "moving", np.zeros((1, 1), int)), ".VALUE", "a name is required"),
-        (Part("patch", "wall", "", np.zeros((1, 1), int)), ".VALUE", "unknown role ''"),
-        (Part("patch", "wall", "wall", np.zeros((1, 1), int)), ".VALUE", "unknown role 'wall'"),
-    ],
-)
-def test_a_wrong_part_is_refused_and_leaves_nothing(upload: MeshUpload, part: Part, code: str, says: str) -> None:
-    with pytest.raises(InvalidInput, match=says) as caught:
-        upload.add(0, part)
-    assert caught.value.code == f"INVALID_ARGUMENT{code}"
-    assert upload.nbytes == 0
-
-
 def test_a_nonfinite_coordinate_is_named_by_its_number_in_the_partition(upload: MeshUpload) -> None:
     upload.add(0, nodes([[0, 0]] * 7))
     with pytest.raises(InvalidInput, match="partition 0, node 8: coordinate 0 is inf"):
         upload.add(0, nodes([[0, 0], [np.inf, 0]]))
-
-
-def test_a_patch_keeps_its_role(upload: MeshUpload) -> None:
-    upload.add(0, Part("patch", "wall", "moving", np.array([[0]])))
-    with pytest.raises(InvalidInput, match="role 'fixed', but earlier parts have 'moving'"):
-        upload.add(0, Part("patch", "wall", "fixed", np.array([[1]])))
 
 
 def test_the_byte_budget_counts_all_partitions() -> None:
@@ -103,13 +66,6 @@ def test_the_byte_budget_counts_all_partitions() -> None:
     with pytest.raises(ResourceError, match="would take 112 bytes; a session may take 100"):
         upload.add(1, nodes([[0, 0]]))
     assert upload.nbytes == 96
-
-
-def test_global_ids_are_required_with_several_partitions() -> None:
-    upload = MeshUpload(2, 2, 1000)
-    upload.add(0, nodes([[0, 0]]))
-    with pytest.raises(InvalidInput, match="partition 0 sent no global ids"):
-        upload.meshes()
 
 
 def test_a_mesh_in_parts_is_not_held_twice() -> None:

@@ -12,6 +12,7 @@ from mesh_motion_server.watch.observation.series import PHASES, Series
 def test_each_step_has_what_was_told() -> None:
     columns = Series(made_up_events(300)).columns()
     assert columns["step"].tolist() == list(range(1, 301))
+    assert [len(Series(made_up_events(few)).columns(10)["step"]) for few in (0, 5)] == [0, 5]
     np.testing.assert_allclose(columns["standard_min"], [lowest_quality(step) for step in range(1, 301)])
     assert (columns["predicted_min"] >= columns["standard_min"]).all()
     assert (columns["actual_p1"] > columns["actual_min"]).all()
@@ -87,19 +88,6 @@ def test_a_refusal_is_one_of_a_motion() -> None:
         {"event": "refused", "at": 0.0, "step": 2, "request": name} for name in ("JOIN", "FETCH", "COMMIT", "MOVE")
     ]
     assert Series([*events[:-1], *others, events[-1]]).columns()["refusals"].tolist() == [0, 1]
-
-
-def test_few_steps_are_not_thinned() -> None:
-    series = Series(made_up_events(5))
-    assert len(series.columns(10)["step"]) == 5
-    assert len(Series().columns(10)["step"]) == 0
-
-
-def test_steps_that_are_made_again_replace_what_came_after() -> None:
-    events = list(made_up_events(10))
-    again = [event for event in events if event.get("step") in (6, 7)]
-    columns = Series([*events, {"at": 0.0, "event": "resumed", "step": 5, "epoch": 2}, *again]).columns()
-    assert columns["step"].tolist() == [1, 2, 3, 4, 5, 6, 7]
 
 
 def test_steps_that_a_crash_took_are_gone_and_leave_nothing_to_those_made_again() -> None:

@@ -150,11 +150,6 @@ def test_nothing_is_known() -> None:
     assert server_gone(BEGIN).line(BEGIN + 3600.0) == "server gone for 60 min: what is shown is as it was then"
 
 
-def test_an_event_of_another_version_is_passed_over() -> None:
-    recent = _recent(_built(), [{"event": "moved", "at": BEGIN}, {"event": "committed", "at": BEGIN, "quality": None}])
-    assert verdict(recent, BEGIN).kind == "running"
-
-
 def test_durations() -> None:
     told = [duration(s) for s in (-1.0, 0.25, 4.0, 4.26, 90.0, 119.0, 120.0, 7100.0, 7200.0, 86400.0, 172800.0)]
     assert told == ["0 ms", "250 ms", "4 s", "4.3 s", "90 s", "119 s", "2 min", "118 min", "2 h", "24 h", "2 days"]

@@ -11,7 +11,7 @@ import chromium
 import numpy as np
 import pytest
 from chromium import Browser
-from histories import largest_angle
+from histories import largest_angle, refused
 from matplotlib import colormaps
 from shown_page import PAINTED, serving, show, stored
 
@@ -100,13 +100,6 @@ def test_what_comes_is_shown_without_a_reload(tab: Browser, server: ServerProces
     segments = sorted((server.state / "sessions" / SHORT / "history").glob("events-*"))
     lines = [json.loads(line) for line in segments[-1].read_text().splitlines()]
     committed = next(event for event in reversed(lines) if event["event"] == "committed")
-    refused = {
-        "at": time.time(),
-        "event": "refused",
-        "request": "MOVE",
-        "step": 121,
-        "code": "FAILED_PRECONDITION.QUALITY",
-    }
     with (segments[-1].parents[1] / "lock").open() as held, segments[-1].open("a") as file:
         fcntl.flock(held, fcntl.LOCK_EX)  # or it were a step that a crash took
         file.write(json.dumps(committed | {"at": time.time(), "step": 121}) + "\n")
@@ -116,9 +109,9 @@ def test_what_comes_is_shown_without_a_reload(tab: Browser, server: ServerProces
         assert tab.text("#verdict").startswith("at rest for ")
         assert tab.run("return document.title").startswith("at rest · <b>flag</b> · step 121")
     with segments[-1].open("a") as file:  # alone: nothing but the refusal tells that there is news
-        file.write(json.dumps(refused | {"message": "it is too bad", "hint": "move less", "details": {}}) + "\n")
+        file.write(json.dumps({"at": time.time()} | refused(121, "it is too bad")) + "\n")
     tab.wait(lambda: "FAILED_PRECONDITION.QUALITY" in tab.text("#events li"), "the refusal is shown")
-    assert "move less" in tab.text("#events li")
+    assert "in smaller steps" in tab.text("#events li")
     tab.wait(lambda: tab.text("#verdict").startswith("refused for "), "the verdict is the refusal")
     assert "step 121: it is too bad" in tab.text("#verdict")
     row = f"#sessions li[data-session='{SHORT}']"

@@ -12,6 +12,7 @@ from typing import Any
 import chromium
 import pytest
 from chromium import Browser
+from histories import refused
 from shown_page import await_session, serving, show, stored
 
 pytest.importorskip("uvicorn", reason="the extra monitor is not installed")
@@ -118,18 +119,6 @@ def happens(server: ServerProcess, session: str, *events: dict[str, Any]) -> Non
     segment = max((folder_of(server, session) / "history").glob("events-*"))
     with segment.open("a") as file:
         file.writelines(json.dumps({"at": time.time()} | event) + "\n" for event in events)
-
-
-def refused(step: int, message: str) -> dict[str, Any]:
-    return {
-        "event": "refused",
-        "request": "MOVE",
-        "step": step,
-        "code": "FAILED_PRECONDITION.QUALITY",
-        "message": message,
-        "hint": "move less",
-        "details": {},
-    }
 
 
 #: Texts that a screen reader announces politely: what is added to logs and statuses, each time it is.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -98,17 +97,6 @@ def test_a_session_that_goes_and_a_folder_that_goes(make_session: MakeSession, t
         source.sessions()
     make_session("again")
     assert [line.label for line in source.sessions()] == ["again"]
-
-
-def test_events_of_another_version_are_passed_over(make_session: MakeSession, tmp_path: Path) -> None:
-    folder = make_session(steps=3)
-    with (folder / "history" / "events-00000000.jsonl").open("a") as file:
-        file.write(json.dumps({"at": 1.0, "event": "moved", "step": 4}) + "\n")
-        file.write(json.dumps({"at": 1.0, "event": "dreamt", "step": 4}) + "\n")
-        file.write('{"at": 1.0, "event": "comm')
-    details = FolderSource(tmp_path / "state").details(folder.name)
-    assert details is not None
-    assert details.last["step"] == 3
 
 
 @pytest.mark.nightly
