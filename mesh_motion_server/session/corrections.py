@@ -18,7 +18,6 @@ from mesh_motion_server.numerics.correction.part_of_mesh import RegionTooSmall
 from mesh_motion_server.numerics.correction.trial_nodes import MARGIN
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.boundary_motion import correct_region
 from mesh_motion_server.numerics.motion.exact_displacements import differences_of
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
 from mesh_motion_server.session.partitions.meshes import MergedMesh
@@ -103,6 +102,9 @@ def correct(mesh: MergedMesh, method: Method, points: Floats, field: Field, told
         there = mesh.points[rows]
         free = LocalEvaluator().displacement(field.interpolant(), there) + there
         return np.where(on_patches[rows, None], points[rows], free)
+
+    # imported here: no other session needs it, and it loads much
+    from mesh_motion_server.numerics.motion.boundary_motion import correct_region  # noqa: PLC0415
 
     region = merge_regions(mesh, told, known)
     try:
