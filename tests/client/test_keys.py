@@ -13,6 +13,8 @@ from mesh_motion_client.connection import Connection, ConnectionLost
 from mesh_motion_protocol.messages import Hello
 from zmq.utils.monitor import recv_monitor_message
 
+from proofs.waiting import wait_until
+
 TOLD = np.full((4, 2), 0.125)
 SECONDS = 30.0
 
@@ -56,7 +58,7 @@ def test_a_connection_that_ends_just_before_a_request_is_sent_does_not_hang(last
         connection._events.rcvtimeo = int(1000 * SECONDS)
         while recv_monitor_message(connection._events)["event"] != zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL:
             pass
-        assert not connection._socket.poll(200)  # ZeroMQ gives the connection up
+        wait_until(lambda: not connection._socket.poll(0, zmq.POLLOUT), "ZeroMQ gave the connection up")
         while connection._events.poll(0):
             recv_monitor_message(connection._events)  # as if the check before the request had come a moment too early
         with pytest.raises(ConnectionLost):

@@ -10,6 +10,7 @@ import pytest
 from raising import raising
 from tiny_meshes import tiny_mesh
 
+from mesh_motion_server.distributed.region import Extent, Region
 from mesh_motion_server.errors import InvalidInput, JournalError, NumericalError, SessionError
 from mesh_motion_server.numerics.mesh.finite_volume import face_measures
 from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary
@@ -212,12 +213,12 @@ def test_only_a_trial_that_was_there_is_lost_with_the_lease(session: Session, tr
 # --- cells that are with the client ----------------------------------------------------------------------------------
 
 
-def apart(root: Path, loose: tuple[tuple[float, float], ...] = ()) -> Session:
+def apart(root: Path, loose: tuple[tuple[float, float], ...] = (), **changes: Any) -> Session:
     """A square body in a square frame, of which the session has the boundary only; ``loose``: nodes on no patch."""
     body = [(x, y) for x in (0.4, 0.6) for y in (0.4, 0.6)]
     frame = [(x, y) for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0) if (x, y) != (0.5, 0.5)]
     chosen = {"displacement": "absolute", "correction": "none", "sub_steps": "never", "boundary_layer_thickness": 0.0}
-    chosen |= {"support_radius": 2.0, "quality_threshold": float(quality_of(0.5).metric.min)}
+    chosen |= {"support_radius": 2.0, "quality_threshold": float(quality_of(0.5).metric.min)} | changes
     spec = make_spec(evaluation="client", settings=MethodSettings.from_mapping(chosen))
     session = Session(SessionStore(root).create(spec), ServerSettings(), build_motion_model)
     session.add_part(0, Part("nodes", "", "", np.array([*body, *frame, *loose])))
@@ -225,6 +226,14 @@ def apart(root: Path, loose: tuple[tuple[float, float], ...] = ()) -> Session:
     session.add_part(0, Part("patch", "body", "moving", np.arange(4)[:, None]))
     session.add_part(0, Part("patch", "frame", "fixed", np.arange(4, 12)[:, None]))
     return session
+
+
+def told_region(extent: Extent, *, whole: bool = True) -> list[Region]:
+    """The triangles between the body's left side and the frame's, about a node too near to the body."""
+    points = np.array([[0.4, 0.4], [0.4, 0.6], [0.0, 0.0], [0.0, 0.5], [0.0, 1.0], [0.2, 0.5]])
+    ids, fan = np.array([0, 1, 4, 5, 6, 12]), [[5, 2, 0], [5, 0, 1], [5, 1, 4], [5, 4, 3], [5, 3, 2]]
+    positions = np.where(ids[:, None] == 12, [0.39, 0.5], points)
+    return [Region(extent, ids, np.full(6, whole), points, positions, {"triangle": np.array(fan)}, 1, (1.0, 1.0))]
 
 
 def quality_of(squeezed: float) -> Any:
@@ -254,7 +263,34 @@ def test_a_trial_whose_cells_are_with_the_client_is_committed_once_they_are_judg
     session.close()
 
 
+def test_a_trial_whose_cells_are_with_the_client_is_corrected_and_so_again_once_it_is_committed(tmp_path: Path) -> None:
+    session = apart(tmp_path, correction="optimised", correction_target="threshold")
+    session.build()
+    still, bad, good = [np.zeros((4, 2))], quality_of(0.1), quality_of(1.0)
+    with pytest.raises(SessionError, match="CORRECT is not allowed in state READY"):
+        session.correct("trial", [])
+    session.move("reference", still)
+    extent = session.judge(bad).extent
+    assert extent is not None
+    assert session.correct("trial", told_region(extent, whole=False)).extent == replace(extent, rings=2 * extent.rings)
+    assert session.judge(bad).extent == extent  # nothing is corrected yet
+    found = session.correct("trial", told_region(extent))
+    assert (found.extent, found.nodes.tolist()) == (None, [12])
+    assert session.judge(good).correction is found.correction
+    commit(session)
+    assert (session.region("committed"), session.region("reference")) == (extent, None)
+    again = session.correct("committed", told_region(extent))
+    np.testing.assert_array_equal(again.displacement, found.displacement)
+    session.move("reference", still)
+    assert session.judge(good).correction is None
+    commit(session)
+    assert session.region("committed") is None
+    session.close()
+
+
 def test_a_session_that_has_the_cells_judges_them_itself(session: Session) -> None:
+    with pytest.raises(SessionError, match="the server judges the cells of this session itself"):
+        session.correct("committed", [])
     session.move("committed", right(0.1))
     with pytest.raises(SessionError, match="the server judges the cells of this session itself"):
         session.judge(quality_of(1.0))
