@@ -277,13 +277,13 @@ def test_a_trial_whose_cells_are_with_the_client_is_corrected_and_so_again_once_
     found = session.correct("trial", told_region(extent))
     assert (found.extent, found.nodes.tolist()) == (None, [12])
     assert session.judge(good).correction is found.correction
-    commit(session)
+    assert commit(session).corrected
     assert (session.region("committed"), session.region("reference")) == (extent, None)
     again = session.correct("committed", told_region(extent))
     np.testing.assert_array_equal(again.displacement, found.displacement)
     session.move("reference", still)
     assert session.judge(good).correction is None
-    commit(session)
+    assert not commit(session).corrected
     assert session.region("committed") is None
     session.close()
 
