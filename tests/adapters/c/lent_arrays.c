@@ -10,7 +10,7 @@
 
 int main(int count, char **arguments)
 {
-    size_t nodes = (size_t)2 << 20;
+    size_t nodes = (size_t)8 << 20; /* more than a server reads before it stops */
     double *points = malloc(3 * nodes * sizeof *points);
     for (size_t i = 0; i < 3 * nodes; ++i) {
         points[i] = 0.5;
