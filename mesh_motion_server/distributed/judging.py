@@ -6,7 +6,8 @@ so that whoever adds up keeps nothing between two messages: either all is known,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +20,18 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 from mesh_motion_server.numerics.quality.quality_summary import QualitySummary, WorstCell, reported_metrics
 
-__all__ = ["Heard", "Unanswered", "as_plain", "first_questions", "heard", "read_questions", "summary_of", "told"]
+__all__ = [
+    "Heard",
+    "Unanswered",
+    "as_plain",
+    "first_questions",
+    "heard",
+    "read_questions",
+    "reading",
+    "require",
+    "summary_of",
+    "told",
+]
 
 #: Columns of a worst cell before its centre: type, local number, value, size, skew, size-skew.
 _WORST_COLUMNS = 6
@@ -109,30 +121,37 @@ def heard(told: Mapping[str, Any], number: Callable[[str, int], int], *, partiti
     InvalidInput
         If they do not fit together.
     """
-    try:
+    with reading("JUDGE", partition):
         return _heard(told, number)
+
+
+@contextmanager
+def reading(kind: str, partition: int) -> Iterator[None]:
+    """Raise InvalidInput if the fields of a request do not fit together."""
+    try:
+        yield
     except (IndexError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise InvalidInput(
-            f"JUDGE of partition {partition}: {error}",
-            hint="section 23 of the protocol says what the fields of JUDGE contain",
+            f"{kind} of partition {partition}: {error}",
+            hint=f"section 23 of the protocol says what the fields of {kind} contain",
             details={"partition": partition},
         ) from error
 
 
 def _heard(told: Mapping[str, Any], number: Callable[[str, int], int]) -> Heard:
     part, bins, values, worst = (told[name] for name in ("part", "bins", "values", "worst"))
-    _require(bins.ndim == 2 and bins.shape[1] == 3, "bins: expected three columns")
-    _require(values.ndim == 2 and values.shape[1] == 3, "values: expected three columns")
-    _require(worst.ndim == 2 and worst.shape[1] > _WORST_COLUMNS, "worst: expected more than six columns")
-    _require(not len(bins) or (bins[:, 1].min() >= 0 and bins[:, 1].max() < BINS), f"bins: expected 0 to {BINS - 1}")
-    _require(not len(bins) or bins[:, 2].min() > 0, "bins: expected positive counts")
+    require(bins.ndim == 2 and bins.shape[1] == 3, "bins: expected three columns")
+    require(values.ndim == 2 and values.shape[1] == 3, "values: expected three columns")
+    require(worst.ndim == 2 and worst.shape[1] > _WORST_COLUMNS, "worst: expected more than six columns")
+    require(not len(bins) or (bins[:, 1].min() >= 0 and bins[:, 1].max() < BINS), f"bins: expected 0 to {BINS - 1}")
+    require(not len(bins) or bins[:, 2].min() > 0, "bins: expected positive counts")
     answers = {
         question: _content(bins[bins[:, 0] == row], values[values[:, 0] == row])
         for row, question in enumerate(read_questions(told["questions"]))
     }
     cells = int(part["cells"])
     for (name, way), one in answers.items():
-        _require(way != WHOLE or int(one.counts.sum()) == cells, f"bins: expected {cells} values of {name}")
+        require(way != WHOLE or int(one.counts.sum()) == cells, f"bins: expected {cells} values of {name}")
     cells_worst = tuple(
         WorstCell(number(_TYPES[int(kind)], int(local)), tuple(centre), *of_cell)
         for kind, local, *of_cell, centre in ((*row[:_WORST_COLUMNS], row[_WORST_COLUMNS:]) for row in worst.tolist())
@@ -141,7 +160,8 @@ def _heard(told: Mapping[str, Any], number: Callable[[str, int], int]) -> Heard:
     return Heard(PartialSummary(cells, int(part["inverted"]), sums, minima, {}, cells_worst), answers)
 
 
-def _require(good: bool, expected: str) -> None:
+def require(good: bool, expected: str) -> None:
+    """Raise ValueError that tells what was ``expected``, unless it is good."""
     if not good:
         raise ValueError(expected)
 

@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.distributed.judging import reading, require
 from mesh_motion_server.numerics.correction.free_region import cells_of_nodes, grow, nodes_of_cells
 from mesh_motion_server.numerics.correction.trial_nodes import signed
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
@@ -94,35 +94,29 @@ class Region:
         InvalidInput
             If they do not fit together.
         """
-        try:
+        with reading("CORRECT", partition):
             return cls._read(told)
-        except (IndexError, KeyError, TypeError, ValueError, OverflowError) as error:
-            raise InvalidInput(
-                f"CORRECT of partition {partition}: {error}",
-                hint="section 23 of the protocol says what the fields of CORRECT contain",
-                details={"partition": partition},
-            ) from error
 
     @classmethod
     def _read(cls, told: Mapping[str, Any]) -> Self:
         part, nodes, corners = told["part"], told["nodes"], told["corners"].reshape(-1)
         points, positions = (np.asarray(told[name], dtype=np.float64) for name in ("points", "positions"))
-        _require(nodes.ndim == 2 and nodes.shape[1] == 2, "nodes: expected two columns")
-        _require(len(points) == len(nodes) == len(positions), "expected as many points and positions as nodes")
-        _require(points.shape == positions.shape, "expected points and positions of one dimension")
-        _require(bool(np.isfinite(points).all() and np.isfinite(positions).all()), "expected finite coordinates")
-        _require(not len(corners) or (corners.min() >= 0 and corners.max() < len(nodes)), "corners: no such node")
+        require(nodes.ndim == 2 and nodes.shape[1] == 2, "nodes: expected two columns")
+        require(len(points) == len(nodes) == len(positions), "expected as many points and positions as nodes")
+        require(points.shape == positions.shape, "expected points and positions of one dimension")
+        require(bool(np.isfinite(points).all() and np.isfinite(positions).all()), "expected finite coordinates")
+        require(not len(corners) or (corners.min() >= 0 and corners.max() < len(nodes)), "corners: no such node")
         cells, taken = {}, 0
         for name, count in part["cells"].items():
             entries = CELL_TYPES[name].n_nodes * int(count)
-            _require(entries > 0, f"cells: expected a positive number of {name}")
+            require(entries > 0, f"cells: expected a positive number of {name}")
             cells[str(name)] = corners[taken : taken + entries].reshape(int(count), -1)
             taken += entries
-        _require(taken == len(corners), f"corners: expected {taken}, got {len(corners)}")
+        require(taken == len(corners), f"corners: expected {taken}, got {len(corners)}")
         skew, size = (float(value) for value in part["least"])
         whole = nodes[:, 1].astype(bool)
         interior = int(part["interior"])
-        _require(interior >= 0, "interior: expected a number of nodes")
+        require(interior >= 0, "interior: expected a number of nodes")
         return cls(Extent.of(part), nodes[:, 0], whole, points, positions, cells, interior, (skew, size))
 
     def fields(self) -> dict[str, Any]:
@@ -137,11 +131,6 @@ class Region:
             "positions": self.positions,
             "corners": np.concatenate([np.empty(0, dtype=np.int32), *corners]).astype(np.int32)[:, None],
         }
-
-
-def _require(good: bool, expected: str) -> None:
-    if not good:
-        raise ValueError(expected)
 
 
 def region_told(

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures
 from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.method import Method
@@ -108,7 +106,7 @@ def region_correction_report(correction: Correction, session: Session) -> dict[s
     """What the correction of a region did, as sent."""
     radius = session.model.method.support_radius
     return _what_was_done(correction, correction.reached) | {
-        "control_points": len(np.unique(np.concatenate([p.nodes for p in session.mesh.patches.values()]))),
+        "control_points": len(session.mesh.on_patches),
         "support_radius": float(radius or 0.0),
         "sub_steps": 1,
     }

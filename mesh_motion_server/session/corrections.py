@@ -95,8 +95,7 @@ def correct(mesh: MergedMesh, method: Method, points: Floats, field: Field, told
             hint="tell the cells of the region that the last answer asked for",
         )
     on_patches = np.zeros(len(points), dtype=bool)
-    for patch in mesh.patches.values():
-        on_patches[patch.nodes] = True
+    on_patches[mesh.on_patches] = True
 
     def known(rows: Integers) -> Floats:
         there = mesh.points[rows]

@@ -110,3 +110,18 @@ def case(name: str) -> CorrectionProblem:
     reference, displacement = CASES[name]
     mesh = stored(reference)
     return moved(mesh, displacement(mesh))
+
+
+# mesh, translation, degrees about (0.5, 0.5); Tables 5.2, 5.5, 5.6
+THESIS = {
+    "x": ("thesis_block", (-0.3, 0.0), 0.0),
+    "xy": ("thesis_block", (-0.25, -0.25), 0.0),
+    "rotation": ("thesis_slab", (-0.2, -0.2), 60.0),
+}
+
+
+def thesis_case(name: str) -> CorrectionProblem:
+    """A motion of the thesis in one step."""
+    reference, translation, degrees = THESIS[name]
+    mesh = stored(reference)
+    return moved(mesh, rigid(mesh, translation, degrees))

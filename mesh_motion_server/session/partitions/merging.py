@@ -69,8 +69,7 @@ def check_boundary(mesh: MergedMesh) -> None:
     held = np.zeros(len(mesh.points), dtype=np.int64)
     for node_map in mesh.node_maps:
         held[node_map] += 1
-    on_patches = np.unique(np.concatenate([patch.nodes for patch in mesh.patches.values()]))
-    held[on_patches] = 0
+    held[mesh.on_patches] = 0
     alone = np.flatnonzero(held == 1)
     if len(alone):
         fault, hint = (
@@ -78,7 +77,7 @@ def check_boundary(mesh: MergedMesh) -> None:
             "give it the role moving or fixed",
         )
         raise _undetermined(mesh, int(alone[0]), fault, hint)
-    pairs = coincident_nodes(mesh.points, on_patches)
+    pairs = coincident_nodes(mesh.points, mesh.on_patches)
     if len(pairs):
         first, other = pairs[0].tolist()
         raise _undetermined(mesh, other, f"is at the place of that with {mesh.global_ids[first]}", "merge them")

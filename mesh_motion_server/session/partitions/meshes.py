@@ -122,6 +122,11 @@ class MergedMesh:
         return np.unique(np.concatenate([m[local] for m, local in self._moving_pairs()]))
 
     @cached_property
+    def on_patches(self) -> Integers:
+        """(k,) canonical indices of the nodes on patches, ascending."""
+        return np.unique(np.concatenate([patch.nodes for patch in self.patches.values()]))
+
+    @cached_property
     def moving_by_id(self) -> NDArray[np.intp]:
         """(k,) order that sorts the moving nodes by global id."""
         return np.argsort(self.global_ids[self.moving])

@@ -90,9 +90,8 @@ def merge_regions(mesh: MergedMesh, told: Sequence[Region], known: Callable[[Int
     for node_map, there in zip(mesh.node_maps, sent, strict=True):  # a rank that told nothing of a node has cells at it
         absent = np.intersect1d(node_map[~there], here)
         rim[row_of(mesh.global_ids[absent])] = True
-    on_patches = np.unique(np.concatenate([patch.nodes for patch in mesh.patches.values()]))
-    held = np.isin(whole.global_ids, mesh.global_ids[np.union1d(on_patches, np.setdiff1d(spanning, here))])
-    free = len(mesh.points) - len(on_patches) + sum(one.interior for one in told)
+    held = np.isin(whole.global_ids, mesh.global_ids[np.union1d(mesh.on_patches, np.setdiff1d(spanning, here))])
+    free = len(mesh.points) - len(mesh.on_patches) + sum(one.interior for one in told)
     skews, sizes = zip(*(one.extremes for one in told), strict=True)
     elsewhere = Elsewhere(rim & ~held, free - int(np.count_nonzero(~held)), (min(skews), min(sizes)))
     holders = np.bincount(np.concatenate(mesh.node_maps), minlength=len(mesh.points))

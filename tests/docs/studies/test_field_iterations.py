@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from correction_cases import case as body_case
-from correction_cases import moved, rigid, stored
+from correction_cases import thesis_case
 
 from docs.studies.thesis._cell_corrections import CELL_CORRECTIONS
 from docs.studies.thesis._field_iterations import EnrichmentTerm, predicted_iterations
@@ -14,19 +14,6 @@ from mesh_motion_server.numerics.correction.correction import CorrectionProblem
 from mesh_motion_server.numerics.correction.enrichment import functions
 from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
 from mesh_motion_server.numerics.quality.mesh_summary import lowest_quality
-
-# mesh, translation, degrees about (0.5, 0.5); Tables 5.2, 5.5, 5.6
-CASES = {
-    "x": ("thesis_block", (-0.3, 0.0), 0.0),
-    "xy": ("thesis_block", (-0.25, -0.25), 0.0),
-    "rotation": ("thesis_slab", (-0.2, -0.2), 60.0),
-}
-
-
-def case(name: str) -> CorrectionProblem:
-    reference, translation, degrees = CASES[name]
-    mesh = stored(reference)
-    return moved(mesh, rigid(mesh, translation, degrees))
 
 
 def field_of(problem: CorrectionProblem) -> InterpolantField:
@@ -44,7 +31,7 @@ def thesis(threshold: float) -> ExplicitSettings:
 )
 def test_iterations_to_the_thesis_thresholds(name, threshold, fewest, most):
     """The thesis needs 7, 14 and 13; the range is what 15 meshes need with relaxations of 1.3 to 2."""
-    c = case(name)
+    c = thesis_case(name)
     found = predicted_iterations(c, thesis(threshold), field_of(c))
     assert found.reached
     assert fewest <= found.best <= most
@@ -57,7 +44,7 @@ def test_iterations_to_the_thesis_thresholds(name, threshold, fewest, most):
 
 def test_the_published_value_of_the_first_case():
     """Table 5.4: 0.19 after seven iterations."""
-    c = case("x")
+    c = thesis_case("x")
     found = predicted_iterations(c, replace(thesis(0.19), relaxation=2.0), field_of(c))
     assert found.best == 7
     assert found.history[-1].actual == pytest.approx(0.19, abs=0.01)
@@ -104,7 +91,7 @@ def test_a_term_changes_the_gradient_at_its_point_as_asked_but_for_the_boundary(
 
 
 def test_other_decompositions_also_make_the_first_case_valid():
-    c = case("x")
+    c = thesis_case("x")
     for name in ("polar", "svd"):
         found = explicit_iterations(c, ExplicitSettings(enrichment_radius=0.5, correct_cell=CELL_CORRECTIONS[name]))
         assert found.history[found.best].actual > 0, name

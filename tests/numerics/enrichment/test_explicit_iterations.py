@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from correction_cases import THESIS, rigid, stored, thesis_case
 from correction_cases import case as body_case
-from correction_cases import moved, rigid, stored
 
-from mesh_motion_server.numerics.correction.correction import CorrectionProblem
 from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import (
     ExplicitSettings,
     explicit_iterations,
@@ -21,19 +20,6 @@ from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.mesh_summary import lowest_quality
 from mesh_motion_server.numerics.quality.metrics import cell_quality
 
-# mesh, translation, degrees about (0.5, 0.5); Tables 5.2, 5.5, 5.6
-CASES = {
-    "x": ("thesis_block", (-0.3, 0.0), 0.0),
-    "xy": ("thesis_block", (-0.25, -0.25), 0.0),
-    "rotation": ("thesis_slab", (-0.2, -0.2), 60.0),
-}
-
-
-def case(name: str) -> CorrectionProblem:
-    reference, translation, degrees = CASES[name]
-    mesh = stored(reference)
-    return moved(mesh, rigid(mesh, translation, degrees))
-
 
 @pytest.mark.parametrize(
     ("name", "lowest", "highest", "printed"),
@@ -41,7 +27,7 @@ def case(name: str) -> CorrectionProblem:
 )
 def test_the_standard_motion_in_one_step(name, lowest, highest, printed):
     """Tables 5.4, 5.5, 5.7: the minimum size; the range is what 15 meshes of the same sizes give."""
-    c = case(name)
+    c = thesis_case(name)
     found = lowest_quality(c.standard, c.cells, c.reference_sizes, metric="size").metric.min
     assert lowest <= found <= highest
     assert found == pytest.approx(printed, abs=0.1)
@@ -49,9 +35,9 @@ def test_the_standard_motion_in_one_step(name, lowest, highest, printed):
 
 def test_the_standard_motion_in_twenty_relative_steps():
     """Table 5.7: 0.27 with R = 2.5; 15 meshes of the same sizes give 0.23 to 0.31."""
-    c = case("rotation")
+    c = thesis_case("rotation")
     points, control = c.start, np.flatnonzero(c.held)
-    reference, translation, degrees = CASES["rotation"]
+    reference, translation, degrees = THESIS["rotation"]
     for step in range(1, 21):
         share = step / 20
         target = c.start + rigid(stored(reference), tuple(share * np.array(translation)), share * degrees)
@@ -61,9 +47,9 @@ def test_the_standard_motion_in_twenty_relative_steps():
     assert 0.23 <= lowest_quality(points, c.cells, c.reference_sizes, metric="size").metric.min <= 0.31
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", THESIS)
 def test_exact_prediction_keeps_its_word(name):
-    c = case(name)
+    c = thesis_case(name)
     settings = ExplicitSettings(enrichment_radius=0.5, threshold=0.15, metric="size")
     found = explicit_iterations(c, settings)
     assert found.reached
@@ -76,7 +62,7 @@ def test_exact_prediction_keeps_its_word(name):
 
 
 def test_held_nodes_stay_bitwise_and_the_boundary_feels_nothing():
-    c = case("rotation")
+    c = thesis_case("rotation")
     found = explicit_iterations(c, ExplicitSettings(enrichment_radius=0.5, max_points=5))
     np.testing.assert_array_equal(found.points[c.held], c.standard[c.held])
     none = np.empty(0, dtype=np.int64)
@@ -91,7 +77,7 @@ def test_held_nodes_stay_bitwise_and_the_boundary_feels_nothing():
 
 
 def test_the_best_iterate_is_kept_when_later_ones_are_worse():
-    c = case("xy")
+    c = thesis_case("xy")
     found = explicit_iterations(c, ExplicitSettings(enrichment_radius=0.1, threshold=0.9, relaxation=20.0))
     predicted = [iterate.predicted for iterate in found.history]
     assert len(predicted) == 21
@@ -102,7 +88,7 @@ def test_the_best_iterate_is_kept_when_later_ones_are_worse():
 
 
 def test_a_motion_that_is_no_number_ends_at_once():
-    c = case("x")
+    c = thesis_case("x")
     broken = c.standard.copy()
     broken[np.flatnonzero(~c.held)[0]] = np.nan
     found = explicit_iterations(replace(c, standard=broken), ExplicitSettings(enrichment_radius=0.5))
@@ -128,7 +114,7 @@ def test_in_3d_a_motion_that_inverts_cells_becomes_valid():
 
 
 def test_other_functions_also_make_the_first_case_valid():
-    c = case("x")
+    c = thesis_case("x")
     for function in ("H2", "H3"):
         found = explicit_iterations(c, ExplicitSettings(enrichment_radius=0.5, function=function))
         assert found.history[found.best].actual > 0, function
