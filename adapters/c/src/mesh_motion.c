@@ -1450,8 +1450,8 @@ static mm_result invalid(mm_context *context, const char *message, const char *g
 mm_result mm_points(mm_session *session, int dimension, size_t nodes, const double *points)
 {
     BEGIN_SESSION(session);
-    if (dimension < 1 || dimension > 3 || nodes == 0 || !points) {
-        return invalid(session->context, "points must have 1, 2 or 3 coordinates, and there must be some%s", "");
+    if (dimension < 1 || dimension > 3 || (nodes && !points)) {
+        return invalid(session->context, "points must have 1, 2 or 3 coordinates%s", "");
     }
     block made = make_block("nodes", points, nodes, (size_t)dimension, 8);
     made.is_float = 1;
@@ -1525,7 +1525,7 @@ mm_result mm_patch(mm_session *session, const char *name, const char *role, size
 mm_result mm_global_ids(mm_session *session, const int64_t *ids)
 {
     BEGIN_SESSION(session);
-    if (!ids || !session->nodes) {
+    if (!session->dimension || (session->nodes && !ids)) {
         return invalid(session->context, "global ids are one for each node, and mm_points comes before them%s", "");
     }
     block made = make_block("global_ids", ids, session->nodes, 1, 8);
@@ -2821,7 +2821,7 @@ static outcome check_move(mm_session *session, size_t moving, const double *disp
                     "the displacement must have %zu rows and the answer %zu, got %zu and %zu", session->moving_count,
                     session->nodes, moving, nodes);
     }
-    if ((moving && !displacement) || !to) {
+    if ((moving && !displacement) || (nodes && !to)) {
         return fail(context, "INVALID_ARGUMENT", "", "the displacement and the answer must be there");
     }
     block rows = make_block("displacement", displacement, moving, (size_t)session->dimension, 8);
@@ -2984,7 +2984,7 @@ mm_result mm_fetch(mm_session *session, mm_frame which, size_t nodes, double *po
     if (check_joined(session) != DONE) {
         return session->context->error;
     }
-    if (!points || (session->nodes && nodes != session->nodes)) {
+    if ((nodes && !points) || (session->nodes && nodes != session->nodes)) {
         fail(session->context, "INVALID_ARGUMENT.SHAPE", "mm_node_count tells it",
              "the points must have %zu rows, got %zu", session->nodes, nodes);
         return session->context->error;

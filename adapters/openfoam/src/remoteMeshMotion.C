@@ -39,7 +39,7 @@ const dictionary& checked(const dictionary& dict, const dictionary& coeffs)
     static const wordList ofMesh
     ({
         "dynamicFvMesh", "dynamicFvMeshLibs", "libs", "motionSolverLibs",
-        "motionSolver", "solver", "cellZone", "cellSet", "updateControl",
+        "motionSolver", "solver", "cellZone", "updateControl",
         "updateInterval"
     });
     const word own(remoteMeshMotion::typeName + "Coeffs");
@@ -71,12 +71,114 @@ bool isSecond(const dictionary& coeffs, const word& key, const wordList& words)
     return given == words[1];
 }
 
+//- The zone that the dictionary names; "" where it names none
+word zoneName(const dictionary& dict)
+{
+    if (dict.found("cellSet"))
+    {
+        FatalIOErrorInFunction(dict)
+            << "remoteMeshMotion moves a cellZone, not a cellSet" << nl
+            << "    make one of it, by topoSet's setToCellZone"
+            << exit(FatalIOError);
+    }
+    const word name(dict.lookupOrDefault<word>("cellZone", "none"));
+    return name == "none" ? word() : name;
+}
+
+
+//- A dictionary with a name of its own, by which the motion solver of a zone
+//  is registered and written; null where it moves the mesh as a whole
+std::unique_ptr<IOdictionary> ofZone
+(
+    const polyMesh& mesh,
+    const IOdictionary& dict
+)
+{
+    const word zone(zoneName(dict));
+    if (zone.empty())
+    {
+        return nullptr;
+    }
+    const IOobject io
+    (
+        remoteMeshMotion::typeName + '.' + zone,
+        mesh.time().constant(),
+        mesh,
+        IOobject::NO_READ,
+        IOobject::AUTO_WRITE
+    );
+    return std::unique_ptr<IOdictionary>(new IOdictionary(io, dict));
+}
+
+
+//- The cells of a zone as a mesh; null where there is no zone
+std::unique_ptr<fvMeshSubset> cellsOf(const polyMesh& mesh, const word& name)
+{
+    if (name.empty())
+    {
+        return nullptr;
+    }
+    std::unique_ptr<fvMeshSubset> subset
+    (
+        new fvMeshSubset
+        (
+            refCast<const fvMesh>(mesh),
+            mesh.cellZones()[name] // the base class has found it
+        )
+    );
+    // its faces to other cells are of a patch of type empty: a plane's
+    fvMesh& own = subset->subMesh();
+    const polyBoundaryMesh& boundary = own.boundaryMesh();
+    List<polyPatch*> patches(boundary.size());
+    forAll(boundary, patchi)
+    {
+        const polyPatch& pp = boundary[patchi];
+        patches[patchi] =
+            pp.name() == fvMeshSubset::exposedPatchName
+          ? new polyPatch
+            (
+                pp.name(), pp.size(), pp.start(), patchi, boundary,
+                polyPatch::typeName
+            )
+          : pp.clone(boundary, patchi, pp.size(), pp.start()).ptr();
+    }
+    own.removeFvBoundary();
+    own.addFvPatches(patches);
+    return subset;
+}
+
 } // End anonymous namespace
+
+
+const Foam::polyMesh& Foam::remoteMeshMotion::own() const
+{
+    return zone_ ? zone_->subMesh() : mesh();
+}
+
+
+Foam::pointField Foam::remoteMeshMotion::ofOwn(const pointField& all) const
+{
+    return zone_ ? pointField(all, zone_->pointMap()) : all;
+}
+
+
+void Foam::remoteMeshMotion::toAll(const pointField& own, pointField& all) const
+{
+    if (zone_)
+    {
+        UIndirectList<point>(all, zone_->pointMap()) = own;
+    }
+    else
+    {
+        all = own;
+    }
+}
 
 
 Foam::fileName Foam::remoteMeshMotion::folder(const word& instance) const
 {
-    return mesh().time().path()/instance/"uniform"/"remoteMeshMotion";
+    const fileName uniform(mesh().time().path()/instance/"uniform");
+    return uniform/(zone_ ? name() : typeName);
 }
 
 
@@ -85,6 +187,10 @@ Foam::string Foam::remoteMeshMotion::digest() const
     dictionary sent;
     sent.add("patches", coeffDict().subDict("patches"));
     sent.add("method", coeffDict().subOrEmptyDict("method"));
+    if (zone_)
+    {
+        sent.add("cellZone", zoneName(*this));
+    }
     if (evaluates_)
     {
         sent.add("evaluation", word("client"));
@@ -95,7 +201,7 @@ Foam::string Foam::remoteMeshMotion::digest() const
 
 void Foam::remoteMeshMotion::open()
 {
-    offset_ = mesh().points() - points0();
+    offset_ = ofOwn(mesh().points()) - ofOwn(points0());
     if (evaluates_)
     {
         offset_ = Zero;
@@ -116,11 +222,12 @@ bool Foam::remoteMeshMotion::isWhereItWas()
 {
     scalarField rows;
     session_->committed(rows);
-    pointField now(mesh().points());
+    const pointField here(ofOwn(mesh().points()));
+    pointField now(here);
     remoteMesh_.toPoints(rows, now);
     // a time that was written with few digits is still the same time
     const scalar allowed = 1e-5*mesh().bounds().mag();
-    const scalar most = gMax(mag(now - mesh().points())());
+    const scalar most = gMax(mag(now - here)());
     return most <= allowed;
 }
 
@@ -169,9 +276,10 @@ bool Foam::remoteMeshMotion::resume()
     }
     scalarField rows;
     session_->reference(rows);
-    pointField reference(points0());
+    const pointField first(ofOwn(points0()));
+    pointField reference(first);
     remoteMesh_.toPoints(rows, reference);
-    offset_ = reference - points0();
+    offset_ = reference - first;
     Info<< "remoteMeshMotion: the session goes on behind step " << step << endl;
     return true;
 }
@@ -205,10 +313,25 @@ Foam::remoteMeshMotion::remoteMeshMotion
     const IOdictionary& dict
 )
 :
-    displacementMotionSolver(mesh, dict, typeName),
-    patches_(mesh, checked(dict, coeffDict())),
+    remoteMeshMotion(mesh, dict, ofZone(mesh, dict))
+{}
+
+
+Foam::remoteMeshMotion::remoteMeshMotion
+(
+    const polyMesh& mesh,
+    const IOdictionary& dict,
+    const std::unique_ptr<IOdictionary>& ofZone
+)
+:
+    displacementMotionSolver(mesh, ofZone ? *ofZone : dict, typeName),
+    zone_(cellsOf(mesh, zoneName(dict))),
+    patches_(own(), checked(dict, coeffDict())),
     evaluates_(isSecond(coeffDict(), "evaluation", {"server", "client"})),
-    remoteMesh_(mesh, evaluates_ ? points0() : mesh.points(), patches_),
+    remoteMesh_
+    (
+        own(), ofOwn(evaluates_ ? points0() : mesh.points()), patches_
+    ),
     session_(),
     trial_(-1),
     commitEveryMove_(false)
@@ -244,15 +367,18 @@ void Foam::remoteMeshMotion::solve()
     label nMoving = 0;
     const int64_t* moving = session_->movingNodes(nMoving);
     scalarField rows, answer;
-    const vectorField moved(patches_.moved(pointDisplacement_) - offset_);
+    const vectorField moved
+    (
+        ofOwn(patches_.moved(pointDisplacement_)()) - offset_
+    );
     remoteMesh_.toNodes(moved, nMoving, moving, rows);
     session_->move(rows, answer);
     session_->report();
 
-    vectorField& displacement = pointDisplacement_.primitiveFieldRef();
-    displacement = Zero;
+    pointField displacement(own().nPoints(), Zero);
     remoteMesh_.toPoints(answer, displacement);
     displacement += offset_;
+    toAll(displacement, pointDisplacement_.primitiveFieldRef());
     trial_ = now;
     if (commitEveryMove_)
     {

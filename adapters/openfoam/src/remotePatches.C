@@ -30,6 +30,14 @@ Foam::wordList physicalNames(const Foam::polyBoundaryMesh& boundary)
     return names;
 }
 
+
+//- Patches with a boundary condition of their own. Those of a cellZone's mesh
+//  are the same; behind them are its faces to other cells, if there are any
+Foam::label nPhysical(const Foam::pointVectorField& displacement)
+{
+    return displacement.mesh()().boundaryMesh().nNonProcessor();
+}
+
 } // End anonymous namespace
 
 
@@ -61,8 +69,14 @@ Foam::word Foam::remotePatches::roleOf
         role = "wedge";
     }
     const word standard(role);
+    // on all ranks: a patch may have its faces on another one
+    const bool hasFaces = returnReduce(pp.size(), sumOp<label>()) > 0;
     if (!given.readIfPresent(pp.name(), role) && role.empty())
     {
+        if (!hasFaces)
+        {
+            return word();
+        }
         FatalIOErrorInFunction(given)
             << "patch " << pp.name() << " has no role" << nl
             << "    give it one of " << flatOutput(roleNames())
@@ -148,7 +162,15 @@ void Foam::remotePatches::check
     const dictionary& coeffs
 ) const
 {
-    forAll(roles_, patchi)
+    const label n = nPhysical(displacement);
+    if (n < roles_.size() && roles_[n] == "moving")
+    {
+        FatalIOErrorInFunction(coeffs)
+            << "the faces between the cellZone and other cells have the role "
+            << "moving, but no boundary condition says where they go" << nl
+            << "    use fixed or free" << exit(FatalIOError);
+    }
+    for (label patchi = 0; patchi < n; ++patchi)
     {
         const auto& pf = displacement.boundaryField()[patchi];
         if
@@ -175,7 +197,8 @@ Foam::tmp<Foam::vectorField> Foam::remotePatches::moved
 {
     tmp<vectorField> tvalues(new vectorField(displacement.size(), Zero));
     vectorField& values = tvalues.ref();
-    forAll(roles_, patchi)
+    const label n = nPhysical(displacement);
+    for (label patchi = 0; patchi < n; ++patchi)
     {
         if (roles_[patchi] == "moving")
         {
@@ -206,7 +229,8 @@ Foam::tmp<Foam::vectorField> Foam::remotePatches::moved
 
 void Foam::remotePatches::checkFixed(const pointVectorField& displacement) const
 {
-    forAll(roles_, patchi)
+    const label n = nPhysical(displacement);
+    for (label patchi = 0; patchi < n; ++patchi)
     {
         const auto& pf = displacement.boundaryField()[patchi];
         if (roles_[patchi] == "fixed" && isA<valuePointPatchField<vector>>(pf))

@@ -213,7 +213,7 @@ void Foam::remoteSession::describe(const remoteMesh& mesh)
             patch.nodes.data()
         );
     }
-    if (mesh.globalIds().size())
+    if (Pstream::parRun())
     {
         mm_global_ids(session_, mesh.globalIds().data());
     }

@@ -75,8 +75,11 @@ class Mesh(Described):
 
     def __post_init__(self) -> None:
         points = finite_rows(self.points, "points")
-        if not (len(points) and 1 <= points.shape[1] <= 3):
-            raise InvalidInput(f"points must have shape (n, 1), (n, 2) or (n, 3) with n > 0, got {points.shape}")
+        if not ((len(points) or self.global_ids is not None) and 1 <= points.shape[1] <= 3):
+            raise InvalidInput(
+                f"points must have shape (n, 1), (n, 2) or (n, 3) with n > 0, got {points.shape}",
+                hint="a partition, which has global_ids, may have no points",
+            )
         object.__setattr__(self, "points", points)
         self._check_kinds()
         object.__setattr__(self, "cells", {name: self._cells(name, nodes) for name, nodes in self.cells.items()})

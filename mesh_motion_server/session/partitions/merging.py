@@ -40,6 +40,10 @@ def merge(partitions: Sequence[PartitionMesh]) -> MergedMesh:
     """
     for number, partition in enumerate(partitions):
         _check_partition(partition, number)
+    if not any(len(partition.points) for partition in partitions):
+        raise InvalidInput(
+            "the mesh has no nodes", code="INVALID_ARGUMENT.MESH", hint="send UPLOAD with item 'nodes'"
+        )
     points, global_ids, id_order, node_maps = _merge_nodes(partitions)
     cells, origins = _merge_cells(partitions, node_maps, len(points))
     points.flags.writeable = False
@@ -97,13 +101,6 @@ def _undetermined(mesh: MergedMesh, node: int, fault: str, hint: str) -> Invalid
 def _check_partition(partition: PartitionMesh, number: int) -> None:
     """Indices within range and global ids unique."""
     count = len(partition.points)
-    if not count:
-        raise InvalidInput(
-            f"partition {number} has no nodes",
-            code="INVALID_ARGUMENT.MESH",
-            hint="send UPLOAD with item 'nodes'",
-            details={"partition": number},
-        )
     if len(partition.global_ids) != count:
         raise InvalidInput(
             f"partition {number}: {count} nodes but {len(partition.global_ids)} global ids",

@@ -144,7 +144,7 @@ class MeshUpload:
         Raises
         ------
         InvalidInput
-            If a partition has no nodes, or global ids are missing where they are needed.
+            If a partition sent no nodes, or global ids are missing where they are needed.
         """
         return [self._mesh(number, pile) for number, pile in enumerate(self._piles)]
 
@@ -156,7 +156,14 @@ class MeshUpload:
 
     def _mesh(self, number: int, pile: _Pile) -> PartitionMesh:
         whole = pile.whole()
-        points = whole.get(("nodes", ""), np.empty((0, self._dimension)))
+        if ("nodes", "") not in whole:
+            raise InvalidInput(
+                f"partition {number} sent no nodes",
+                code="INVALID_ARGUMENT.MESH",
+                hint="send UPLOAD with item 'nodes'; without rows where the partition has none",
+                details={"partition": number},
+            )
+        points = whole["nodes", ""]
         return PartitionMesh(
             points=points.astype(np.float64, copy=False),
             global_ids=self._global_ids(number, len(points), whole.get(("global_ids", ""))),

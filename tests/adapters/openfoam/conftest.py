@@ -81,10 +81,10 @@ class Case:
         """The same without waiting for its end."""
         return subprocess.Popen(command, cwd=self.folder, env=self.environment, stdout=log, stderr=log)
 
-    def check_ranks(self, time, expected):
-        """The points that two ranks have written are those of the mesh as a whole."""
+    def check_ranks(self, time, expected, ranks=2):
+        """The points that the ranks have written are those of the mesh as a whole."""
         met = np.zeros(len(expected), dtype=int)
-        for rank in range(2):
+        for rank in range(ranks):
             address = self.numbers(f"processor{rank}/constant/polyMesh/pointProcAddressing", 1)[:, 0].astype(int)
             points = self.numbers(f"processor{rank}/{time}/polyMesh/points", 3)
             np.testing.assert_allclose(points, expected[address], rtol=0, atol=1e-10)

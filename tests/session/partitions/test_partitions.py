@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.session.partitions.merging import merge
+from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from mesh_motion_server.session.partitions.numbering import in_senders_numbers, upload_view
 from proofs.stand_in import grid_mesh, split_mesh
 
@@ -31,6 +32,17 @@ def test_partitions_merge_to_identical_arrays(parts: int) -> None:
     whole = grid_mesh(6)
     for seed in range(5):
         assert_same(merge([whole]), merge(split_mesh(whole, parts, seed)))
+
+
+@pytest.mark.parametrize("at", [0, 1, 2])
+def test_a_partition_may_have_no_nodes(at: int) -> None:
+    meshes = split_mesh(grid_mesh(6), 2)
+    meshes.insert(at, PartitionMesh(np.empty((0, 2)), np.empty(0, dtype=np.int64), {}, {}))
+    mesh = merge(meshes)
+    assert_same(mesh, merge([grid_mesh(6)]))
+    assert len(mesh.node_maps[at]) == len(mesh.moving_local[at]) == 0
+    with pytest.raises(InvalidInput, match="the mesh has no nodes"):
+        merge(meshes[at : at + 1] * 2)
 
 
 @given(seed=st.integers(0, 10_000), parts=st.integers(1, 5))

@@ -50,7 +50,10 @@ def test_parts_can_be_taken_back(upload: MeshUpload) -> None:
 
 
 def test_an_empty_part_is_a_part(upload: MeshUpload) -> None:
+    with pytest.raises(InvalidInput, match="partition 0 sent no nodes"):
+        upload.meshes()
     assert upload.add(0, nodes(np.empty((0, 2)))) == 0
+    assert len(upload.meshes()[0].points) == 0
 
 
 def test_a_nonfinite_coordinate_is_named_by_its_number_in_the_partition(upload: MeshUpload) -> None:
