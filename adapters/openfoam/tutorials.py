@@ -10,12 +10,15 @@ non-orthogonality (degrees) and skewness are those that ``checkMesh`` finds at a
 from __future__ import annotations
 
 import argparse
+import contextlib
+import math
 import os
 import re
 import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -50,6 +53,13 @@ class Tutorial:
     inside: str = "."
     #: why the tutorial's own motion solver is not run
     missing: str = ""
+    #: the motion solvers of other zones, where the plugin moves the ``zone`` only
+    others: str = ""
+    zone: str = ""
+    #: files of the case for the plugin's pointDisplacement
+    tables: dict[str, str] = field(default_factory=dict)
+    #: the program that the case is coupled to
+    beside: str = ""
 
     @property
     def name(self) -> str:
@@ -105,6 +115,34 @@ _REMOTE = (
     'motionSolverLibs ("libremoteMeshMotion.so"); motionSolver remoteMeshMotion; '
     'remoteMeshMotionCoeffs {{ endpoint "$MESH_MOTION_ENDPOINT"; patches {{ {} }} }}'
 )
+
+
+def _relative(steps: int, dt: float) -> tuple[str, dict[str, str]]:
+    """relativeMotion's displacement of the inner zone, rotations one in another, by tables; and their file.
+
+    decomposePar cannot copy the tutorial's ``multiMotion``.
+    """
+    rows, swings = [], []
+    for step in range(-1, steps + 2):
+        angle = 10.0 * step * dt
+        shift = f"({0.43 - 0.43 * math.cos(angle)!r} {-0.43 * math.sin(angle)!r} 0)"
+        rows.append(f"({step * dt!r} {shift})")
+        swings.append(f"({step * dt!r} ({shift} (0 0 {10.0 * math.sin(angle)!r})))")
+    still = '"(inlet|outlet|sides|wing1|AMI_rotor.*)"', "AMI_dualWing_slave"
+    return (
+        f"""
+#includeEtc "caseDicts/setConstraintTypes"
+{still[0]} {{ {_STILL} }} {still[1]} {{ patchType cyclicAMI; {_STILL} }}
+AMI_dualWing {{ patchType cyclicAMI; type uniformFixedValue; uniformValue table ({" ".join(rows)}); }}
+wing2 {{ type solidBodyMotionDisplacement; solidBodyMotionFunction tabulated6DoFMotion;
+    tabulated6DoFMotionCoeffs {{ CofG (-0.41 0 0); timeDataFileName "<constant>/wing2"; }} }}
+""",
+        {"constant/wing2": f"({' '.join(swings)})\n"},
+    )
+
+
+_ROTOR = "solidBodyMotionFunction rotatingMotion; rotatingMotionCoeffs { origin (0 0 0); axis (0 0 1); omega 10; }"
+_RELATIVE = _relative(20, 0.002)
 #: The body of floatingObject: the tutorial's, its inertia as numbers.
 _BODY = """
 mass 15; centreOfMass (0.5 0.45 0.35); momentOfInertia (0.3625 0.425 0.1625); report off; accelerationRelaxation 0.7;
@@ -221,6 +259,29 @@ CASES = (
         displacement=_TWIST, missing="its code needs wmake",
     ),
     Tutorial(
+        "mesh/moveDynamicMesh/relativeMotion", 20, 0.002, '"(AMI_dualWing|wing2)" moving;',
+        (
+            "blockMesh -case ../box_snappyHexMesh",
+            "snappyHexMesh -overwrite -case ../box_snappyHexMesh",
+            "renumberMesh -overwrite -case ../box_snappyHexMesh",
+            "createPatch -overwrite -case ../box_snappyHexMesh",
+            "extrudeMesh",
+        ),
+        _RELATIVE[0], inside="box2D_moveDynamicMesh", tables=_RELATIVE[1],
+        zone="dualWing", others=f"rotor {{ solver solidBody; cellZone rotor; solidBodyCoeffs {{ {_ROTOR} }} }}",
+    ),
+    Tutorial(
+        "incompressible/lumpedPointMotion/building", 9, 1.0,
+        'building moving; "(inlet|outlet|_y|y_|_z)" fixed; z_ slip;',
+        (
+            "mkdir -p constant/triSurface",
+            f"cp {TUTORIALS}/resources/geometry/building_wtc2.obj.gz constant/triSurface",
+            "blockMesh",
+            "snappyHexMesh -overwrite",
+        ),
+        inside="steady", beside="lumpedPointMovement -scale 5 -removeLock -slave ../files/response.txt",
+    ),
+    Tutorial(
         "mesh/moveDynamicMesh/SnakeRiverCanyon", 10, 1.0,
         "minZ moving; maxZ fixed; minX slip; maxX slip; minY slip; maxY slip;",
     ),
@@ -259,6 +320,20 @@ class Runner:
             raise SetupError(f"{command}: {_last_words(done.stdout + done.stderr)}")
         return done.stdout
 
+    @contextlib.contextmanager
+    def beside(self, command: str) -> Iterator[None]:
+        """A program that runs until the block ends; none where there is no command."""
+        if not command:
+            yield
+            return
+        with (self.case / "log.beside").open("w") as log:
+            other = subprocess.Popen(command.split(), cwd=self.case, env=self.environment, stdout=log, stderr=log)
+            try:
+                yield
+            finally:
+                other.terminate()
+                other.wait()
+
 
 def _last_words(text: str) -> str:
     """The fatal error's first lines, or the last line."""
@@ -267,8 +342,8 @@ def _last_words(text: str) -> str:
     return " ".join(lines[begun + 1 : begun + 4])
 
 
-def prepared(tutorial: Tutorial, folder: Path, variables: dict[str, str], patches: str) -> Runner:
-    """A copy of the tutorial with its mesh, ready to be moved: with ``patches`` by the server, else as it is."""
+def meshed(tutorial: Tutorial, folder: Path) -> None:
+    """A copy of the tutorial with its mesh."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(TUTORIALS / tutorial.path, folder)
     for name in folder.rglob("*.gz"):
@@ -277,6 +352,22 @@ def prepared(tutorial: Tutorial, folder: Path, variables: dict[str, str], patche
     (folder / "0").mkdir(exist_ok=True)
     if not (folder / "0.orig").exists():
         (folder / "0").rename(folder / "0.orig")
+    for name, old, new in tutorial.replace:
+        text = (folder / name).read_text()
+        if old not in text:
+            raise SetupError(f"{tutorial.name}: {name} does not have {old!r}")
+        (folder / name).write_text(text.replace(old, new))
+    _write_system(folder / "system", tutorial)
+    runner = Runner(folder, environment(HERE))
+    for command in tutorial.prepare:
+        runner.run(command)
+
+
+def prepared(tutorial: Tutorial, mesh: Path, folder: Path, variables: dict[str, str], patches: str) -> Runner:
+    """A copy of the meshed tutorial, ready to be moved: with ``patches`` by the server, else as it is."""
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(mesh, folder)
+    folder /= tutorial.inside
     fields = {"pointDisplacement": tutorial.displacement} if patches else tutorial.own_fields
     for name, boundary in fields.items():
         if not boundary:
@@ -285,20 +376,18 @@ def prepared(tutorial: Tutorial, folder: Path, variables: dict[str, str], patche
         header = f"FoamFile {{ version 2.0; format ascii; class point{kind}Field; object {name}; }}\n"
         inner = f"dimensions [0 1 0 0 0 0 0]; internalField uniform {zero}; boundaryField\n{{"
         (folder / "0.orig" / name).write_text(header + inner + boundary + "}\n")
-    for name, old, new in tutorial.replace:
-        text = (folder / name).read_text()
-        if old not in text:
-            raise SetupError(f"{tutorial.name}: {name} does not have {old!r}")
-        (folder / name).write_text(text.replace(old, new))
+    for name, text in tutorial.tables.items():
+        (folder / name).write_text(text)
     motion = _REMOTE.format(patches) if patches else tutorial.own_motion
     if motion:
         header = "FoamFile { version 2.0; format ascii; class dictionary; object dynamicMeshDict; }\n"
-        text = f"{header}dynamicFvMesh dynamicMotionSolverFvMesh; {motion}\n"
-        (folder / "constant" / "dynamicMeshDict").write_text(text)
-    _write_system(folder / "system", tutorial)
+        text = f"dynamicFvMesh dynamicMotionSolverFvMesh; {motion}\n"
+        if patches and tutorial.zone:
+            zones = f"{tutorial.others} remote {{ cellZone {tutorial.zone}; {motion} }}"
+            several = "dynamicMultiMotionSolverFvMesh"
+            text = f"dynamicFvMesh {several}; {several}Coeffs {{ {zones} }}\n"
+        (folder / "constant" / "dynamicMeshDict").write_text(header + text)
     runner = Runner(folder, variables)
-    for command in tutorial.prepare:
-        runner.run(command)
     shutil.rmtree(folder / "0", ignore_errors=True)
     shutil.copytree(folder / "0.orig", folder / "0")
     if tutorial.application == "moveDynamicMesh":  # it needs no more; code in others may not be compiled
@@ -313,7 +402,8 @@ def prepared(tutorial: Tutorial, folder: Path, variables: dict[str, str], patche
 def _write_system(system: Path, tutorial: Tutorial) -> None:
     """What moveDynamicMesh, decomposePar and the motion solvers read."""
     files = {
-        "controlDict": 'libs ("libfvMotionSolvers.so" "libwaveModels.so" "libsixDoFRigidBodyMotion.so"); '
+        "controlDict": 'libs ("libfvMotionSolvers.so" "libwaveModels.so" "libsixDoFRigidBodyMotion.so" '
+        '"liblumpedPointMotion.so"); '
         f"application {tutorial.application}; startFrom startTime; startTime 0; stopAt endTime; "
         f"endTime {tutorial.steps * tutorial.dt!r}; "
         f"deltaT {tutorial.dt!r}; adjustTimeStep no; maxCo 1; maxAlphaCo 1; "
@@ -325,19 +415,20 @@ def _write_system(system: Path, tutorial: Tutorial) -> None:
         (system / name).write_text(header + text + "\n")
 
 
-def play(tutorial: Tutorial, folder: Path, ranks: int, patches: str) -> Outcome:
+def play(tutorial: Tutorial, mesh: Path, folder: Path, ranks: int, patches: str) -> Outcome:
     """Move the mesh, with ``patches`` by the server, and check it."""
 
     def start() -> EmbeddedServer:
         return EmbeddedServer(folder.with_suffix(".server"), 120.0, ["--threads", "1"])
 
     with mesh_motion("server" if patches else "own", None, start) as server:
-        runner = prepared(tutorial, folder, environment(HERE) | server, patches)
+        runner = prepared(tutorial, mesh, folder, environment(HERE) | server, patches)
         if ranks > 1:
             runner.run("decomposePar")
         began, error = time.monotonic(), ""
         try:
-            runner.run(tutorial.application, ranks)
+            with runner.beside(tutorial.beside):
+                runner.run(tutorial.application, ranks)
         except SetupError as failure:
             error = str(failure)
         seconds = (time.monotonic() - began) / tutorial.steps
@@ -366,11 +457,13 @@ def main() -> int:
         if (options.only or "") not in tutorial.name:
             continue
         cells = [f"{tutorial.name} | {tutorial.steps} of {tutorial.dt:g} s"]
+        mesh = out / f"{tutorial.name}-mesh".replace(" ", "-")
+        meshed(tutorial, mesh)
         for name, ranks, patches in (("own", 1, ""), ("server", 1, tutorial.patches), ("ranks", 2, tutorial.patches)):
             if tutorial.missing and not patches:
                 cells.append(f"{tutorial.missing} | ")
                 continue
-            outcome = play(tutorial, out / f"{tutorial.name}-{name}".replace(" ", "-"), ranks, patches)
+            outcome = play(tutorial, mesh, mesh.with_name(mesh.name.removesuffix("mesh") + name), ranks, patches)
             good = good and not (patches and outcome.error)
             cells.append(str(outcome))
         sys.stdout.write("| " + " | ".join(cells) + " |\n")

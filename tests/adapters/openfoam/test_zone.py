@@ -48,7 +48,10 @@ def write(case, text):
 def several(case, zone="near", others=OTHERS):
     """A motion solver for each zone: here one."""
     solver = SOLVER.format(zone, others)
-    write(case, f"dynamicFvMesh dynamicMultiMotionSolverFvMesh; dynamicMultiMotionSolverFvMeshCoeffs {{ n {{ {solver} }} }}")
+    write(
+        case,
+        f"dynamicFvMesh dynamicMultiMotionSolverFvMesh; dynamicMultiMotionSolverFvMeshCoeffs {{ n {{ {solver} }} }}",
+    )
 
 
 def single(case, zone="near", others=OTHERS):
