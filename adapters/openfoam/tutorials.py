@@ -14,6 +14,7 @@ import contextlib
 import math
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -58,6 +59,8 @@ class Tutorial:
     zone: str = ""
     #: files of the case for the plugin's pointDisplacement
     tables: dict[str, str] = field(default_factory=dict)
+    #: its conditions that decomposePar cannot copy
+    conditions: dict[str, str] = field(default_factory=dict)
     #: the program that the case is coupled to
     beside: str = ""
 
@@ -118,24 +121,22 @@ _REMOTE = (
 
 
 def _relative(steps: int, dt: float) -> tuple[str, dict[str, str]]:
-    """relativeMotion's displacement of the inner zone, rotations one in another, by tables; and their file.
-
-    decomposePar cannot copy the tutorial's ``multiMotion``.
-    """
+    """relativeMotion's displacement of the inner zone, rotations one in another, by tables; and their file."""
     rows, swings = [], []
     for step in range(-1, steps + 2):
         angle = 10.0 * step * dt
         shift = f"({0.43 - 0.43 * math.cos(angle)!r} {-0.43 * math.sin(angle)!r} 0)"
         rows.append(f"({step * dt!r} {shift})")
         swings.append(f"({step * dt!r} ({shift} (0 0 {10.0 * math.sin(angle)!r})))")
-    still = '"(inlet|outlet|sides|wing1|AMI_rotor.*)"', "AMI_dualWing_slave"
+    shifted = f"type uniformFixedValue; uniformValue table ({' '.join(rows)});"
     return (
         f"""
 #includeEtc "caseDicts/setConstraintTypes"
-{still[0]} {{ {_STILL} }} {still[1]} {{ patchType cyclicAMI; {_STILL} }}
-AMI_dualWing {{ patchType cyclicAMI; type uniformFixedValue; uniformValue table ({" ".join(rows)}); }}
-wing2 {{ type solidBodyMotionDisplacement; solidBodyMotionFunction tabulated6DoFMotion;
-    tabulated6DoFMotionCoeffs {{ CofG (-0.41 0 0); timeDataFileName "<constant>/wing2"; }} }}
+"(inlet|outlet|sides|AMI_rotor.*)" {{ {_STILL} }}
+AMI_dualWing_slave {{ patchType cyclicAMI; {_STILL} }}
+AMI_dualWing {{ patchType cyclicAMI; {shifted} }}
+wing1 {{ {shifted} }}
+wing2 {{ {_STILL} }}
 """,
         {"constant/wing2": f"({' '.join(swings)})\n"},
     )
@@ -143,6 +144,8 @@ wing2 {{ type solidBodyMotionDisplacement; solidBodyMotionFunction tabulated6DoF
 
 _ROTOR = "solidBodyMotionFunction rotatingMotion; rotatingMotionCoeffs { origin (0 0 0); axis (0 0 1); omega 10; }"
 _RELATIVE = _relative(20, 0.002)
+_WING2 = """{ type solidBodyMotionDisplacement; value uniform (0 0 0); solidBodyMotionFunction tabulated6DoFMotion;
+    tabulated6DoFMotionCoeffs { CofG (-0.41 0 0); timeDataFileName "$FOAM_CASE/constant/wing2"; } }"""
 #: The body of floatingObject: the tutorial's, its inertia as numbers.
 _BODY = """
 mass 15; centreOfMass (0.5 0.45 0.35); momentOfInertia (0.3625 0.425 0.1625); report off; accelerationRelaxation 0.7;
@@ -259,7 +262,7 @@ CASES = (
         displacement=_TWIST, missing="its code needs wmake",
     ),
     Tutorial(
-        "mesh/moveDynamicMesh/relativeMotion", 20, 0.002, '"(AMI_dualWing|wing2)" moving;',
+        "mesh/moveDynamicMesh/relativeMotion", 20, 0.002, '"(AMI_dualWing|wing1|wing2)" moving;',
         (
             "blockMesh -case ../box_snappyHexMesh",
             "snappyHexMesh -overwrite -case ../box_snappyHexMesh",
@@ -267,7 +270,7 @@ CASES = (
             "createPatch -overwrite -case ../box_snappyHexMesh",
             "extrudeMesh",
         ),
-        _RELATIVE[0], inside="box2D_moveDynamicMesh", tables=_RELATIVE[1],
+        _RELATIVE[0], inside="box2D_moveDynamicMesh", tables=_RELATIVE[1], conditions={"wing2": _WING2},
         zone="dualWing", others=f"rotor {{ solver solidBody; cellZone rotor; solidBodyCoeffs {{ {_ROTOR} }} }}",
     ),
     Tutorial(
@@ -310,7 +313,7 @@ class Runner:
 
     def run(self, command: str, ranks: int = 1) -> str:
         """The program's output; SetupError with its last words where it fails."""
-        words = [*command.split(), *(["-parallel"] if ranks > 1 else [])]
+        words = [*shlex.split(command), *(["-parallel"] if ranks > 1 else [])]
         mpi = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-np", str(ranks)] if ranks > 1 else []
         done = subprocess.run(
             [*mpi, *words], cwd=self.case, env=self.environment, capture_output=True, text=True, check=False
@@ -376,8 +379,8 @@ def prepared(tutorial: Tutorial, mesh: Path, folder: Path, variables: dict[str, 
         header = f"FoamFile {{ version 2.0; format ascii; class point{kind}Field; object {name}; }}\n"
         inner = f"dimensions [0 1 0 0 0 0 0]; internalField uniform {zero}; boundaryField\n{{"
         (folder / "0.orig" / name).write_text(header + inner + boundary + "}\n")
-    for name, text in tutorial.tables.items():
-        (folder / name).write_text(text)
+    for name, table in tutorial.tables.items():
+        (folder / name).write_text(table)
     motion = _REMOTE.format(patches) if patches else tutorial.own_motion
     if motion:
         header = "FoamFile { version 2.0; format ascii; class dictionary; object dynamicMeshDict; }\n"
@@ -391,8 +394,9 @@ def prepared(tutorial: Tutorial, mesh: Path, folder: Path, variables: dict[str, 
     shutil.rmtree(folder / "0", ignore_errors=True)
     shutil.copytree(folder / "0.orig", folder / "0")
     if tutorial.application == "moveDynamicMesh":  # it needs no more; code in others may not be compiled
+        of_motion = "pointDisplacement" if patches else ("point", "cell")
         for path in (folder / "0").iterdir():
-            if path.is_file() and path.name != "pointDisplacement" and (patches or not path.name.startswith("point")):
+            if path.is_file() and not path.name.startswith(of_motion):
                 path.unlink()
     elif (folder / "system" / "setFieldsDict").exists():
         runner.run("setFields")
@@ -425,6 +429,10 @@ def play(tutorial: Tutorial, mesh: Path, folder: Path, ranks: int, patches: str)
         runner = prepared(tutorial, mesh, folder, environment(HERE) | server, patches)
         if ranks > 1:
             runner.run("decomposePar")
+        for patch, condition in tutorial.conditions.items() if patches else ():
+            for part in [f"processor{rank}/0" for rank in range(ranks)] if ranks > 1 else ["0"]:
+                entry = f"boundaryField/{patch}"
+                runner.run(f"foamDictionary {part}/pointDisplacement -entry {entry} -set {shlex.quote(condition)}")
         began, error = time.monotonic(), ""
         try:
             with runner.beside(tutorial.beside):

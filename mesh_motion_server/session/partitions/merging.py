@@ -41,9 +41,7 @@ def merge(partitions: Sequence[PartitionMesh]) -> MergedMesh:
     for number, partition in enumerate(partitions):
         _check_partition(partition, number)
     if not any(len(partition.points) for partition in partitions):
-        raise InvalidInput(
-            "the mesh has no nodes", code="INVALID_ARGUMENT.MESH", hint="send UPLOAD with item 'nodes'"
-        )
+        raise InvalidInput("the mesh has no nodes", code="INVALID_ARGUMENT.MESH", hint="send UPLOAD with item 'nodes'")
     points, global_ids, id_order, node_maps = _merge_nodes(partitions)
     cells, origins = _merge_cells(partitions, node_maps, len(points))
     points.flags.writeable = False
