@@ -68,6 +68,19 @@ module mesh_motion_kernels
          type(c_ptr), intent(out) :: interpolant
       end function
 
+      integer(c_int) function mesh_motion_interpolant_create_on_grid(basis, support_radius, dimension, origin, &
+                                                                     inverse_side, extent, shape, centres, &
+                                                                     control_points, components, weights, &
+                                                                     interpolant) bind(c)
+         import
+         character(kind=c_char), intent(in) :: basis(*)
+         real(c_double), value :: support_radius, inverse_side, extent
+         integer(c_int64_t), value :: dimension, centres, components
+         real(c_double), intent(in) :: origin(3), control_points(*), weights(*)
+         integer(c_int64_t), intent(in) :: shape(3)
+         type(c_ptr), intent(out) :: interpolant
+      end function
+
       subroutine mesh_motion_interpolant_free(interpolant) bind(c)
          import
          type(c_ptr), value :: interpolant

@@ -69,6 +69,17 @@ typedef struct mesh_motion_interpolant mesh_motion_interpolant;
 MESH_MOTION_API int mesh_motion_interpolant_create(const char *basis, double support_radius, int64_t dimension,
                                                    int64_t centres, const double *control_points, int64_t components,
                                                    const double *weights, mesh_motion_interpolant **interpolant);
+/* The same bits of a part of the control points, at points in a part of space: all control points of the cells of a grid
+ * that hold these points, and of the cells next to those, in their order among all. The grid is that of all control
+ * points: origin (3) is their lower corner, extent how far they reach from it along the longest axis; shape (3) cells
+ * along each axis, which are 1/inverse_side wide, at least R; a single cell has inverse_side 0.
+ */
+MESH_MOTION_API int mesh_motion_interpolant_create_on_grid(const char *basis, double support_radius, int64_t dimension,
+                                                           const double *origin, double inverse_side, double extent,
+                                                           const int64_t *shape, int64_t centres,
+                                                           const double *control_points, int64_t components,
+                                                           const double *weights,
+                                                           mesh_motion_interpolant **interpolant);
 /* NULL is admitted. */
 MESH_MOTION_API void mesh_motion_interpolant_free(mesh_motion_interpolant *interpolant);
 /* p(x) = b_0 + sum_m b_m (x_m - centre_m) / scale. centre (d), scale not 0, coefficients b (d + 1, components). */

@@ -153,4 +153,9 @@ decltype(auto) with_dimension(Index d, F&& f) {
     }
 }
 
+template <class T, std::size_t N>
+std::vector<std::remove_const_t<T>> copied(View<T, N> values) {
+    return {values.begin(), values.end()};
+}
+
 }  // namespace mesh_motion

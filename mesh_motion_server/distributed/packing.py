@@ -55,7 +55,7 @@ class _Sum:
     centres: Floats
     weights: Floats
     cell: NDArray[np.int32]
-    grid: tuple[Floats, float, Ints, float]
+    grid: tuple[Floats, float, float, Ints, float]
     polynomial: Polynomial | None
 
     @classmethod
@@ -68,19 +68,19 @@ class _Sum:
             layout.coordinates[: interpolant.dimension, kept],
             interpolant.weights[layout.order[kept]],
             (np.searchsorted(layout.starts, kept, side="right") - 1).astype(np.int32),
-            (layout.origin, layout.inverse_side, layout.shape, layout.fraction),
+            (layout.origin, layout.inverse_side, layout.extent, layout.shape, layout.fraction),
             interpolant.polynomial,
         )
 
     def unpacked(self) -> Interpolant:
-        origin, inverse_side, shape, fraction = self.grid
+        origin, inverse_side, extent, shape, fraction = self.grid
         d, count = self.centres.shape
         coordinates = np.zeros((3, count))
         coordinates[:d] = self.centres
         cells = int(np.prod(shape))
         starts = np.zeros(cells + 1, dtype=np.int64)
         np.cumsum(np.bincount(self.cell, minlength=cells), out=starts[1:])
-        layout = CentreLayout(np.arange(count), coordinates, origin, inverse_side, shape, starts, fraction)
+        layout = CentreLayout(np.arange(count), coordinates, origin, inverse_side, extent, shape, starts, fraction)
         points = np.ascontiguousarray(self.centres.T)
         basis = basis_named(self.basis)
         return Interpolant(points, self.weights, basis, self.radius, layout, self.polynomial)

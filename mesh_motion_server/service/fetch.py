@@ -30,7 +30,8 @@ def answer(session: Session, request: Fetch) -> Fetched:
             details={"what": str(request.what)},
         )
     points = session.mesh.scatter(session.coordinates(request.what), request.partition)
-    field, extent = session.field(request.what), session.region(request.what)
+    field = session.field_part(session.field(request.what), request.partition)
+    extent = session.region(request.what)
     return Fetched(
         client=request.client,
         sequence=request.sequence,

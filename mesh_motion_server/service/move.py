@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from mesh_motion_protocol.messages import Move, Moved
@@ -16,6 +17,7 @@ from mesh_motion_server.service.reports import correction_report, faces_report, 
 from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
+from mesh_motion_server.session.values import MoveOutcome
 
 __all__ = ["FRAMES", "check", "run"]
 
@@ -74,10 +76,18 @@ def run(session: Session, requests: Sequence[Move], request_ids: Sequence[Reques
             faces=faces if request.report == "faces" else {},
             displacement=outcome.displacements[request.partition],
             enrichment_points=np.ascontiguousarray(motion.correction.enrichment_points, dtype=np.float64),
-            **({} if outcome.field is None else vars(outcome.field)),
+            **_field_of(session, outcome, request),
         )
         for request in requests
     ]
+
+
+def _field_of(session: Session, outcome: MoveOutcome, request: Move) -> dict[str, Any]:
+    """What the partition needs of the field, if the client evaluates it."""
+    field = session.field_part(outcome.field, request.partition)
+    if field is None:
+        return {}
+    return {"coefficients": field.coefficients} if request.field_known else vars(field)
 
 
 def _check_at_client(request: Move) -> None:

@@ -165,6 +165,10 @@ class Position:
             return rest
         return replace(rest, coefficients=committed.coefficients)
 
+    def field_part(self, field: Field | None, partition: int) -> Field | None:
+        """What a partition needs of a field."""
+        return None if field is None else self._require_built().field_parts[partition].of(field.coefficients)
+
     def region(self, frame: str) -> Extent | None:
         """The region to be corrected where the field leads to "committed" coordinates, if it was."""
         committed = self._now.committed

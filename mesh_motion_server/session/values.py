@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from mesh_motion_server.distributed.field import Field
+import numpy as np
+
+from mesh_motion_server.distributed.field import Field, FieldPart
 from mesh_motion_server.distributed.region import Extent
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, face_measures
@@ -48,6 +50,17 @@ class Built:
     model: Model
     keeper: Keeper
     field: Field | None = None
+
+    @cached_property
+    def field_parts(self) -> list[FieldPart]:
+        """What each partition needs of fields that the client evaluates; an only one gets all."""
+        if self.field is None:
+            return []
+        points, node_maps = self.mesh.points, self.mesh.node_maps
+        if len(node_maps) == 1:
+            return [FieldPart.whole(self.field)]
+        held = [points[own] if len(own) else points[:1] for own in node_maps]
+        return [self.field.part(np.stack([own.min(axis=0), own.max(axis=0)])) for own in held]
 
     @cached_property
     def faces(self) -> FaceMeasures | None:

@@ -157,6 +157,7 @@ class Move(SessionMessage):
     report: Report = ""  # what MOVED tells more: "faces" for the mesh as a finite-volume code sees it
     compute_limit_ms: Count = 0  # the server gives up computing after so many milliseconds: section 7; 0 = never
     memory: dict[str, Any] = field(default_factory=dict)  # where MOVED may put large arrays: section 22; not content
+    field_known: bool = False  # of the field only the coefficients are wanted: section 23
     displacement: FloatMoving  # of the moving nodes (BUILT.moving_nodes), mesh length unit
 
 

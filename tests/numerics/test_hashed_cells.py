@@ -45,7 +45,7 @@ def test_rows_are_those_of_all_centres(d: int) -> None:
 
 def test_every_point_is_stored_once() -> None:
     points = padded(_centres(3))
-    assert sorted(HashedCells.build(points, RADIUS).order) == list(range(len(points)))
+    assert sorted(HashedCells.build(points, points.min(axis=0), 1.0, RADIUS).order) == list(range(len(points)))
 
 
 def test_places_far_away_and_not_finite_find_nothing() -> None:
@@ -55,5 +55,5 @@ def test_places_far_away_and_not_finite_find_nothing() -> None:
 
 def test_cells_become_wider_rather_than_too_many() -> None:
     points = padded(_centres(2))
-    found = HashedCells.build(points, 1e-12)
+    found = HashedCells.build(points, points.min(axis=0), 1.0, 1e-12)
     assert found.inverse_side < 2**20

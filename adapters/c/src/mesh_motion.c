@@ -446,6 +446,13 @@ static void add_integer(request *request, const char *key, int64_t value)
     mmi_put_integer(&request->fields, value);
 }
 
+static void add_flag(request *request, const char *key, int value)
+{
+    ++request->field_count;
+    mmi_put_text(&request->fields, key);
+    mmi_put_flag(&request->fields, value);
+}
+
 static void add_bytes(request *request, const char *key, const uint8_t *value, size_t size)
 {
     ++request->field_count;
@@ -1847,6 +1854,16 @@ static void read_sum(const mm_report *report, size_t number, mmv_sum *sum)
     sum->radius = mm_report_number(report, path);
     snprintf(path, sizeof path, "sums.%zu.centres", number);
     sum->centres = mm_report_integer(report, path, -1);
+    snprintf(path, sizeof path, "sums.%zu.inverse_side", number);
+    sum->inverse_side = mm_report_number(report, path);
+    snprintf(path, sizeof path, "sums.%zu.extent", number);
+    sum->extent = mm_report_number(report, path);
+    for (int axis = 0; axis < 3; ++axis) {
+        snprintf(path, sizeof path, "sums.%zu.origin.%d", number, axis);
+        sum->origin[axis] = mm_report_number(report, path);
+        snprintf(path, sizeof path, "sums.%zu.shape.%d", number, axis);
+        sum->shape[axis] = mm_report_integer(report, path, 0);
+    }
     snprintf(path, sizeof path, "sums.%zu.scale", number);
     sum->scale = mm_report_number(report, path);
     sum->has_polynomial = !isnan(sum->scale);
@@ -2311,6 +2328,9 @@ static outcome check_reference(mm_session *session)
     return how;
 }
 
+/* Whether MOVED may leave out all of the field but its coefficients. */
+static int knows_field(const mm_session *session) { return session->evaluates && mmv_knows_field(session->volume); }
+
 /* A node as numbered in the mesh, not in what was uploaded of it; -1: there is none. */
 static int64_t in_mesh(const mm_session *session, int64_t node)
 {
@@ -2343,6 +2363,11 @@ static int64_t in_mesh(const mm_session *session, int64_t node)
 {
     (void)session;
     return node;
+}
+static int knows_field(const mm_session *session)
+{
+    (void)session;
+    return 0;
 }
 static void forget_told(mm_session *session) { (void)session; }
 static void keep_freed(mm_session *session) { (void)session; }
@@ -2890,6 +2915,9 @@ mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const doub
     request move = move_request(session, frame, displacement);
     if (session->compute_limit_ms) {
         add_integer(&move, "compute_limit_ms", session->compute_limit_ms);
+    }
+    if (knows_field(session)) {
+        add_flag(&move, "field_known", 1);
     }
     outcome how = deliver(session, &move, session->context->compute_timeout, &moved);
     if (how == DONE && !session->evaluates) {

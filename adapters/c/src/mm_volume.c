@@ -200,10 +200,42 @@ static size_t rows_of(const mmv_sum *sum, int dimension)
     return (size_t)sum->centres + (sum->has_polynomial ? (size_t)dimension + 1 : 0);
 }
 
+/* Coefficients of a box along an axis. */
+static double layers_of(const double *box, size_t axis) { return box[4 + axis] > 0.0 ? box[4 + axis] + 3.0 : 1.0; }
+
+static int is_count(double number) { return number >= 0.0 && number < 1e9 && number == (double)(int64_t)number; }
+
+/* Counts the coefficients of the spline, of all of it and of what is here; 0 if its boxes are none. */
+static int count_spline(const mmv_field *field, size_t *all, size_t *here)
+{
+    double whole = 0.0, part = 0.0;
+    for (size_t b = 0; b < field->box_count; ++b) {
+        const double *box = field->boxes + 14 * b;
+        double layers = 1.0, sent = 1.0;
+        for (size_t axis = 0; axis < 3; ++axis) {
+            double first = box[8 + axis], last = box[11 + axis];
+            if (!is_count(box[4 + axis]) || !is_count(first) || !is_count(last) || first > last
+                || last > layers_of(box, axis)) {
+                return 0;
+            }
+            layers *= layers_of(box, axis);
+            sent *= last - first;
+        }
+        if (!(box[7] == whole && layers < 1e9)) { /* one box after the other */
+            return 0;
+        }
+        whole += layers;
+        part += sent;
+    }
+    *all = (size_t)whole;
+    *here = (size_t)part;
+    return 1;
+}
+
 /* Whether the arrays fit together: they came over a network. */
 static int is_whole(const mmv_field *field, int dimension)
 {
-    size_t centres = 0, rows = 0;
+    size_t centres = 0, rows = 0, all, here;
     for (size_t s = 0; s < field->sum_count; ++s) {
         if (field->sums[s].centres < 0 || (uint64_t)field->sums[s].centres > field->centre_count) {
             return 0;
@@ -211,14 +243,25 @@ static int is_whole(const mmv_field *field, int dimension)
         centres += (size_t)field->sums[s].centres;
         rows += rows_of(&field->sums[s], dimension);
     }
-    return centres == field->centre_count
-           && (field->box_count ? rows <= field->coefficient_count : rows == field->coefficient_count);
+    return centres == field->centre_count && count_spline(field, &all, &here)
+           && rows + here == field->coefficient_count;
 }
+
+int mmv_knows_field(const mmv_volume *volume) { return volume && volume->field.sum_count > 0; }
 
 int mmv_set_field(mmv_volume *volume, mmv_field field)
 {
     mmv_field *own = &volume->field;
     size_t row = (size_t)volume->dimension * sizeof(double);
+    if (field.sum_count == 0 && own->sum_count) {
+        free(field.sums);
+        free(field.centres);
+        free(field.boxes);
+        free(own->coefficients);
+        own->coefficients = field.coefficients;
+        own->coefficient_count = field.coefficient_count;
+        return is_whole(own, volume->dimension) ? MESH_MOTION_OK : MESH_MOTION_INTERNAL;
+    }
     if (!is_whole(&field, volume->dimension)) {
         free_field(&field);
         return MESH_MOTION_INTERNAL;
@@ -239,8 +282,8 @@ static int make_sum(const mmv_volume *volume, size_t s, const double *centres, c
 {
     const mmv_sum *sum = &volume->field.sums[s];
     int d = volume->dimension;
-    int result =
-        mesh_motion_interpolant_create(sum->basis, sum->radius, d, sum->centres, centres, d, rows, made);
+    int result = mesh_motion_interpolant_create_on_grid(sum->basis, sum->radius, d, sum->origin, sum->inverse_side,
+                                                        sum->extent, sum->shape, sum->centres, centres, d, rows, made);
     if (result == MESH_MOTION_OK && sum->has_polynomial) {
         result = mesh_motion_interpolant_set_polynomial(*made, sum->centre, sum->scale, rows + sum->centres * d);
     }
@@ -280,17 +323,34 @@ static int add_sum(mmv_volume *volume, size_t s, const double *centres, const do
     return result;
 }
 
+/* The coefficients that are here in their places among all; the nodes use no other one. */
+static void place_coefficients(const mmv_field *field, size_t d, const double *here, double *all)
+{
+    for (size_t b = 0; b < field->box_count; ++b) {
+        const double *box = field->boxes + 14 * b;
+        size_t ny = (size_t)layers_of(box, 1), nz = (size_t)layers_of(box, 2), start = (size_t)box[7];
+        size_t run = ((size_t)box[13] - (size_t)box[10]) * d;
+        for (size_t x = (size_t)box[8]; x < (size_t)box[11]; ++x) {
+            for (size_t y = (size_t)box[9]; y < (size_t)box[12]; ++y) {
+                memcpy(all + (start + (x * ny + y) * nz + (size_t)box[10]) * d, here, run * sizeof *here);
+                here += run;
+            }
+        }
+    }
+}
+
 /* The spline of the coarse field: its arrays lie in columns. */
-static int write_spline(const mmv_volume *volume, const double *coefficients, size_t rows, double *values)
+static int write_spline(const mmv_volume *volume, const double *coefficients, double *values)
 {
     const mmv_field *field = &volume->field;
-    size_t count = field->box_count;
-    double *origin = malloc(4 * count * sizeof *origin);
+    size_t count = field->box_count, rows = 0, here, d = (size_t)volume->dimension;
+    int is_one = count_spline(field, &rows, &here);
+    double *origin = malloc(4 * count * sizeof *origin), *all = calloc(rows * d + 1, sizeof *all);
     int64_t *cells = malloc(4 * count * sizeof *cells);
     mesh_motion_spline *spline = NULL;
-    int result = origin && cells ? MESH_MOTION_OK : MESH_MOTION_OUT_OF_MEMORY;
+    int result = origin && cells && all && is_one ? MESH_MOTION_OK : MESH_MOTION_OUT_OF_MEMORY;
     for (size_t b = 0; result == MESH_MOTION_OK && b < count; ++b) {
-        const double *box = field->boxes + 8 * b;
+        const double *box = field->boxes + 14 * b;
         memcpy(origin + 3 * b, box, 3 * sizeof *box);
         origin[3 * count + b] = box[3];
         for (size_t axis = 0; axis < 3; ++axis) {
@@ -299,13 +359,15 @@ static int write_spline(const mmv_volume *volume, const double *coefficients, si
         cells[3 * count + b] = (int64_t)box[7];
     }
     if (result == MESH_MOTION_OK) {
+        place_coefficients(field, d, coefficients, all);
         result = mesh_motion_spline_create(volume->dimension, (int64_t)count, origin, origin + 3 * count, cells,
-                                           cells + 3 * count, (int64_t)rows, volume->dimension, coefficients, &spline);
+                                           cells + 3 * count, (int64_t)rows, volume->dimension, all, &spline);
     }
     if (result == MESH_MOTION_OK) {
         result = mesh_motion_spline_values(spline, (int64_t)volume->nodes, volume->points, MESH_MOTION_WRITE, values);
     }
     mesh_motion_spline_free(spline);
+    free(all);
     free(origin);
     free(cells);
     return result;
@@ -322,7 +384,7 @@ static int write_field(mmv_volume *volume, double *values)
         of_sums += rows_of(&field->sums[s], volume->dimension);
     }
     if (field->box_count) {
-        result = write_spline(volume, rows + of_sums * d, field->coefficient_count - of_sums, values);
+        result = write_spline(volume, rows + of_sums * d, values);
     } else {
         memset(values, 0, volume->nodes * d * sizeof *values);
     }

@@ -33,17 +33,20 @@ typedef struct {
     char basis[32];
     double radius;
     int64_t centres;
+    double origin[3], inverse_side, extent; /* the grid of all its centres */
+    int64_t shape[3];
     int has_polynomial;
     double centre[3], scale;
 } mmv_sum;
 
-/* The field; the volume owns the arrays from now on, whatever is returned. */
+/* The field, or the coefficients alone of one whose other parts are known; the volume owns the arrays from now on, whatever is returned. */
 typedef struct {
     mmv_sum *sums;
-    double *centres, *boxes, *coefficients; /* (…, dimension), (…, 8), (…, dimension) */
+    double *centres, *boxes, *coefficients; /* (…, dimension), (…, 14), (…, dimension) */
     size_t sum_count, centre_count, box_count, coefficient_count;
 } mmv_field;
 int mmv_set_field(mmv_volume *volume, mmv_field field);
+int mmv_knows_field(const mmv_volume *volume);
 /* displacement (nodes, dimension) from the reference mesh: by the field, and `known` rows of the uploaded nodes. */
 int mmv_displacement(mmv_volume *volume, const double *known, double *displacement);
 /* Judges the cells with the nodes displaced. */

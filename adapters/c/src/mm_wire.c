@@ -452,7 +452,7 @@ typedef struct {
 
 /* of a field that the client evaluates (section 23) */
 #define FIELD_SUMS {"sums", MMI_ARRAY, MMI_MAP, 1, 0}
-#define FIELD_ARRAYS {"centres", 'f', 3, 1}, {"boxes", 'f', 8, 1}, {"coefficients", 'f', 3, 1}
+#define FIELD_ARRAYS {"centres", 'f', 3, 1}, {"boxes", 'f', 14, 1}, {"coefficients", 'f', 3, 1}
 
 static const reply_rule RULES[] = {
     {"WELCOME",

@@ -156,16 +156,16 @@ class Session(Described):
         """
         if not 0.0 <= compute_limit <= _LONGEST_LIMIT:
             raise InvalidInput(f"compute_limit: expected 0 to {_LONGEST_LIMIT:g} s, got {compute_limit!r}")
+        seconds, own = timeout or self._compute_timeout, self._own_cells_if_here()
         move = Move(
             **self._address,
             step=self.step + 1,
             frame=frame,
             report=report,
             compute_limit_ms=math.ceil(1000 * compute_limit),
+            field_known=own is not None and own.volume.field_known,
             displacement=self._rows(displacements),
         )
-        seconds = timeout or self._compute_timeout
-        own = self._own_cells_if_here()
         moved = self._courier.deliver(move, messages.Moved, seconds)
         self._courier.trial, self._courier.iteration = (replace(move, compute_limit_ms=0),), moved.iteration
         told = vars(moved)

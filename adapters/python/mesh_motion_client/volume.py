@@ -48,6 +48,7 @@ class Volume:
                 hint="pip install 'mesh-motion-server[server]'",
             ) from error
         self._mesh, self._field, self._extent = mesh, Field, Extent
+        self._known: tuple[list[dict[str, Any]], Floats, Floats] | None = None
         on_patches = [np.empty(0, dtype=np.int64), *(patch.nodes for patch in mesh.patches.values())]
         try:
             self._rank = Rank(mesh.points, mesh.cells, np.concatenate(on_patches))
@@ -55,6 +56,11 @@ class Volume:
             raise InvalidInput(error.message, code=error.code, hint=error.hint, details=error.details) from error
         self.nodes: NDArray[np.int64] = self._rank.nodes
         self._order = None if mesh.global_ids is None else np.argsort(mesh.global_ids)
+
+    @property
+    def field_known(self) -> bool:
+        """Whether a MOVED may leave out all of the field but its coefficients."""
+        return self._known is not None
 
     def parts(self, **at: Any) -> Iterator[Upload]:
         """The UPLOADs of the boundary, and of the number of cells of each type."""
@@ -115,4 +121,8 @@ class Volume:
         return self._order[at[rows]], rows
 
     def _field_of(self, reply: Moved | Fetched) -> Any:
-        return self._field(reply.sums, *(np.array(part) for part in (reply.centres, reply.boxes, reply.coefficients)))
+        """The field of a reply; what does not change in a session may have come with an earlier one."""
+        if reply.sums or self._known is None:
+            self._known = reply.sums, np.array(reply.centres), np.array(reply.boxes)
+        sums, centres, boxes = self._known
+        return self._field(sums, centres, boxes, np.array(reply.coefficients))

@@ -61,11 +61,6 @@ inline Vector<const double> finite(const char* name, Vector<const double> values
     return values;
 }
 
-template <class T, std::size_t N>
-std::vector<std::remove_const_t<T>> copied(View<T, N> values) {
-    return {values.begin(), values.end()};
-}
-
 /// The row of a table that has a name.
 template <class Table>
 auto& named(const char* argument, const char* name, Table& table) {

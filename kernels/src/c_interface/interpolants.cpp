@@ -178,17 +178,12 @@ struct mesh_motion_interpolant {
         reach.cells.reset(new bool[reach.count]());
         mark_neighbours(layout.starts.view(), layout.shape.view(), {reach.cells.get(), {reach.count}});
         if (!(layout.inverse_side * radius * wider < 1.0)) return;
-        double extent = 0.0;
-        for (Index axis = 0; axis < 3 && centres() > 0; ++axis) {
-            const auto row = layout.coordinates.view()[axis];
-            const auto [low, high] = std::minmax_element(row.begin(), row.end());
-            extent = std::max(extent, *high - *low);
-        }
-        if (extent < wider * radius) return;
+        if (layout.extent < wider * radius || centres() == 0) return;
         std::vector<double> points(3 * centres());
         for (Index j = 0; j < centres(); ++j)
             for (Index axis = 0; axis < 3; ++axis) points[3 * j + axis] = layout.coordinates.view()(axis, j);
-        reach.small = store_cells({points.data(), {centres(), 3}}, radius * slack);
+        reach.small =
+            store_cells({points.data(), {centres(), 3}}, layout.origin.view(), layout.extent, radius * slack);
     }
 };
 
@@ -210,9 +205,12 @@ struct mesh_motion_spline {
     }
 };
 
-int mesh_motion_interpolant_create(const char* basis, double support_radius, int64_t dimension, int64_t centres,
-                                   const double* control_points, int64_t components, const double* weights,
-                                   mesh_motion_interpolant** interpolant) {
+namespace {
+
+/// lay_out(basis, points) of padded points.
+template <class LayOut>
+int create(const char* basis, double support_radius, int64_t dimension, int64_t centres, const double* control_points,
+           int64_t components, const double* weights, mesh_motion_interpolant** interpolant, LayOut&& lay_out) {
     return answered([&] {
         given(interpolant, "interpolant") = nullptr;
         const Row& row = named("basis", basis, bases);
@@ -227,12 +225,35 @@ int mesh_motion_interpolant_create(const char* basis, double support_radius, int
         auto made = std::make_unique<mesh_motion_interpolant>();
         made->basis = &row, made->radius = support_radius;
         made->dimension = dimension, made->components = components;
-        made->layout = lay_out_centres(Padded(points).view(), row.compact ? support_radius : 0.0);
+        made->layout = lay_out(row, Padded(points).view());
         made->weights = copied(finite("weights", {rows.data(), {rows.size()}}));
         for (Index c = 0; c < components; ++c)
             for (Index j : made->layout.order.values) made->sorted.push_back(rows(j, c));
         *interpolant = made.release();
     });
+}
+
+}  // namespace
+
+int mesh_motion_interpolant_create(const char* basis, double support_radius, int64_t dimension, int64_t centres,
+                                   const double* control_points, int64_t components, const double* weights,
+                                   mesh_motion_interpolant** interpolant) {
+    return create(basis, support_radius, dimension, centres, control_points, components, weights, interpolant,
+                  [&](const Row& row, Matrix<const double> points) {
+                      return lay_out_centres(points, row.compact ? support_radius : 0.0);
+                  });
+}
+
+int mesh_motion_interpolant_create_on_grid(const char* basis, double support_radius, int64_t dimension,
+                                           const double* origin, double inverse_side, double extent,
+                                           const int64_t* shape, int64_t centres, const double* control_points,
+                                           int64_t components, const double* weights,
+                                           mesh_motion_interpolant** interpolant) {
+    return create(basis, support_radius, dimension, centres, control_points, components, weights, interpolant,
+                  [&](const Row&, Matrix<const double> points) {
+                      return lay_out_on_grid(points, array("origin", origin, std::array<Index, 1>{3}), inverse_side,
+                                             extent, array("shape", shape, std::array<Index, 1>{3}));
+                  });
 }
 
 void mesh_motion_interpolant_free(mesh_motion_interpolant* interpolant) { delete interpolant; }

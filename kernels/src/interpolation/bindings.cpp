@@ -11,11 +11,18 @@
 namespace mesh_motion {
 
 void bind_interpolation(nanobind::module_& m) {
-    bind(m, "lay_out_centres", [](Matrix<const double> points, double reach) {
-        CentreLayout made = lay_out_centres(points, reach);
+    const auto parts = [](CentreLayout made) {
         return std::make_tuple(std::move(made.order), std::move(made.coordinates), std::move(made.origin),
-                               made.inverse_side, std::move(made.shape), std::move(made.starts), made.fraction);
-    });
+                               made.inverse_side, made.extent, std::move(made.shape), std::move(made.starts),
+                               made.fraction);
+    };
+    bind(m, "lay_out_centres",
+         [parts](Matrix<const double> points, double reach) { return parts(lay_out_centres(points, reach)); });
+    bind(m, "lay_out_on_grid",
+         [parts](Matrix<const double> points, Vector<const double> origin, double inverse_side, double extent,
+                 Vector<const Index> shape) {
+             return parts(lay_out_on_grid(points, origin, inverse_side, extent, shape));
+         });
     bind(m, "mark_neighbours", mark_neighbours);
     bind(m, "mark_reached", mark_reached);
     bind(m, "mark_stencils", mark_stencils);

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <tuple>
 
 #include "mesh/sorted_points.h"
 #include "parallel.h"
@@ -77,24 +78,24 @@ Index count_neighbours(Vector<const Index> starts, Vector<const Index> shape) {
     return pairs;
 }
 
-CentreLayout single_cell(Index n) {
+CentreLayout single_cell(Index n, const std::array<double, 3>& low, double extent) {
     std::vector<Index> order(n);
     std::iota(order.begin(), order.end(), Index{0});
-    return {owned(std::move(order)), {}, owned(std::vector{0.0, 0.0, 0.0}), 0.0, owned(std::vector<Index>{1, 1, 1}),
-            owned(std::vector<Index>{0, n}), 1.0};
+    return {owned(std::move(order)), {}, owned(std::vector(low.begin(), low.end())), 0.0, extent,
+            owned(std::vector<Index>{1, 1, 1}), owned(std::vector<Index>{0, n}), 1.0};
 }
 
 /// By cells of at least the given side; wider ones where there would be too many.
-CentreLayout sorted_by_cells(Matrix<const double> points, double side) {
+CentreLayout sorted_by_cells(Matrix<const double> points, double side, const std::array<double, 3>& low,
+                             const std::array<double, 3>& high, double extent) {
     const auto n = static_cast<double>(points.shape(0));
-    const auto [low, high] = bounding_box(points);
     std::array<double, 3> cells;
     const auto count = [&] {
         for (std::size_t axis = 0; axis < 3; ++axis) cells[axis] = std::floor((high[axis] - low[axis]) / side) + 1.0;
         return cells[0] * cells[1] * cells[2];
     };
     while (count() > cells_per_centre * n) side *= 2.0;
-    CentreLayout layout{{}, {}, owned(std::vector(low.begin(), low.end())), 1.0 / side,
+    CentreLayout layout{{}, {}, owned(std::vector(low.begin(), low.end())), 1.0 / side, extent,
                         owned(std::vector<Index>(cells.begin(), cells.end())), {}, 1.0};
     sort_by_cells(points, layout);
     const Index pairs = count_neighbours(layout.starts.view(), layout.shape.view());
@@ -108,10 +109,27 @@ CentreLayout lay_out_centres(Matrix<const double> points, double reach) {
     require(points.shape(1) == 3, "points: expected (n, 3)");
     require(reach >= 0.0 && std::isfinite(reach), "reach: expected a finite number that is not negative");
     const Index n = points.shape(0);
-    CentreLayout layout = single_cell(n);
+    std::array<double, 3> low{}, high{};
+    if (n > 0) std::tie(low, high) = bounding_box(points);
+    const double extent = std::max({high[0] - low[0], high[1] - low[1], high[2] - low[2]});
+    CentreLayout layout = single_cell(n, low, extent);
     if (reach > 0.0 && n > 0)
-        if (CentreLayout by_cells = sorted_by_cells(points, reach * slack); by_cells.fraction < worthwhile_fraction)
+        if (CentreLayout by_cells = sorted_by_cells(points, reach * slack, low, high, extent);
+            by_cells.fraction < worthwhile_fraction)
             layout = std::move(by_cells);
+    layout.coordinates = sorted_rows(points, layout.order.view());
+    return layout;
+}
+
+CentreLayout lay_out_on_grid(Matrix<const double> points, Vector<const double> origin, double inverse_side,
+                             double extent, Vector<const Index> shape) {
+    require(points.shape(1) == 3, "points: expected (n, 3)");
+    require(origin.size() == 3, "origin: expected three coordinates");
+    require(inverse_side >= 0.0 && std::isfinite(inverse_side) && extent >= 0.0 && std::isfinite(extent),
+            "inverse_side, extent: expected finite numbers that are not negative");
+    cells_of(shape);
+    CentreLayout layout{{}, {}, owned(copied(origin)), inverse_side, extent, owned(copied(shape)), {}, 1.0};
+    sort_by_cells(points, layout);
     layout.coordinates = sorted_rows(points, layout.order.view());
     return layout;
 }

@@ -12,8 +12,8 @@ void bind_mesh(nanobind::module_& m) {
     bind(m, "hash_blocks", hash_blocks);
     bind(m, "match_facets", match_facets);
     bind(m, "round_differences", round_differences);
-    bind(m, "store_cells", [](Matrix<const double> points, double side) {
-        StoredCells made = store_cells(points, side);
+    bind(m, "store_cells", [](Matrix<const double> points, Vector<const double> origin, double extent, double side) {
+        StoredCells made = store_cells(points, origin, extent, side);
         return std::make_tuple(std::move(made.order), std::move(made.coordinates), std::move(made.origin),
                                made.inverse_side, std::move(made.keys), std::move(made.spans), std::move(made.runs));
     });

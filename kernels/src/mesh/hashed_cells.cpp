@@ -63,18 +63,21 @@ void HashedCells::check() const {
     require(runs.shape(1) == 2, "runs: expected a shape (r, 2)");
 }
 
-StoredCells store_cells(Matrix<const double> points, double side) {
+StoredCells store_cells(Matrix<const double> points, Vector<const double> origin, double extent, double side) {
     const Index n = points.shape(0);
     require(n > 0 && points.shape(1) == 3, "points: expected (n, 3) of at least one");
     require(n < std::numeric_limits<std::int32_t>::max(), "points: expected fewer than 2^31");
     require(side > 0.0 && std::isfinite(side), "side: expected a finite number > 0");
+    require(origin.size() == 3, "origin: expected three coordinates");
     const auto [low, high] = bounding_box(points);
     for (std::size_t axis = 0; axis < 3; ++axis)
-        side = std::max(side, (high[axis] - low[axis]) / ((1 << HashedCells::bits) - 4));
+        require(origin[axis] <= low[axis] && high[axis] - origin[axis] <= extent,
+                "origin, extent: expected a cube that holds the points");
+    side = std::max(side, extent / ((1 << HashedCells::bits) - 4));
     std::vector<std::pair<Index, Index>> sorted(n);  // by cell, then by number
     for (Index i = 0; i < n; ++i) {
         const auto place = [&](Index axis) {
-            return static_cast<Index>(std::floor((points(i, axis) - low[axis]) / side));
+            return static_cast<Index>(std::floor((points(i, axis) - origin[axis]) / side));
         };
         sorted[i] = {HashedCells::packed(place(0), place(1), place(2)), i};
     }
@@ -88,7 +91,7 @@ StoredCells store_cells(Matrix<const double> points, double side) {
         }
     }
     starts.push_back(n);
-    StoredCells out{owned(std::move(order)), {}, owned(std::vector(low.begin(), low.end())), 1.0 / side, {}, {}, {}};
+    StoredCells out{owned(std::move(order)), {}, owned(copied(origin)), 1.0 / side, {}, {}, {}};
     out.coordinates = sorted_rows(points, out.order.view());
     fill_table(held, starts, out);
     return out;

@@ -69,7 +69,8 @@ struct StoredCells {
     Owned<std::int32_t, 2> spans, runs;
 };
 
-/// Sorts points (n, 3) by cells of the given side, or wider ones where there would be a million along an axis.
-StoredCells store_cells(Matrix<const double> points, double side);
+/// Sorts points (n, 3), or a part of them, by cells of the given side, or wider ones where there would be a million along
+/// an axis. No point is below the origin (3,), and none is further than `extent` from it along an axis.
+StoredCells store_cells(Matrix<const double> points, Vector<const double> origin, double extent, double side);
 
 }  // namespace mesh_motion

@@ -51,7 +51,7 @@ def _search(layout: CentreLayout, support_radius: float) -> _Search:
     """The layout's own grid, or one of small cells if its cells had to be far wider than R."""
     wider = layout.inverse_side * support_radius * _WIDER < 1.0
     none = np.empty(0, dtype=np.int64)
-    if not wider or float(np.ptp(layout.coordinates, axis=1).max()) < _WIDER * support_radius:
+    if not wider or layout.extent < _WIDER * support_radius or not layout.n_centres:
         order, empty = np.arange(layout.n_centres), np.empty((0, 2), dtype=np.int32)
         grid = (*layout.grid(), none, empty, empty)
         return _Search(order, layout.coordinates, grid)

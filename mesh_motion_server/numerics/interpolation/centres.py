@@ -35,8 +35,11 @@ class CentreLayout:
         Row ``j`` of the sorted arrays is control point ``order[j]``.
     coordinates : (3, nc) array
     origin : (3,) array
+        Lower corner of all centres.
     inverse_side : float
         0 for a single cell.
+    extent : float
+        Of all centres, along the axis where it is largest.
     shape : (3,) int64 array
         Cells along each axis.
     starts : (n_cells + 1,) int64 array
@@ -49,6 +52,7 @@ class CentreLayout:
     coordinates: Floats
     origin: Floats
     inverse_side: float
+    extent: float
     shape: Integers
     starts: Integers
     fraction: float
@@ -58,6 +62,13 @@ class CentreLayout:
         """Arrange (nc, d) control points, by cells if the basis is compact and that saves enough."""
         reach = support_radius if basis.compact else 0.0
         return cls(*kernels.lay_out_centres(padded(control_points), reach))
+
+    @classmethod
+    def on_grid(
+        cls, control_points: Floats, origin: Floats, inverse_side: float, extent: float, shape: Integers
+    ) -> CentreLayout:
+        """Arrange a part (nc, d) of the control points on the grid of all: whole cells of it."""
+        return cls(*kernels.lay_out_on_grid(padded(control_points), origin, inverse_side, extent, shape))
 
     @property
     def n_centres(self) -> int:
@@ -88,7 +99,8 @@ class CentreLayout:
     def small_cells(self, side: float) -> HashedCells:
         """The sorted centres by cells of another side, cached."""
         if side not in self._by_side:
-            self._by_side[side] = HashedCells.build(np.ascontiguousarray(self.coordinates.T), side)
+            points = np.ascontiguousarray(self.coordinates.T)
+            self._by_side[side] = HashedCells.build(points, self.origin, self.extent, side)
         return self._by_side[side]
 
     @cached_property

@@ -48,6 +48,9 @@ class HashedCells:
     runs: Shorts
 
     @classmethod
-    def build(cls, points: Floats, side: float) -> HashedCells:
-        """Sort points (n, 3) by cells of the given side; by wider cells if an axis would have a million of them."""
-        return cls(*kernels.store_cells(points, side))
+    def build(cls, points: Floats, origin: Floats, extent: float, side: float) -> HashedCells:
+        """Sort points (n, 3) by cells of the given side; by wider cells if an axis would have a million of them.
+
+        They may be a part of the points that reach from the ``origin`` (3,) as far as ``extent`` along each axis.
+        """
+        return cls(*kernels.store_cells(points, origin, extent, side))

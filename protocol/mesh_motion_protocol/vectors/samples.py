@@ -58,7 +58,7 @@ MESSAGES: tuple[m.Message, ...] = (
             correction={"method": "none", "enrichment_points": 0}, caches={"factorization": "reused"},
             seconds={"total": 0.03125}, warnings=[], faces={"before": _FACES, "after": _FACES},
             sums=[{"basis": "wendland-c2", "radius": 0.5, "centres": 2}], displacement=_POINTS / 8,
-            enrichment_points=np.empty((0, 2)), centres=_POINTS[:2], boxes=np.empty((0, 8)), coefficients=_POINTS[2:]),
+            enrichment_points=np.empty((0, 2)), centres=_POINTS[:2], boxes=np.empty((0, 14)), coefficients=_POINTS[2:]),
     m.Judge(**_AT, partition=0, step=13,
             part={"cells": 2, "inverted": 0, "sums": {"size": 1.5}, "minima": {"size": 0.5}},
             questions=[{"metric": "size", "way": []}, {"metric": "size", "way": [[-1.0, 1024.0, 1536]]}],

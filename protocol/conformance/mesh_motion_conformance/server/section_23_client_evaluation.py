@@ -111,6 +111,18 @@ def field_meets_the_boundary(stage: Stage) -> None:
         raise Unmet("the displacement of the boundary", f"another one by {error:.2g}")
 
 
+@suite("23.4")
+def coefficients_alone(stage: Stage) -> None:
+    """With field_known MOVED has the coefficients, and no other part of the field."""
+    session = stage.judging("READY")
+    whole = session.do("MOVE")
+    moved = answered(session.ask(session.request("MOVE").having(field_known=True)), "MOVED")
+    if moved.fields.get("sums") or {"centres", "boxes"} & set(moved.arrays):
+        raise Unmet("no sums, centres or boxes", show(moved))
+    if moved.arrays["coefficients"].tobytes() != whole.arrays["coefficients"].tobytes():
+        raise Unmet("the coefficients of the same MOVE before", "others")
+
+
 @suite("23.6")
 def further_bins_are_asked_for(stage: Stage) -> None:
     """JUDGED's questions are those that are missing."""
