@@ -16,6 +16,7 @@ from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.distributed.judging import first_questions, read_questions, told
 from mesh_motion_server.distributed.order_statistics import WHOLE
 from mesh_motion_server.distributed.region import Extent, Region, region_told
+from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator, Prepared
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
@@ -50,11 +51,12 @@ class Rank:
     Raises
     ------
     InvalidInput
-        If a cell is unusable.
+        If a cell is unusable, or a node is in none.
     """
 
     def __init__(self, points: Floats, cells: Mapping[str, NDArray[np.integer]], patch_nodes: Ints) -> None:
         self._given = CellTable.from_arrays(cells)
+        _check_in_cells(self._given, len(points))
         read = checked_cells(points, self._given)
         self._points, self._cells = points, read.cells
         self._at_rest = cells_at_rest(points, read.cells, read.sizes)
@@ -122,3 +124,18 @@ class Rank:
         """Type of a cell, and its number among those of its type."""
         block, row = self._cells.locate(cell)
         return block.type.name, row
+
+
+def _check_in_cells(cells: CellTable, count: int) -> None:
+    """Each of ``count`` nodes is in a cell: another one may lie outside the box for which the field comes."""
+    held = np.zeros(count, dtype=np.bool_)
+    for block in cells:
+        held[block.nodes] = True
+    alone = np.flatnonzero(~held)
+    if len(alone):
+        raise InvalidInput(
+            f"evaluation = 'client': node {alone[0]} is in no cell of this partition ({len(alone)} such nodes)",
+            code="INVALID_ARGUMENT.MESH",
+            hint="leave it out, or open the session with evaluation = 'server'",
+            details={"node": int(alone[0])},
+        )

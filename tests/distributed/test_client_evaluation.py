@@ -365,3 +365,12 @@ def test_an_unusable_cell_is_refused_by_its_rank(server):
     ] += 0.5
     with connect(server.endpoint) as client, pytest.raises(InvalidInput, match="inverted or degenerate"):
         client.open(mesh, SETTINGS, evaluation="client")
+
+
+def test_a_node_without_a_cell_is_refused_by_its_rank(server):
+    box = box_mesh("quad", 4)
+    points = np.vstack([box.points, [[5.0, 5.0]]])
+    patches = {"body": Patch("moving", box.body), "outer": Patch("fixed", box.outer)}
+    mesh = Mesh(points, {b.type.name: b.nodes for b in box.cells}, patches)
+    with connect(server.endpoint) as client, pytest.raises(InvalidInput, match=f"node {len(points) - 1} is in no cell"):
+        client.open(mesh, SETTINGS, evaluation="client")

@@ -1771,6 +1771,12 @@ static outcome make_volume(mm_session *session)
             result = mmv_set_ids(volume, part->data);
         }
     }
+    int64_t alone = result == MESH_MOTION_OK ? mmv_without_cell(volume) : -1;
+    if (alone >= 0) {
+        mmv_free(volume);
+        return fail(context, "INVALID_ARGUMENT.MESH", "leave it out, or open the session with evaluation = 'server'",
+                    "evaluation = 'client': node %lld is in no cell of this partition", (long long)alone);
+    }
     result = result == MESH_MOTION_OK ? mmv_finish(volume) : result;
     if (result != MESH_MOTION_OK) {
         mmv_free(volume);

@@ -10,7 +10,7 @@ struct mmv_volume {
     size_t nodes, uploaded_count;
     double *points, *moved; /* where the nodes are at rest, and where they were judged last */
     mesh_motion_cells *cells;
-    bool *is_uploaded;
+    bool *is_uploaded, *has_cell;
     int64_t *uploaded;
     int64_t *ids; /* in the whole mesh; NULL: the same */
     mesh_motion_tally *tally;
@@ -49,7 +49,8 @@ mmv_volume *mmv_new(int dimension, size_t nodes, const double *points)
     volume->points = malloc(numbers * sizeof *volume->points);
     volume->moved = malloc(numbers * sizeof *volume->moved);
     volume->is_uploaded = calloc(nodes, sizeof *volume->is_uploaded);
-    if (!volume->points || !volume->moved || !volume->is_uploaded
+    volume->has_cell = calloc(nodes, sizeof *volume->has_cell);
+    if (!volume->points || !volume->moved || !volume->is_uploaded || !volume->has_cell
         || mesh_motion_cells_create(&volume->cells) != MESH_MOTION_OK) {
         mmv_free(volume);
         return NULL;
@@ -70,6 +71,7 @@ void mmv_free(mmv_volume *volume)
     free(volume->points);
     free(volume->moved);
     free(volume->is_uploaded);
+    free(volume->has_cell);
     free(volume->uploaded);
     free(volume->ids);
     free(volume);
@@ -83,6 +85,12 @@ int mmv_add_cells(mmv_volume *volume, const char *type, size_t cells, const void
                      : strcmp(type, "wedge") == 0      ? 6
                      : strcmp(type, "hexahedron") == 0 ? 8
                                                        : 4;
+    for (size_t i = 0; i < cells * corners; ++i) {
+        uint64_t node = (uint64_t)(width == 8 ? ((const int64_t *)nodes)[i] : ((const int32_t *)nodes)[i]);
+        if (node < volume->nodes) { /* all others are refused below */
+            volume->has_cell[node] = true;
+        }
+    }
     if (width == 8) {
         return mesh_motion_cells_add(volume->cells, type, (int64_t)cells, nodes);
     }
@@ -164,6 +172,12 @@ int mmv_finish(mmv_volume *volume)
         }
     }
     return result;
+}
+
+int64_t mmv_without_cell(const mmv_volume *volume)
+{
+    const bool *found = memchr(volume->has_cell, false, volume->nodes);
+    return found ? found - volume->has_cell : -1;
 }
 
 const int64_t *mmv_uploaded(const mmv_volume *volume, size_t *count)

@@ -27,6 +27,8 @@ const int64_t *mmv_uploaded(const mmv_volume *volume, size_t *count);
 /* Which of them a node is. */
 int64_t mmv_row_of(const mmv_volume *volume, int64_t node);
 const double *mmv_points(const mmv_volume *volume);
+/* The first node that is in no cell; -1: there is none. */
+int64_t mmv_without_cell(const mmv_volume *volume);
 
 /* A sum over centres, as MOVED's `sums` describe it. */
 typedef struct {
