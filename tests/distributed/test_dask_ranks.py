@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from mesh_motion_client import (
     QualityRefused,
     ResourceExhausted,
     SessionError,
+    StepsLost,
     Unavailable,
     connect,
 )
@@ -284,6 +286,35 @@ def test_what_one_rank_or_all_refuse_leaves_the_session_usable(cluster, server, 
             session.write(tmp_path / "file")
         assert session.move(motion(0.2)).step == 2
         assert time.monotonic() - began < 30.0
+
+
+def test_a_motion_that_the_workers_cannot_load_is_told(cluster, server, tmp_path, monkeypatch):
+    files = write_partitions(tmp_path, box_file(*MESHES["plane"]), 2)
+    module = ModuleType("on_no_worker")
+    exec("def moved(points): return points", vars(module))
+    monkeypatch.setitem(sys.modules, "on_no_worker", module)
+    with open_on_workers(server.endpoint, cluster, files, ROLES, SETTINGS) as session:
+        with pytest.raises(InvalidInput, match=r"cannot be asked: .*on_no_worker.*modules that the workers have"):
+            session.move(module.moved)
+        assert session.move(motion(0.1)).step == 1
+
+
+def test_a_session_that_loses_steps_says_so(cluster, tmp_path):
+    files = write_partitions(tmp_path / "parts", box_file(*MESHES["plane"]), 2)
+    with (
+        ServerProcess(tmp_path / "state", durability=["relaxed"]) as server,
+        open_on_workers(server.endpoint, cluster, files, ROLES, SETTINGS, durability="relaxed") as session,
+    ):
+        session.move(motion(0.1))
+        session.commit()
+        session.step = 2  # as if a second one had been answered, and not stored
+        server.stop(signal.SIGKILL)
+        server.start()
+        with pytest.raises(StepsLost, match="step 2 was committed, but after a restart the session stands at step"):
+            session.move(motion(0.2))
+        step = session.step
+        session.move(motion(0.2))
+        assert session.commit() == step + 1
 
 
 def test_no_files_no_server_and_wrong_settings(cluster, server, tmp_path):

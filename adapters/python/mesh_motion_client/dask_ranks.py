@@ -44,8 +44,6 @@ __all__ = ["DaskSession", "open_on_workers"]
 
 #: Failures that one call may get over: a partition that takes one worker after the other with it takes the next too.
 _ATTEMPTS = 5
-
-
 #: While ranks are at work: how often the scheduler is asked whether their workers live.
 _LOOK_SECONDS = 1.0
 
@@ -156,13 +154,12 @@ class DaskSession:
 
     def open(self, settings: Mapping[str, Any], options: Mapping[str, Any]) -> Self:
         """Have the workers read their partitions, the first open the session, and the others join it."""
-
         for _ in range(_ATTEMPTS):
             try:
                 self._place()
                 first = self._call(0, "open", dict(settings), dict(options) | {"partitions": len(self._files)})
-                credentials = self._call(0, "announced").result()
-                self._take(credentials, [first, *self._calls(self._everyone[1:], "join", credentials)])
+                (credentials,) = self._results([self._call(0, "announced")])
+                self._enter(credentials, first)
                 return self
             except _WorkerLost:
                 self._dismissed("discard")  # one that was never built cannot be joined again
@@ -172,21 +169,24 @@ class DaskSession:
         raise self._too_many()
 
     def resume(self, credentials: Credentials) -> Self:
-        """Take up a session that was kept, or whose worker in the server died."""
-        self._place()
-        first = self._call(0, "resume", credentials)
-        first.result()
-        self._take(credentials, [first, *self._calls(self._everyone[1:], "join", credentials)])
+        """Have the workers read their partitions and take up a session that was kept."""
+        self.credentials = credentials
+        try:
+            self._repeated(lambda: None)
+        except BaseException:
+            self._dismissed("keep")
+            raise
         return self
 
-    def _take(self, credentials: Credentials, entering: Sequence[Future[Any]]) -> None:
-        """Know the session that all ranks have entered."""
-        places = self._results(entering)
+    def _enter(self, credentials: Credentials, first: Future[Any]) -> None:
+        """Have all ranks but the first join, and know the session."""
+        places = self._results([first, *self._calls(self._everyone[1:], "join", credentials)])
         known, self.step = self.step, max(step for _, step in places)
         self.credentials, self._is_joined, self._is_settled = credentials, True, True
         self.moving_ids = np.unique(np.concatenate([ids for ids, _ in places]))
         self._rows_of = [np.searchsorted(self.moving_ids, ids) for ids, _ in places]
         if self.step < known:
+            self._motions = None
             raise StepsLost(
                 f"step {known} was committed, but after a restart the session stands at step {self.step}",
                 hint="go on from session.step: the same moves and commits give the same coordinates again",
@@ -213,9 +213,11 @@ class DaskSession:
         if self._is_settled and set(self.workers) <= set(self._present()):
             return
         self._is_trial = False
-        if not self._is_joined and self.credentials is not None:
-            self.resume(self.credentials)
         self._place()
+        if not self._is_joined and self.credentials is not None:  # its worker in the server died, or it was kept
+            first = self._call(0, "resume", self.credentials)
+            self._results([first])
+            self._enter(self.credentials, first)
         self.step = max(self._all("rest", self.credentials))
         self._is_settled = True
 
@@ -311,14 +313,15 @@ class DaskSession:
     def _asked(self, number: int, worker: str, name: str, verb: str, *given: Any) -> Any:
         try:
             ended, found = self._cluster.run(perform, name, verb, *given, workers=[worker])[worker]
-        except ImportError as error:
-            raise InvalidInput(
-                f"worker {worker} cannot load the client: {error}",
-                hint="pip install 'mesh-motion-server[server,dask]' for the workers, in the version that is here",
-            ) from error
         except OSError as error:
             self._unreachable.add(worker)
             ended, found = "lost", error
+        except Exception as error:  # what was sent cannot be read there, which Dask tells in several ways
+            raise InvalidInput(
+                f"worker {worker} cannot be asked: {error}",
+                hint="pip install 'mesh-motion-server[server,dask]' for the workers, in the version that is here; a "
+                "motion may use what can be pickled, and modules that the workers have",
+            ) from error
         if ended == "lost":
             self._lost.update(other for other, place in enumerate(self.workers) if place == worker)
             raise _WorkerLost(f"partition {number} on worker {worker}: {found}")
