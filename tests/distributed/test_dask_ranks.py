@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from types import ModuleType
 
@@ -19,8 +20,10 @@ from mesh_motion_client import (
     StepsLost,
     Unavailable,
     connect,
+    dask_worker,
 )
 from mesh_motion_client.dask_ranks import open_on_workers
+from mesh_motion_client.session import Session
 from own_ranks import CORRECTED, ROLES, SETTINGS, assert_same_quality, bend, box_file, whole
 from worker_processes import workers
 
@@ -158,6 +161,43 @@ def test_a_worker_killed_within_a_step_changes_nothing(fragile_cluster, server, 
             assert_as_expected(moved, written(files, tmp_path / str(number), session), wanted)
             assert time.monotonic() - began < 60.0  # no rank has waited for one that is gone
         assert lost not in session.workers
+        assert session.move(motion(1)).step == 3  # no step was committed twice
+
+
+def test_a_commit_that_is_carried_out_while_a_rank_joins_is_known_to_it(fragile_cluster, server, tmp_path):
+    """A rank dies that has sent its COMMIT; the other sends its own when the new rank has joined, at the old step."""
+
+    def dying_soon():
+        unharmed = Session.commit
+
+        def commit(session):
+            threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGKILL)).start()
+            return unharmed(session)
+
+        Session.commit = commit
+
+    def slow():
+        late, rest = Session.commit, dask_worker._Rank.rest
+
+        def commit(session):
+            time.sleep(3.0)
+            return late(session)
+
+        def rest_later(rank, credentials):
+            time.sleep(0.0 if rank.session.iteration else 3.0)  # the new rank knows of no move
+            return rest(rank, credentials)
+
+        Session.commit, dask_worker._Rank.rest = commit, rest_later
+
+    files = write_partitions(tmp_path / "parts", box_file(*MESHES["plane"]), 2)
+    with open_on_workers(server.endpoint, fragile_cluster, files, ROLES, SETTINGS) as session:
+        session.move(motion(1))
+        dies, stays = session.workers
+        fragile_cluster.run(dying_soon, workers=[dies])
+        fragile_cluster.run(slow, workers=[stays])
+        assert session.commit() == 1
+        assert session.workers == [stays, stays]
+        assert session.move(motion(2)).step == 2
 
 
 def kill(cluster, worker):
