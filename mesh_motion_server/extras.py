@@ -10,8 +10,6 @@ import re
 __all__ = ["extra_of", "not_installed"]
 
 _PACKAGE = "mesh-motion-server"
-#: Modules whose name differs from their distribution's.
-_DISTRIBUTIONS = {"distributed": "dask"}
 #: Extras that contain packages of other extras; the smallest extra that installs a module is named.
 _COLLECTIONS = ("all", "dev")
 _REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+).*;.*\bextra == ['\"]([\w-]+)['\"]")
@@ -25,8 +23,7 @@ def extra_of(module: str) -> str | None:
     module : str
         As imported, ``package.module``.
     """
-    root = module.partition(".")[0]
-    wanted = _DISTRIBUTIONS.get(root, root).lower().replace("_", "-")
+    wanted = module.partition(".")[0].lower().replace("_", "-")
     for line in _requirements():
         found = _REQUIREMENT.match(line)
         if found and found[2] not in _COLLECTIONS and found[1].lower().replace("_", "-") == wanted:

@@ -47,7 +47,6 @@ _WITH_REGIONS: dict[str, tuple[str | float, ...]] = {
 }
 
 _Length = Annotated[float, Field(gt=0)]
-_File = Annotated[Path | None, Field(strict=False)]
 
 
 class _Strict(BaseModel):
@@ -102,7 +101,7 @@ class MethodSettings(_KEYS):  # type: ignore[misc]  # its fields are those of a 
 
 
 class ServerSettings(_Strict):
-    """How the server runs: where it listens, where it keeps sessions, where it computes, and every limit.
+    """How the server runs: where it listens, where it keeps sessions, and every limit.
 
     ``metrics`` is HOST:PORT of the pages for Prometheus and probes, ``monitor`` of the page for people. A loop that is
     silent for ``stuck_seconds`` counts as stuck. New sessions are refused where less than ``reserve_disk_bytes`` or
@@ -117,10 +116,6 @@ class ServerSettings(_Strict):
     ``durability`` lists the levels that OPEN may ask for, the default first; sessions stored at others are resumed all
     the same. With level "replay" a state is stored every ``snapshot_steps`` commits and every minute: so many moves at
     most are computed again when a session is resumed after a crash.
-
-    ``distributed`` is the Dask scheduler of the cluster that holds the meshes' partitions (as many as
-    ``distributed_partitions``, 0: one a worker). Whoever reaches that scheduler can run code on the cluster: only the
-    operator names it, and ``tls://`` with the three files protects it.
     """
 
     endpoint: str = "tcp://127.0.0.1:7440"  # where it listens: tcp://HOST:PORT or ipc:///PATH
@@ -152,13 +147,6 @@ class ServerSettings(_Strict):
     reserve_disk_bytes: Annotated[int, Field(ge=0)] = 256 << 20  # no new session where less of the disk would be left
     reserve_memory_bytes: Annotated[int, Field(ge=0)] = 256 << 20  # no new session where less memory would be left
     history_bytes: Annotated[int, Field(ge=0)] = 2 << 30  # a session's history for people; 0: none
-    distributed: Annotated[str, Field(pattern=r"^(tcp|tls)://.+:[0-9]+$")] | None = None  # the Dask scheduler
-    distributed_partitions: Annotated[int, Field(ge=0)] = 0  # 0: one a worker
-    distributed_fallback: Literal["refuse", "local"] = "refuse"  # where no worker answers
-    distributed_patience_seconds: _Length = 30.0  # without any worker, before it is given up
-    distributed_tls_ca_file: _File = None  # certificates of the cluster
-    distributed_tls_certificate: _File = None  # the server's own
-    distributed_tls_key: _File = None  # and its key
 
     @field_validator("durability")
     @classmethod

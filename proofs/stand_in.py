@@ -72,9 +72,6 @@ class StandIn:
         """Itself: its summaries are cheap."""
         return self
 
-    def close(self) -> None:
-        """Nothing is held."""
-
     def move(self, committed: Any, targets: Any, factors: Any, *, boundary_displacement: Any = None) -> Any:
         """Spread the boundary's displacement by inverse distance squared."""
         del boundary_displacement

@@ -63,3 +63,19 @@ def test_points_of_another_mesh_are_refused(tmp_path: Path) -> None:
     status, _, error = convert(tmp_path, EXAMPLE, "mesh.npz", "--points", "points.npy")
     assert status == 2
     assert "expected finite real coordinates of shape (723, 2), got float64 of shape (2, 2)" in error
+
+
+def test_partitions_in_a_folder_and_one_of_them_as_a_mesh(tmp_path: Path) -> None:
+    status, out, _ = convert(tmp_path, EXAMPLE, "parts", "--partitions", 3)
+    assert (status, out) == (0, "parts: 2D, 723 nodes, 1342 triangle, 2 patches, 3 partitions\n")
+    files = sorted((tmp_path / "parts").iterdir())
+    assert [file.name for file in files] == [f"partition-00{number}.npz" for number in range(3)]
+    assert sum(read_mesh(file).n_cells for file in files) == 1342
+    assert convert(tmp_path, files[1], "part.npz")[0] == 0
+    np.testing.assert_array_equal(read_mesh(tmp_path / "part.npz").global_ids, read_mesh(files[1]).global_ids)
+    status, _, error = convert(tmp_path, EXAMPLE, "many", "--partitions", 2000)
+    assert "1342 cells in 2000 partitions leaves partition" in error
+    assert status
+    assert not (tmp_path / "many").exists()
+    (tmp_path / "file").touch()
+    assert "is no folder" in convert(tmp_path, EXAMPLE, "file", "--partitions", 2)[2]

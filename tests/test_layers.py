@@ -56,16 +56,22 @@ def forbidden(module: str) -> tuple[str, ...]:
         return (*OBSERVATION, *APART_FROM_ALL) if inner[:2] == ["watch", "observation"] else APART_FROM_ALL
     if inner[0] == "files":
         return tuple(f"{package}.{layer}" for layer in LAYERS[1:])
-    engine = () if inner[0] == "distributed" else ENGINE
     above = [f"{package}.{layer}" for layer in LAYERS[LAYERS.index(inner[0]) + 1 :]]
-    beside = [f"{package}.files", f"{package}.cases", f"{package}.commands", "mesh_motion_client", *APART_FROM_ALL]
+    beside = [
+        f"{package}.files",
+        f"{package}.cases",
+        f"{package}.commands",
+        *ENGINE,
+        "mesh_motion_client",
+        *APART_FROM_ALL,
+    ]
     if inner[0] == "numerics":
         rooms = ROOMS[ROOMS.index(inner[1]) + 1 :] if inner[1] in ROOMS else ROOMS
         above += [f"{package}.numerics.{room}" for room in rooms]
-        return (*above, *beside, *engine, "zmq", "msgpack", "pydantic", "logging", "mesh_motion_protocol")
+        return (*above, *beside, "zmq", "msgpack", "pydantic", "logging", "mesh_motion_protocol")
     if inner[0] == "session" and inner[1] in SESSION_ROOMS:
         above += session_above(inner[1])
-    return (*above, *beside, *engine) if inner[0] == "transport" else (*above, *beside, *engine, "zmq")
+    return (*above, *beside) if inner[0] == "transport" else (*above, *beside, "zmq")
 
 
 def session_above(room: str) -> list[str]:
@@ -117,7 +123,7 @@ def test_imports_point_to_the_left() -> None:
         ("mesh_motion_server.session.seeded", "from proofs import wire"),
         ("mesh_motion_server.session.journal.seeded", "from mesh_motion_server.session.state import State"),
         ("mesh_motion_server.session.partitions.seeded", "from mesh_motion_server.session.journal import records"),
-        ("mesh_motion_server.numerics.seeded", "from mesh_motion_server.distributed import crew"),
+        ("mesh_motion_server.numerics.seeded", "from mesh_motion_server.distributed import rank"),
         ("mesh_motion_server.distributed.seeded", "from mesh_motion_server.session import state"),
         ("mesh_motion_server.session.seeded", "def f():\n    from distributed import Client"),
         ("mesh_motion_server.service.seeded", "from ..transport import gateway"),

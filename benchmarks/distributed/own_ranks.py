@@ -1,66 +1,41 @@
 """Steps of a session whose ranks evaluate the field: ``python -m benchmarks.distributed.own_ranks M4``.
 
-Each rank is a process of one thread that has its partition; they move and judge it. For comparison the same steps of a
-session that has the whole mesh. Prints one row a case: bytes of a step each way, all ranks together, seconds,
-processor time of the busiest rank, and the session's memory. With ``--corrected 0.25`` each step turns the body so far
-that cells are below that size-skew and are corrected; how many nodes the ranks tell of, and how many are freed.
+Each rank reads the file of its partition, moves its nodes and judges its cells, with one thread: in a process that
+takes part by itself, or with ``--dask`` in a worker of a Dask cluster. For comparison the same steps of a session that
+has the whole mesh. Prints one row a case: bytes of a step each way between server and ranks, all ranks together,
+seconds, processor time of the busiest rank, and the session's memory. With ``--corrected 0.25`` each step turns the
+body so far that cells are below that size-skew and are corrected; how many nodes the ranks tell of, and how many are
+freed.
 """
 
 from __future__ import annotations
 
 import argparse
+import functools
 import multiprocessing
 import os
+import tempfile
 import time
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mesh_motion_client import Mesh, Patch, connect, connection
-from mesh_motion_client import server as client
-from mesh_motion_protocol.messages import Correct
+from mesh_motion_client import Mesh, connect
+from mesh_motion_client.dask_ranks import open_on_workers
 
-from benchmarks.distributed.cases import PartitionCase, load
+from benchmarks.distributed.use import BYTES, count_bytes, peak_memory, spent
+from benchmarks.peers.meshes import load_or_build
 from benchmarks.peers.motions import MOTIONS
-from mesh_motion_server.distributed.split import Split
+from mesh_motion_server.files.mesh_file import MeshFile
+from mesh_motion_server.files.partitions import write_partitions
 
 __all__ = ["measured"]
 
 SETTINGS = {"displacement": "absolute", "correction": "none", "sub_steps": "never", "boundary_layer_thickness": 0.0}
+ROLES = {"body": "moving", "box": "fixed"}
 STEPS = 4
-_BYTES: Counter[str] = Counter()
-
-
-def _count_bytes() -> None:
-    """Count what this process sends and receives from now on."""
-    encode, decode = connection.encode, connection.decode
-
-    def counted_encode(message: Any) -> Any:
-        frames = encode(message)
-        _BYTES["told"] += len(message.nodes) if isinstance(message, Correct) else 0
-        _BYTES["sent"] += sum(memoryview(frame).nbytes for frame in frames)
-        return frames
-
-    def counted_decode(frames: Any, **options: Any) -> Any:
-        _BYTES["received"] += sum(memoryview(frame).nbytes for frame in frames)
-        return decode(frames, **options)
-
-    connection.encode, connection.decode = counted_encode, counted_decode  # type: ignore[attr-defined]
-
-
-def _pieces(case: PartitionCase, ranks: int) -> list[Mesh]:
-    """One partition a rank; every rank lists the nodes of patches that it holds."""
-    split, pieces = Split.build(case.points, case.cells, ranks), []
-    for rank in range(ranks):
-        part = split.partition(rank)
-        patches = {}
-        for name, patch in case.patches.items():
-            rows = np.flatnonzero(np.isin(part.nodes, patch.nodes))
-            if len(rows):
-                patches[name] = Patch(patch.role, rows)
-        pieces.append(Mesh(part.points, {b.type.name: b.nodes for b in part.cells}, patches, part.nodes))
-    return pieces
 
 
 def _settings(threshold: float) -> dict[str, Any]:
@@ -75,10 +50,10 @@ def _motion(body: Any, step: int, threshold: float) -> Any:
     return MOTIONS["T3"].displacements(body, 1)[-1] * (1.0 - 0.001 * step)
 
 
-def _rank(endpoint: str, mesh: Mesh, rank: int, ranks: int, evaluation: str, threshold: float, lines: Any) -> None:
+def _rank(endpoint: str, file: Path, rank: int, ranks: int, evaluation: str, threshold: float, lines: Any) -> None:
     """Open or join, make some steps, and tell what they took."""
-    _count_bytes()
-    client.SUPPORTED = False  # all arrays as frames, as between machines
+    count_bytes()
+    mesh = Mesh.load(file, ROLES)
     with connect(endpoint) as server:
         began = time.perf_counter()
         if rank == 0:
@@ -91,26 +66,25 @@ def _rank(endpoint: str, mesh: Mesh, rank: int, ranks: int, evaluation: str, thr
         with session:
             body = mesh.points[session.moving_nodes]
             for step in range(1, STEPS + 1):
-                before, began, begun = dict(_BYTES), time.perf_counter(), time.process_time()
+                before, began, begun = Counter(BYTES), time.perf_counter(), time.process_time()
                 moved = session.move(_motion(body, step, threshold))
                 session.commit()
                 steps.append(time.perf_counter() - began)
                 work.append(time.process_time() - begun)
-                used.append({name: _BYTES[name] - before.get(name, 0) for name in _BYTES})
+                used.append(BYTES - before)
             memory = session.status().report["peak_memory_bytes"]
         told = {"opened": opened, "step": min(steps[1:]), "work": min(work[1:]), "memory": memory}
         told |= {"freed": moved.correction["freed_nodes"], "reached": moved.quality["corrected"]["size_skew"]["min"]}
-        lines[-1].put(told | used[-1])
+        lines[-1].put(told | {name: used[-1][name] for name in ("sent", "received", "told")})
 
 
-def measured(case: PartitionCase, ranks: int, evaluation: str, threshold: float = 0.0) -> dict[str, float]:
-    """The figures of one case, the ranks' together; ``boundary``: nodes that the session holds."""
+def _on_ranks(files: Sequence[Path], evaluation: str, threshold: float) -> list[dict[str, float]]:
+    """What each rank tells; processes of their own."""
     context = multiprocessing.get_context("spawn")
     with connect(server_options=["--threads", "1"]) as server:
-        lines = [context.Queue() for _ in range(ranks + 1)]
+        lines = [context.Queue() for _ in range(len(files) + 1)]
         arguments = [
-            (server.endpoint, mesh, rank, ranks, evaluation, threshold, lines)
-            for rank, mesh in enumerate(_pieces(case, ranks))
+            (server.endpoint, file, rank, len(files), evaluation, threshold, lines) for rank, file in enumerate(files)
         ]
         processes = [context.Process(target=_rank, args=given) for given in arguments]
         for process in processes:
@@ -118,17 +92,66 @@ def measured(case: PartitionCase, ranks: int, evaluation: str, threshold: float 
         found = [lines[-1].get() for _ in processes]
         for process in processes:
             process.join()
-    return {
-        "sent": sum(one["sent"] for one in found),
-        "received": sum(one["received"] for one in found),
-        "step": max(one["step"] for one in found),
-        "work": max(one["work"] for one in found),
-        "opened": max(one["opened"] for one in found),
-        "memory": max(one["memory"] for one in found),
-        "told": sum(one["told"] for one in found),
-        "freed": found[0]["freed"],
-        "reached": found[0]["reached"],
-    }
+    return found
+
+
+def _on_workers(files: Sequence[Path], threshold: float) -> list[dict[str, float]]:
+    """The same of the workers of a Dask cluster."""
+    from distributed import Client  # noqa: PLC0415  # an extra
+
+    from benchmarks.distributed.local_cluster import local_cluster  # noqa: PLC0415
+
+    with (
+        connect(server_options=["--threads", "1"]) as server,
+        local_cluster(len(files)) as started,
+        Client(started) as cluster,
+    ):
+        cluster.wait_for_workers(len(files))
+        cluster.run(count_bytes)
+        began = time.perf_counter()
+        with open_on_workers(server.endpoint, cluster, files, ROLES, _settings(threshold)) as session:
+            opened, found = time.perf_counter() - began, []
+            for step in range(1, STEPS + 1):
+                before, began = cluster.run(spent), time.perf_counter()
+                moved = session.move(functools.partial(_motion, step=step, threshold=threshold))
+                session.commit()
+                seconds, after = time.perf_counter() - began, cluster.run(spent)
+                used = [{name: after[one][name] - before[one][name] for name in after[one]} for one in after]
+                found.append([one | {"step": seconds} for one in used])
+            memory = cluster.run(peak_memory, workers=session.workers[:1])[session.workers[0]]
+    whole = {"opened": opened, "memory": memory, "step": min(one[0]["step"] for one in found[1:])}
+    whole |= {"freed": moved.correction["freed_nodes"], "reached": moved.quality["corrected"]["size_skew"]["min"]}
+    works = [min(one["work"] for one in of) for of in zip(*found[1:], strict=True)]
+    return [one | whole | {"work": work} for one, work in zip(found[-1], works, strict=True)]
+
+
+def measured(mesh: MeshFile, ranks: int, volume: str, threshold: float = 0.0) -> dict[str, float]:
+    """The figures of one case, the ranks' together.
+
+    Parameters
+    ----------
+    mesh : MeshFile
+        With patches ``body`` and ``box``.
+    ranks : int
+    volume : {"server", "client", "dask"}
+        Who has it: the server, which takes one rank; ranks that are processes, or workers.
+    threshold : float
+        Below this size-skew cells are corrected; 0: none.
+    """
+    with tempfile.TemporaryDirectory(prefix="mesh-motion-partitions-") as folder:
+        files = write_partitions(Path(folder), mesh, ranks)
+        found = _on_workers(files, threshold) if volume == "dask" else _on_ranks(files, volume, threshold)
+    sums = {name: sum(one[name] for one in found) for name in ("sent", "received", "told")}
+    most = {name: max(one[name] for one in found) for name in ("step", "work", "opened", "memory")}
+    return sums | most | {name: found[0][name] for name in ("freed", "reached")}
+
+
+def load(name: str, folder: Path) -> MeshFile:
+    """A benchmark mesh, which is built if need be."""
+    stored = load_or_build(name, folder)
+    cells = {kind: np.asarray(nodes, dtype=np.int64) for kind, nodes in stored.cells.items()}
+    patches = {"body": np.unique(stored.moving), "box": np.unique(stored.fixed)}
+    return MeshFile(stored.points, cells, patches, Path(name))
 
 
 def main() -> None:
@@ -137,18 +160,20 @@ def main() -> None:
     parser.add_argument("mesh", nargs="?", default="M4")
     parser.add_argument("--meshes", type=Path, default=Path("out/peers"), help="folder of the meshes, built if need be")
     parser.add_argument("--ranks", nargs="+", type=int, default=[1, 2], metavar="N")
+    parser.add_argument("--dask", action="store_true", help="also on the workers of a Dask cluster")
     parser.add_argument("--corrected", type=float, default=0.0, metavar="THRESHOLD", help="smallest size-skew")
     arguments = parser.parse_args()
     os.environ["MESH_MOTION_THREADS"] = "1"
-    case = load(arguments.mesh, arguments.meshes)
+    mesh = load(arguments.mesh, arguments.meshes)
     more = " told | freed | reached |" if arguments.corrected else ""
     titles = "| mesh | volume | ranks | sent | received | step, ms | rank's work, ms | opening, s | session's memory |"
     print(f"{titles}{more}\n|---|---|{'---:|' * (titles.count('|') - 3 + more.count('|'))}")
-    for evaluation, ranks in [("server", 1), *(("client", ranks) for ranks in arguments.ranks)]:
-        row = measured(case, ranks, evaluation, arguments.corrected)
+    volumes = ("client", "dask") if arguments.dask else ("client",)
+    for volume, ranks in [("server", 1), *((volume, ranks) for volume in volumes for ranks in arguments.ranks)]:
+        row = measured(mesh, ranks, volume, arguments.corrected)
         sent, received, memory = (f"{row[name] / 1e6:.2f} MB" for name in ("sent", "received", "memory"))
         print(
-            f"| {case.name} | {evaluation} | {ranks} | {sent} | {received} | {1000 * row['step']:.0f} | "
+            f"| {arguments.mesh} | {volume} | {ranks} | {sent} | {received} | {1000 * row['step']:.0f} | "
             f"{1000 * row['work']:.0f} | {row['opened']:.1f} | {memory} |"
             + (f" {row['told']:.0f} | {row['freed']:.0f} | {row['reached']:.3f} |" if more else ""),
             flush=True,

@@ -178,7 +178,7 @@ def _boundary_error(task: Task, model: MotionModel, trial: StandardTrial, target
     wanted = told[nodes] - trial.start[nodes]
     found = np.ascontiguousarray(trial.start[nodes])
     for stage in trial.stages:
-        found = stage.positions(found, model.evaluator)
+        found = stage.positions(found)
     return float(np.linalg.norm(found - told[nodes], axis=1).max() / np.linalg.norm(wanted, axis=1).max())
 
 

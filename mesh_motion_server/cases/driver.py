@@ -3,7 +3,7 @@
 Tests replace :class:`Driver` by a test double; all other code talks to a server over the wire.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
@@ -82,7 +82,6 @@ def open_session(
     kept: Kept,
     *,
     resumed: bool = False,
-    server_options: Sequence[str] = (),
     keys: Keys | None = None,
 ) -> Iterator[Driver]:
     """Open a session for a case, or resume the kept one (``resumed``); discard it when the block ends without an error.
@@ -93,8 +92,6 @@ def open_session(
         None: a private server that ends with the session.
     kept : Kept
         Folder where a private server stores the session, and the credentials to resume it.
-    server_options : sequence of str
-        Options of ``mesh-motion serve`` for a private server.
     keys : Keys, optional
         Keys for a server that requires them.
     """
@@ -102,7 +99,7 @@ def open_session(
     asked = {"roles": dict(case.content.patches), "method": case.content.method.model_dump(exclude_unset=True)}
     settings = kept.settings(asked) if resumed else {}
     state = kept.state if endpoint is None else None
-    with connect(endpoint, state=state, server_options=server_options, keys=keys) as server:
+    with connect(endpoint, state=state, keys=keys) as server:
         if resumed:
             session = server.resume(Credentials.load(kept.credentials))
         else:

@@ -88,7 +88,6 @@ def play(
     endpoint: str | None = None,
     every: int = 1,
     progress: Progress | None = None,
-    distributed: str | None = None,
     keys: Keys | None = None,
     resume: bool = False,
 ) -> Played:
@@ -104,8 +103,6 @@ def play(
         Write every ``every``-th step to the series; the last step always.
     progress : callable, optional
         Called with the steps done, the number of steps and the record of the step just done.
-    distributed : str, optional
-        For a private server: the Dask scheduler of the workers that it computes on.
     keys : Keys, optional
         Keys for a server that requires them.
     resume : bool
@@ -124,9 +121,8 @@ def play(
     case = read_case(case_file)
     mesh = case.read_mesh()
     program = MotionProgram.of(case, mesh)
-    options = () if distributed is None else ("--distributed", distributed)
     with run_folder(folder, resumed=resume) as kept:
-        opening = open_session(case, mesh, endpoint, kept, resumed=resume, server_options=options, keys=keys)
+        opening = open_session(case, mesh, endpoint, kept, resumed=resume, keys=keys)
         with opening as driver:
             written = [0, *range(every, driver.step, every)] if driver.step else []
             series = VtuSeries(folder, SERIES, list(map(float, written)))

@@ -1,4 +1,4 @@
-"""``mesh-motion convert``: a mesh as an archive or for ParaView, with the coordinates that a run left if need be."""
+"""``mesh-motion convert``: a mesh as an archive, in partitions or for ParaView, with a run's coordinates if need be."""
 
 # ruff: noqa: PLC0415
 
@@ -18,32 +18,45 @@ __all__ = ["convert"]
 
 def convert(
     source: Annotated[Path, typer.Argument(metavar="IN", help="A mesh file or an OpenFOAM case.", show_default=False)],
-    target: Annotated[Path, typer.Argument(metavar="OUT", help="Ends with .npz or .vtu.", show_default=False)],
+    target: Annotated[
+        Path,
+        typer.Argument(metavar="OUT", help="Ends with .npz or .vtu; a folder with --partitions.", show_default=False),
+    ],
     points: Annotated[
         Path | None, typer.Option(metavar="FILE.npy", help="Coordinates in the order of IN's nodes: play's points.npy.")
     ] = None,
     zone: Annotated[str, typer.Option(metavar="NAME", help="The zone of IN, where it has several.")] = "",
+    partitions: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Cut the mesh into N partitions: OUT/partition-000.npz and so on.")
+    ] = 0,
 ) -> None:
     """Write a mesh as .npz, or as .vtu for ParaView and for meshio, which converts that further.
 
     \b
     mesh-motion convert mesh.msh wing.npz
     mesh-motion convert mesh.msh mesh.vtu
+    mesh-motion convert mesh.msh parts --partitions 4
     """
     from mesh_motion_server.files import read_mesh
     from mesh_motion_server.files.npz import read_points
+    from mesh_motion_server.files.partitions import write_partitions
+    from mesh_motion_server.files.replace import require_folder_place
     from mesh_motion_server.files.writer import check_target, write_mesh
 
     try:
-        check_target(target)
+        (require_folder_place if partitions else check_target)(target)
         mesh = read_mesh(source, zone)
         if points is not None:
             mesh = replace(mesh, points=read_points(points, mesh.points.shape))
-        write_mesh(target, mesh)
+        if partitions:
+            write_partitions(target, mesh, partitions)
+        else:
+            write_mesh(target, mesh)
     except MeshMotionError as error:
         complain(str(error))
         raise typer.Exit(status_of(error.code)) from None
     for note in mesh.notes:
         complain(f"warning: {note}")
     cells = ", ".join(f"{len(nodes)} {name}" for name, nodes in mesh.cells.items())
-    typer.echo(f"{target}: {mesh.dimension}D, {len(mesh.points)} nodes, {cells}, {len(mesh.patches)} patches")
+    files = f", {partitions} partitions" if partitions else ""
+    typer.echo(f"{target}: {mesh.dimension}D, {len(mesh.points)} nodes, {cells}, {len(mesh.patches)} patches{files}")

@@ -11,18 +11,12 @@ import typer
 if TYPE_CHECKING:
     from mesh_motion_client import Keys
 
-__all__ = ["DistributedOption", "EndpointOption", "KeyOption", "ServerKeyOption", "keys_of_options"]
+__all__ = ["EndpointOption", "KeyOption", "ServerKeyOption", "keys_of_options"]
 
 
 EndpointOption = Annotated[
     str | None,
     typer.Option(metavar="ENDPOINT", help="A running server: tcp://HOST:PORT or ipc:///PATH.", show_default=False),
-]
-DistributedOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="SCHEDULER", help="Dask workers compute: tcp://HOST:PORT of their scheduler.", show_default=False
-    ),
 ]
 KeyOption = Annotated[
     Path | None,

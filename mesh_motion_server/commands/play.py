@@ -15,7 +15,6 @@ import typer
 from mesh_motion_server.commands.cli import complain
 from mesh_motion_server.commands.expected_errors import expected_errors
 from mesh_motion_server.commands.options import (
-    DistributedOption,
     EndpointOption,
     KeyOption,
     ServerKeyOption,
@@ -50,7 +49,6 @@ def play(
     ] = None,
     until: Annotated[int | None, typer.Option(min=1, metavar="N", help="Replay the steps up to N.")] = None,
     endpoint: EndpointOption = None,
-    distributed: DistributedOption = None,
     key: KeyOption = None,
     server_key: ServerKeyOption = None,
     every: Annotated[int, typer.Option(min=1, metavar="N", help="Write every N-th step to the series.")] = 1,
@@ -87,8 +85,6 @@ def play(
         raise typer.BadParameter("--set, --variant and --until need --from-journal; a case has its own settings")
     if resume and case is None:
         raise typer.BadParameter("a replay is not resumed; it begins again", param_hint="--resume")
-    if distributed is not None and (endpoint is not None or from_journal is not None):
-        raise typer.BadParameter("only a private server that plays a case computes with --distributed")
     if out is None:
         if case is None:
             raise typer.BadParameter("a replay needs a folder for its results", param_hint="--out")
@@ -116,7 +112,6 @@ def play(
             endpoint=endpoint,
             every=every,
             progress=advance,
-            distributed=distributed,
             keys=keys,
             resume=resume,
         )

@@ -11,7 +11,6 @@ import typer
 
 from mesh_motion_server.commands.cli import ExitStatus, complain
 from mesh_motion_server.commands.completions import log_levels
-from mesh_motion_server.commands.options import DistributedOption
 from mesh_motion_server.errors import MeshMotionError
 
 __all__ = ["serve"]
@@ -32,7 +31,6 @@ def serve(
     ] = None,
     ready_file: Annotated[Path | None, typer.Option(metavar="FILE", help="Written when clients may connect.")] = None,
     threads: Annotated[int | None, typer.Option(min=0, metavar="N", help="Of each worker; 0: all cores.")] = None,
-    distributed: DistributedOption = None,
     settings_file: Annotated[
         Path | None, typer.Option("--settings", metavar="FILE.toml", help="All other settings and limits.")
     ] = None,
@@ -65,7 +63,6 @@ def serve(
         "metrics": metrics,
         "monitor": monitor,
         "threads": threads,
-        "distributed": distributed,
         "keys_folder": str(keys) if keys else None,
     }
     settings = _server_settings(settings_file, {key: value for key, value in given.items() if value is not None})

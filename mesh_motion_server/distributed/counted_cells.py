@@ -49,8 +49,8 @@ class CountedCells:
         self._places = np.zeros((len(self._names), len(cells)), dtype=np.uint32)
         self._known: dict[tuple[str, Way], BinContent] = {}
 
-    def judge(self, points: Floats, numbers: Ints | None = None) -> PartialSummary:
-        """Judge the cells with nodes at points (n, d), which must stay; (m,) ``numbers`` in the mesh, if others."""
+    def judge(self, points: Floats) -> PartialSummary:
+        """Judge the cells with nodes at points (n, d), which must stay as they are until the next time."""
         self._points = as_positions(points, self._cells.dimension)
         extents, counts, worst, inverted = kernels.counted_cells(
             self._points, *self._arguments(self.metric), WORST, BINS, self._places
@@ -67,7 +67,7 @@ class CountedCells:
             sums={name: total for name, (total, _, _) in by_name.items()},
             minima={name: least for name, (_, least, _) in by_name.items()},
             contents={name: self._known[name, WHOLE] for name in self._names},
-            worst=worst_cells(worst if numbers is None else numbers[worst], quality, centres, self.metric),
+            worst=worst_cells(worst, quality, centres, self.metric),
         )
 
     def contents(self, questions: Questions) -> tuple[BinContent, ...]:

@@ -17,7 +17,8 @@ from mesh_motion_server.distributed.judging import first_questions, read_questio
 from mesh_motion_server.distributed.order_statistics import WHOLE
 from mesh_motion_server.distributed.region import Extent, Region, region_told
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator, Prepared
+from mesh_motion_server.numerics.interpolation import evaluation
+from mesh_motion_server.numerics.interpolation.evaluation import NearOperators
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -62,8 +63,7 @@ class Rank:
         self._at_rest = cells_at_rest(points, read.cells, read.sizes)
         spanning = np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])
         self.nodes: Ints = np.unique(np.concatenate([patch_nodes, boundary_nodes(read.cells), spanning]))
-        self._evaluator = LocalEvaluator()
-        self._last: tuple[Field, AnyInterpolant, Prepared | None] | None = None
+        self._last: tuple[Field, AnyInterpolant, NearOperators | None] | None = None
         self._judged: CountedCells | None = None
         self._moved = np.empty_like(points)  # kept: new memory takes as long as half of the judging
 
@@ -88,11 +88,11 @@ class Rank:
     def _positions(self, field: Field) -> Floats:
         """(n, d) positions to which a field takes the nodes, except :attr:`nodes`."""
         interpolant, prepared = self._prepared(field)
-        found = self._evaluator.displacement(interpolant, self._points, prepared)
+        found = evaluation.displacement(interpolant, self._points, prepared)
         found += self._points
         return found
 
-    def _prepared(self, field: Field) -> tuple[AnyInterpolant, Prepared | None]:
+    def _prepared(self, field: Field) -> tuple[AnyInterpolant, NearOperators | None]:
         """The interpolant of a field, and what does not change while only coefficients do."""
         last = self._last
         if last is not None and field.differs_in_coefficients_only(last[0]):
@@ -100,7 +100,7 @@ class Rank:
         self._last = last = None  # first: two of them need not fit into memory
         interpolant, prepared = field.interpolant(), None
         if isinstance(interpolant, TwoScaleInterpolant):
-            prepared = self._evaluator.prepare(interpolant, self._points, unasked=self.nodes)
+            prepared = evaluation.prepare(interpolant, self._points, unasked=self.nodes)
         self._last = field, interpolant, prepared
         return interpolant, prepared
 

@@ -18,7 +18,7 @@ from mesh_motion_server.numerics.quality.quality_summary import (
     reported_metrics,
 )
 
-__all__ = ["WORST", "PartialSummary", "Questions", "by_question", "joined"]
+__all__ = ["WORST", "PartialSummary", "Questions", "joined"]
 
 Questions = tuple[tuple[str, Way], ...]
 """Metrics, and the bin of each that is asked for."""
@@ -39,7 +39,7 @@ class PartialSummary:
     contents : dict of str to BinContent
         All values of each metric in bins.
     worst : tuple of WorstCell
-        Its worst cells, numbered as in the mesh.
+        Its worst cells.
     """
 
     cells: int
@@ -48,11 +48,6 @@ class PartialSummary:
     minima: dict[str, float]
     contents: dict[str, BinContent]
     worst: tuple[WorstCell, ...]
-
-
-def by_question(answers: Sequence[Sequence[BinContent]]) -> list[list[BinContent]]:
-    """The contents of each question, partition by partition, from each partition's answers to all of them."""
-    return [list(contents) for contents in zip(*answers, strict=True)]
 
 
 def joined(

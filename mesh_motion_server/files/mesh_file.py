@@ -37,6 +37,8 @@ class MeshFile:
         One line for each thing that the reader left out or named.
     halo : dict of str to (h, k) int64 arrays
         Cells beyond periodic sides (images of other cells), which are left out of the mesh.
+    global_ids : (n,) int64 array or None
+        Of a partition: the nodes' numbers in the whole mesh.
     """
 
     points: Floats
@@ -47,6 +49,7 @@ class MeshFile:
     zone: str = ""
     notes: tuple[str, ...] = ()
     halo: dict[str, Integers] = field(default_factory=dict)
+    global_ids: Integers | None = None
 
     @property
     def dimension(self) -> int:

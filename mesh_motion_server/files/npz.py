@@ -1,7 +1,8 @@
 """The mesh format of this project: a NumPy archive, strict, without pickles.
 
 ``points`` (n, d) float64; ``cells_<type>`` (m, k) int64 for line, triangle, quad, tetra, hexahedron, wedge, pyramid;
-``patch_<name>`` (p,) int64 node ids, 0-based. Other arrays are refused. Narrower floats and integers are widened.
+``patch_<name>`` (p,) int64 node ids, 0-based; of a partition also ``global_ids`` (n,) int64, its nodes' numbers in the
+whole mesh. Other arrays are refused. Narrower floats and integers are widened.
 """
 
 import zipfile
@@ -23,6 +24,7 @@ _T = TypeVar("_T", bound=np.generic)
 #: RuntimeError: encrypted; MemoryError, OverflowError: a header with more rows than fit in memory.
 _DAMAGED = (ValueError, zipfile.BadZipFile, EOFError, KeyError, RuntimeError, MemoryError, OverflowError)
 _EXPECTED = "expected 'points', 'cells_<type>' and 'patch_<name>'"
+_IDS = "global_ids"
 
 
 def read_npz(path: Path) -> MeshFile:
@@ -34,7 +36,7 @@ def read_npz(path: Path) -> MeshFile:
         If the file is not such an archive, or has other keys or arrays of another kind or shape.
     """
     arrays = read_archive(path)
-    unknown = [key for key in arrays if key != "points" and not key.startswith(("cells_", "patch_"))]
+    unknown = [key for key in arrays if key not in ("points", _IDS) and not key.startswith(("cells_", "patch_"))]
     if unknown or "points" not in arrays:
         raise InvalidInput(f"{path}: {_EXPECTED}, got {', '.join(map(repr, arrays)) or 'nothing'}")
     points = _as(arrays.pop("points"), "fiu", np.float64, f"{path}: points")
@@ -44,7 +46,10 @@ def read_npz(path: Path) -> MeshFile:
     for name, nodes in patches.items():
         if nodes.ndim != 1:
             raise InvalidInput(f"{path}: patch_{name}: expected shape (p,), got {nodes.shape}")
-    return MeshFile(points, cells, {name: np.unique(nodes) for name, nodes in patches.items()}, path)
+    ids = integers.get(_IDS)
+    if ids is not None and ids.shape != points.shape[:1]:
+        raise InvalidInput(f"{path}: {_IDS}: expected shape {points.shape[:1]}, one a point, got {ids.shape}")
+    return MeshFile(points, cells, {name: np.unique(nodes) for name, nodes in patches.items()}, path, global_ids=ids)
 
 
 def write_npz(path: Path | str, mesh: MeshFile) -> None:
@@ -52,6 +57,8 @@ def write_npz(path: Path | str, mesh: MeshFile) -> None:
     arrays: dict[str, NDArray[np.generic]] = {"points": mesh.points}
     arrays |= {f"cells_{name}": nodes for name, nodes in mesh.cells.items()}
     arrays |= {f"patch_{name}": nodes for name, nodes in mesh.patches.items()}
+    if mesh.global_ids is not None:
+        arrays[_IDS] = mesh.global_ids
     with replacing(Path(path)) as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 

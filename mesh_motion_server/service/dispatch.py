@@ -26,7 +26,7 @@ from mesh_motion_server.service.execution import Execution
 from mesh_motion_server.service.failures import failure_reply, known_error
 from mesh_motion_server.service.holders import Holders
 from mesh_motion_server.service.telling import Teller
-from mesh_motion_server.session.model import ModelBuilder, model_builder
+from mesh_motion_server.session.model import ModelBuilder, build_motion_model
 from mesh_motion_server.session.replay import Progress, silent
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.spec import SessionSpec
@@ -74,9 +74,9 @@ class SessionHost:
         *,
         limits: ServerSettings | None = None,
         clock: Callable[[], float] = time.monotonic,
-        build_model: ModelBuilder | None = None,
+        build_model: ModelBuilder = build_motion_model,
     ) -> SessionHost:
-        """Create a session; ``build_model`` builds its model, by default as the limits define.
+        """Create a session; ``build_model`` builds its model.
 
         Raises
         ------
@@ -88,7 +88,6 @@ class SessionHost:
         limits = limits or ServerSettings()
         check_durability(spec.durability, limits.durability)
         check_evaluation(spec.evaluation, spec.settings)
-        build_model = build_model or model_builder(limits)
         session = Session(store.create(spec), limits, build_model)
         return cls(session, store, limits=limits, clock=clock)
 
@@ -101,7 +100,7 @@ class SessionHost:
         *,
         limits: ServerSettings | None = None,
         clock: Callable[[], float] = time.monotonic,
-        build_model: ModelBuilder | None = None,
+        build_model: ModelBuilder = build_motion_model,
         progress: Progress = silent,
     ) -> SessionHost:
         """Open a stored session at its last committed step under a new epoch; calls ``progress`` per recomputed step.
@@ -114,7 +113,6 @@ class SessionHost:
             If the stored data does not verify, or the disk fails.
         """
         limits = limits or ServerSettings()
-        build_model = build_model or model_builder(limits)
         folder = store.open(session, token)
         try:
             reopened = Session.reopen(folder, limits, build_model, progress)

@@ -16,7 +16,7 @@ from mesh_motion_server.numerics.correction.correction import Correction
 from mesh_motion_server.numerics.correction.correction_problem import goal
 from mesh_motion_server.numerics.correction.part_of_mesh import RegionTooSmall
 from mesh_motion_server.numerics.correction.trial_nodes import MARGIN
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.exact_displacements import differences_of
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
@@ -99,7 +99,7 @@ def correct(mesh: MergedMesh, method: Method, points: Floats, field: Field, told
 
     def known(rows: Integers) -> Floats:
         there = mesh.points[rows]
-        free = LocalEvaluator().displacement(field.interpolant(), there) + there
+        free = evaluation.displacement(field.interpolant(), there) + there
         return np.where(on_patches[rows, None], points[rows], free)
 
     # imported here: no other session needs it, and it loads much

@@ -12,7 +12,6 @@ from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.partitions.numbering import UploadView, upload_view
-from mesh_motion_server.settings import ServerSettings
 
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
@@ -27,7 +26,6 @@ __all__ = [
     "build_motion_model",
     "checked_model",
     "checked_warnings",
-    "model_builder",
 ]
 
 
@@ -67,10 +65,6 @@ class Model(Protocol):
         """
         ...
 
-    def close(self) -> None:
-        """Give back what is held on other machines."""
-        ...
-
 
 ModelBuilder = Callable[[Floats, CellTable, Mapping[str, Patch], Method], Model]
 
@@ -90,33 +84,6 @@ def build_boundary_model(points: Floats, cells: CellTable, patches: Mapping[str,
 
     del cells
     return BoundaryMotion.build(points, patches, method)
-
-
-def model_builder(settings: ServerSettings) -> ModelBuilder:
-    """What builds models as the server's settings say: on this machine, or on the workers of a cluster."""
-    if settings.distributed is None:
-        return build_motion_model
-    # imported here: an extra
-    from mesh_motion_server.distributed.connection import Connection, require_dask  # noqa: PLC0415
-    from mesh_motion_server.distributed.model import DistributedModel  # noqa: PLC0415
-
-    require_dask()
-    address = settings.distributed
-
-    def build(points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method) -> DistributedModel:
-        connection = Connection(
-            address,
-            settings.distributed_patience_seconds,
-            settings.distributed_tls_ca_file,
-            settings.distributed_tls_certificate,
-            settings.distributed_tls_key,
-        )
-        partitions, fallback = settings.distributed_partitions or None, settings.distributed_fallback
-        return DistributedModel.build(
-            points, cells, patches, method, connection=connection, partitions=partitions, fallback=fallback
-        )
-
-    return build
 
 
 def checked_model(build: ModelBuilder, mesh: MergedMesh, method: Method) -> Model:

@@ -332,7 +332,6 @@ class Session(Position):
         self.history.close()
         self.factors.clear()
         if self._built is not None:
-            self._built.model.close()
             self._built.keeper.close()
         self._folder.release()
 

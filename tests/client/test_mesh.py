@@ -55,3 +55,49 @@ def test_the_mesh_keeps_copies():
     mesh = Mesh(points, {})
     points[:] = 9.0
     assert (mesh.points == POINTS).all()
+
+
+GIVEN = {"wall": "fixed", "flag": "moving"}
+
+
+def test_a_file_is_read_with_its_numbers_and_the_roles_that_are_given(tmp_path):
+    arrays = {"points": np.zeros((3, 2)), "cells_triangle": [[0, 1, 2]], "patch_wall": [2, 0], "global_ids": [4, 5, 9]}
+    np.savez(tmp_path / "part.npz", **arrays)
+    mesh = Mesh.load(tmp_path / "part.npz", GIVEN)
+    assert mesh.cells["triangle"].tolist() == [[0, 1, 2]]
+    assert {name: (patch.role, patch.nodes.tolist()) for name, patch in mesh.patches.items()} == {
+        "wall": ("fixed", [2, 0])
+    }
+    assert mesh.global_ids.tolist() == [4, 5, 9]
+    del arrays["global_ids"]
+    np.savez(tmp_path / "whole.npz", **arrays)
+    assert Mesh.load(str(tmp_path / "whole.npz"), GIVEN).global_ids is None
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"cells_triangle": [[0, 1, 2]]}, r"part.npz: expected 'points', .*got \['cells_triangle'\]"),
+        ({"points": np.zeros((3, 2)), "roles": [1]}, r"got \['points', 'roles'\] \(mesh-motion convert"),
+        ({"points": np.zeros((3, 2)), "patch_flap": [1]}, "patch 'flap' has no role; roles are given of .*flag"),
+        ({"points": np.zeros((3, 2)), "cells_triangle": [[0, 1, 3]]}, "part.npz: cells of type triangle must name"),
+        ({"points": np.zeros((3, 2)), "global_ids": [1]}, "part.npz: global_ids must have one number a point"),
+        ({"points": np.array([{}], dtype=object)}, "part.npz: not readable as an .npz archive of plain arrays"),
+    ],
+)
+def test_a_file_with_something_else_is_named(tmp_path, arrays, message):
+    np.savez(tmp_path / "part.npz", **arrays)
+    with pytest.raises(InvalidInput, match=message):
+        Mesh.load(tmp_path / "part.npz", GIVEN)
+
+
+def test_a_file_that_is_missing_or_none_is_named(tmp_path):
+    (tmp_path / "text.npz").write_text("points")
+    np.save(tmp_path / "points.npy", np.zeros(3))
+    for name, message in (
+        ("none.npz", "none.npz: cannot be read: No such file"),
+        ("text.npz", "text.npz: not readable"),
+        ("points.npy", "points.npy: not readable"),
+    ):
+        with pytest.raises(InvalidInput, match=message):
+            Mesh.load(tmp_path / name, GIVEN)

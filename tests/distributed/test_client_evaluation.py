@@ -8,10 +8,9 @@ import pytest
 from box_meshes import box_mesh
 from mesh_motion_client import InvalidInput, Mesh, Patch, QualityRefused, SessionError, connect
 from mesh_motion_protocol.messages import Fetch, Fetched
-from own_ranks import CORRECTED, SETTINGS, bend, whole
+from own_ranks import CORRECTED, SETTINGS, assert_same_quality, bend, cut, whole
 
 from mesh_motion_server.cases.recorded import read_recorded
-from mesh_motion_server.distributed.split import Split
 from mesh_motion_server.errors import InvalidInput as Unusable
 from mesh_motion_server.session.inspection import inspect_session
 from mesh_motion_server.watch.observation.mesh_view import StoredMesh
@@ -34,19 +33,15 @@ def server(tmp_path_factory):
 
 
 def pieces(kind, count, ranks):
-    """The mesh in several: a node of a patch is listed by its owner only, others hold it too."""
-    box = box_mesh(kind, count)
-    split = Split.build(box.points, box.cells, ranks)
-    parts = []
-    for rank in range(ranks):
-        part = split.partition(rank)
-        own = part.nodes[part.own]
-        patches = {
-            name: Patch(role, np.searchsorted(part.nodes, np.intersect1d(own, nodes)))
-            for name, role, nodes in (("body", "moving", box.body), ("outer", "fixed", box.outer))
-        }
-        patches = {name: patch for name, patch in patches.items() if len(patch.nodes)}
-        parts.append(Mesh(part.points, {b.type.name: b.nodes for b in part.cells}, patches, part.nodes))
+    """The mesh in several: a node of a patch is listed by the first that has it only, others hold it too."""
+    parts, listed = [], set()
+    for part in cut(kind, count, ranks):
+        patches = {}
+        for name, patch in part.patches.items():
+            nodes = [int(node) for node in patch.nodes if (name, int(part.global_ids[node])) not in listed]
+            listed |= {(name, int(part.global_ids[node])) for node in nodes}
+            patches |= {name: Patch(patch.role, np.array(nodes))} if nodes else {}
+        parts.append(Mesh(part.points, part.cells, patches, part.global_ids))
     return parts
 
 
@@ -92,15 +87,6 @@ def on_ranks(server, parts, work, settings=SETTINGS):
     if failures:
         raise failures[0]
     return results
-
-
-def assert_same_quality(found, expected):
-    for name in ("metric", "size", "skew", "size_skew"):
-        one, other = found[name], expected[name]
-        assert {k: v for k, v in one.items() if k != "mean"} == {k: v for k, v in other.items() if k != "mean"}
-        assert one["mean"] == pytest.approx(other["mean"], rel=1e-13)
-    assert (found["cells"], found["inverted"]) == (expected["cells"], expected["inverted"])
-    assert [cell["metric"] for cell in found["worst"]] == [cell["metric"] for cell in expected["worst"]]
 
 
 @pytest.mark.parametrize("metric", ["size-skew", "relative-size-skew"])
@@ -281,9 +267,7 @@ def test_after_kill_9_field_and_nodes_are_bitwise_the_same(tmp_path, mesh, durab
             resumed.commit()
             assert raw_field(resumed) == field
             assert third.step == 3
-        session._closed = True
-        session._courier.disconnect()
-        session._control.close()
+        session.leave()
 
 
 def test_a_server_killed_between_move_and_judge_judges_the_same_trial(tmp_path, monkeypatch):

@@ -7,22 +7,31 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from box_meshes import box_mesh
+from own_ranks import box_file
 
-from mesh_motion_server.distributed.held import HeldPartition, Positions, judge, questioned
-from mesh_motion_server.distributed.split import Split
+from mesh_motion_server.distributed.counted_cells import CountedCells
 from mesh_motion_server.distributed.summaries import joined
+from mesh_motion_server.files.partitions import partitions
+from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.mesh_summary import summarize
 from mesh_motion_server.numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest
 from mesh_motion_server.numerics.quality.quality_summary import QualitySummary
 
 
-def in_partitions(mesh, points: np.ndarray, count: int, metric: str) -> QualitySummary:  # type: ignore[no-untyped-def]
-    split = Split.build(mesh.points, mesh.cells, count)
-    held = [HeldPartition(split.partition(number)) for number in range(count)]
-    parts = [judge(one, Positions(None, None, points[one.mesh.nodes]), 1, metric, ())[0] for one in held]
+def in_partitions(kind: str, points: np.ndarray, count: int, metric: str) -> QualitySummary:
+    file = box_file(kind, 10)
+    numbers = {tuple(cell): number for number, cell in enumerate(c for of in file.cells.values() for c in of.tolist())}
+    counted, parts = [], []
+    for part in partitions(file, count):
+        cells = CellTable.from_arrays(part.cells)
+        one = CountedCells(cells, cells_at_rest(part.points, cells), metric)
+        told = one.judge(points[part.global_ids])
+        own = [numbers[tuple(part.global_ids[cell])] for block in cells for cell in block.nodes]
+        counted.append(one)
+        parts.append(replace(told, worst=tuple(replace(cell, number=own[cell.number]) for cell in told.worst)))
 
     def ask(questions):  # type: ignore[no-untyped-def]
-        return list(zip(*(questioned(one, questions, None, 2, metric, ()) for one in held), strict=True))
+        return list(zip(*(one.contents(questions) for one in counted), strict=True))
 
     return joined(parts, metric, ask)
 
@@ -41,7 +50,7 @@ def test_it_is_that_of_the_whole_mesh(metric: str, count: int, kind: str, shake:
     points = mesh.points + shake * np.random.default_rng(2).standard_normal(mesh.points.shape)
     at_rest = cells_at_rest(mesh.points, mesh.cells)
     whole = summarize(cell_quality(points, mesh.cells, at_rest), points, mesh.cells, metric=metric)
-    merged = in_partitions(mesh, points, count, metric)
+    merged = in_partitions(kind, points, count, metric)
     assert without_means(merged) == without_means(whole)
     for name in ("metric", "size", "skew", "size_skew"):
         assert getattr(merged, name).mean == pytest.approx(getattr(whole, name).mean, abs=1e-14)
@@ -52,7 +61,7 @@ def test_a_position_that_is_not_finite_shows() -> None:
     points = mesh.points.copy()
     points[7] = np.nan
     whole = summarize(cell_quality(points, mesh.cells, mesh.sizes), points, mesh.cells)
-    merged = in_partitions(mesh, points, 3, "size-skew")
+    merged = in_partitions("quad", points, 3, "size-skew")
     assert merged.size_skew.min == merged.size_skew.mean == float("-inf")
     assert merged.inverted == whole.inverted > 0
     assert [cell.number for cell in merged.worst] == [cell.number for cell in whole.worst]

@@ -8,24 +8,13 @@ from typing import Any
 
 import pytest
 
-from mesh_motion_server.distributed.connection import Connection
-
 
 @contextmanager
-def worker_processes(count: int) -> Iterator[Any]:
-    """A cluster with ``count`` workers of one thread."""
-    pytest.importorskip("distributed", reason="pip install 'mesh-motion-server[dask]'")
+def workers(count: int) -> Iterator[Any]:
+    """A client of a cluster with ``count`` workers of one thread."""
+    distributed = pytest.importorskip("distributed", reason="pip install 'mesh-motion-server[dask]'")
     from benchmarks.distributed.local_cluster import local_cluster  # noqa: PLC0415
 
-    with local_cluster(count) as cluster:
-        yield cluster
-
-
-@contextmanager
-def connected(cluster: Any, patience: float = 10.0) -> Iterator[Connection]:
-    """A connection to a cluster of this machine."""
-    connection = Connection(cluster.scheduler_address, patience)
-    try:
-        yield connection
-    finally:
-        connection.close()
+    with local_cluster(count) as started, distributed.Client(started, set_as_default=False) as client:
+        client.wait_for_workers(count, timeout=180)
+        yield client

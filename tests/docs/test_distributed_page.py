@@ -1,52 +1,30 @@
-"""docs/distributed.md: what it shows runs, what it names exists, and its tables are filled."""
+"""docs/distributed.md: the settings that it shows are those that the ranks' tests take, its names exist."""
 
+import ast
 import re
-import tomllib
+from inspect import signature
 from pathlib import Path
 
-import pytest
+from mesh_motion_client import dask_ranks
+from own_ranks import CORRECTED
 from shown_commands import blocks
-from typer.testing import CliRunner
-
-from mesh_motion_server.commands.app import app
-from mesh_motion_server.settings import ServerSettings
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "distributed.md").read_text(encoding="utf-8")
 
 
-def options(line: str) -> set[str]:
-    return set(re.findall(r"(?<=\s)--[\w-]+", line))
+def test_the_settings_are_those_that_are_tested() -> None:
+    first = ast.parse(blocks(PAGE, "python")[0]).body[0]
+    assert isinstance(first, ast.Assign)
+    settings = ast.literal_eval(first.value)
+    assert settings.items() <= CORRECTED.items()
 
 
-def test_the_settings_are_some() -> None:
-    settings = ServerSettings.from_mapping(tomllib.loads(blocks(PAGE, "toml")[0]))
-    assert settings.distributed == "tls://10.0.0.1:8786"
-    told = {name for name in ServerSettings.model_fields if name.startswith("distributed")}
-    assert told == {line.split(" = ")[0] for line in blocks(PAGE, "toml")[0].splitlines()}
-
-
-@pytest.mark.parametrize("command", ["serve", "play"])
-def test_the_commands_have_these_options(command: str) -> None:
-    (line,) = (line for line in blocks(PAGE, "bash")[0].splitlines() if line.startswith(f"mesh-motion {command}"))
-    known = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "200"}).output
-    assert all(option in known for option in options(line))
-
-
-@pytest.mark.parametrize("command", ["scheduler", "worker"])
-def test_dask_has_these_options(command: str) -> None:
-    cli = pytest.importorskip("distributed.cli.dask_" + command)
-    (line,) = (line for line in blocks(PAGE, "bash")[0].splitlines() if line.startswith(f"dask {command}"))
-    known = {name for parameter in cli.main.params for name in (*parameter.opts, *parameter.secondary_opts)}
-    assert options(line) <= known
-
-
-def test_every_block_is_filled() -> None:
-    filled = re.findall(r"<!-- benchmark: ([\w-]+) -->\n(.*?)<!-- end -->", PAGE, re.DOTALL)
-    assert [name for name, _ in filled] == [
-        "distributed-steps",
-        "distributed-wire",
-        "distributed-constants",
-        "distributed-prediction",
-    ]
-    assert all(text.count("\n|") > 3 for _, text in filled)
+def test_what_the_page_calls_exists() -> None:
+    shown = blocks(PAGE, "python")[1]
+    assert set(re.findall(r"session\.(\w+)\(", shown)) == {"move", "commit", "write"}
+    for name in re.findall(r"session\.(\w+)\(", shown):
+        assert callable(getattr(dask_ranks.DaskSession, name))
+    parameters = signature(dask_ranks.open_on_workers).parameters
+    assert list(parameters)[:5] == ["endpoint", "cluster", "files", "roles", "settings"]
+    assert {"credentials", "patience"} <= set(parameters)

@@ -10,7 +10,7 @@ import pytest
 from docs.studies.thesis._decompositions import polar, rotation_angle
 from docs.studies.thesis._linear_polynomial import WithPolynomial
 from mesh_motion_server.numerics.correction.enrichment.functions import values as enrichment_values
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.interpolation.kernels import BASES, values
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
@@ -39,7 +39,7 @@ def test_a_displacement_of_2_6_has_no_row_of_zeros() -> None:
         [found.weights, found.polynomial.coefficients]
     )
     assert printed.shape == (2, 2)
-    np.testing.assert_allclose(printed, LocalEvaluator().displacement(found, nodes), atol=1e-13)
+    np.testing.assert_allclose(printed, evaluation.displacement(found, nodes), atol=1e-13)
 
 
 def test_a_one_point_correction_takes_away_the_error_at_boundary_nodes() -> None:

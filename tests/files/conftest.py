@@ -1,8 +1,13 @@
 """Meshes that several readers are tried on."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
+sys.path[:0] = [str(Path(__file__).parents[1] / "numerics")]
 
 Cells = dict[str, NDArray[np.int64]]
 

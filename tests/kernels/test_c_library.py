@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant, factorize
 from mesh_motion_server.numerics.interpolation.kernels import BASES
 from mesh_motion_server.numerics.interpolation.polynomial import LinearBasis, Polynomial
@@ -150,19 +150,19 @@ def gradients_of(field: AnyInterpolant, points: Array) -> Array:
 @pytest.mark.parametrize("d", [1, 2, 3])
 @pytest.mark.parametrize("basis", BASES)
 def test_an_interpolant_has_the_bits_of_the_server(library: ctypes.CDLL, basis: str, d: int) -> None:
-    points, evaluator = places(d), LocalEvaluator()
+    points = places(d)
     for radius, k, polynomial in ((0.07, d, False), (0.9, 4, True)):
         field = interpolant(basis, d, k, radius, polynomial=polynomial)
         handle = interpolant_handle(library, field)
         found = handle.evaluate("values", points, np.empty((len(points), k)))
-        assert found.tobytes() == evaluator.displacement(field, points).tobytes()
+        assert found.tobytes() == evaluation.displacement(field, points).tobytes()
         if field.basis.gradient_at_centre:
             found = handle.evaluate("gradients", points, gradients_of(field, points))
-            assert found.tobytes() == evaluator.gradient(field, points).tobytes()
+            assert found.tobytes() == evaluation.gradient(field, points).tobytes()
         if not field.basis.compact or polynomial:
             start = np.ones((len(points), k))
             added = handle.evaluate("values", points, start.copy(), ADD)
-            assert added.tobytes() == (start + evaluator.displacement(field, points)).tobytes()
+            assert added.tobytes() == (start + evaluation.displacement(field, points)).tobytes()
 
 
 @pytest.mark.parametrize("coarse", ["spline", "interpolant"])
@@ -181,8 +181,8 @@ def test_two_scales_have_the_bits_of_the_server(library: ctypes.CDLL, d: int, k:
     for handle, mode in zip(handles, (WRITE, ADD, ADD, ADD), strict=True):
         handle.evaluate("values", points, values, mode)
         handle.evaluate("gradients", points, gradients, mode)
-    assert values.tobytes() == LocalEvaluator().displacement(field, points).tobytes()
-    assert gradients.tobytes() == LocalEvaluator().gradient(field, points).tobytes()
+    assert values.tobytes() == evaluation.displacement(field, points).tobytes()
+    assert gradients.tobytes() == evaluation.gradient(field, points).tobytes()
 
 
 class Distribution(ctypes.Structure):
@@ -370,7 +370,7 @@ def square_in_a_square() -> tuple[CellTable, Array, Array]:
     turned = (points - 0.5) @ [[-0.2, 0.6], [-0.6, -0.2]] + [0.03, 0.02]
     given = np.where(inner[:, None], turned, 0.0)[control]
     field = factorize(points[control], basis="wendland-c2", support_radius=0.8).solve(given)
-    return CellTable.from_arrays({"quad": quads[outside]}), points, LocalEvaluator().displacement(field, points)
+    return CellTable.from_arrays({"quad": quads[outside]}), points, evaluation.displacement(field, points)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 
 from mesh_motion_server.numerics.correction.correction import CorrectionProblem
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import Factorization, factorize
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import reference_sizes
@@ -58,10 +58,10 @@ def boundary_factor(mesh: BodyMesh) -> Factorization:
 
 def moved(mesh: BodyMesh, displacement: np.ndarray) -> CorrectionProblem:
     """The standard motion of a displacement (n, d), of which the boundary's rows are used."""
-    held, factor, evaluator = mesh.held, boundary_factor(mesh), LocalEvaluator()
-    standard = mesh.points + evaluator.displacement(factor.solve(displacement[held]), mesh.points)
+    held, factor = mesh.held, boundary_factor(mesh)
+    standard = mesh.points + evaluation.displacement(factor.solve(displacement[held]), mesh.points)
     standard[held] = mesh.points[held] + displacement[held]
-    return CorrectionProblem(mesh.points, standard, held, mesh.cells, mesh.sizes, factor, evaluator)
+    return CorrectionProblem(mesh.points, standard, held, mesh.cells, mesh.sizes, factor)
 
 
 def rigid(mesh: BodyMesh, translation: tuple[float, ...], degrees: float = 0.0) -> np.ndarray:

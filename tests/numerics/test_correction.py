@@ -16,7 +16,7 @@ from mesh_motion_server.numerics.correction.correction import (
 )
 from mesh_motion_server.numerics.correction.correction_problem import SMALL_MESH
 from mesh_motion_server.numerics.correction.near_rest import spoils
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.method import Method
@@ -157,10 +157,10 @@ def squeezed_line(distance: float = 0.15) -> CorrectionProblem:
     held = np.isin(n, [0, 4, 16, 20])
     told = np.zeros_like(x)
     told[4], told[16] = distance, -distance
-    factor, evaluator = factorize(x[held], support_radius=0.2), LocalEvaluator()
-    standard = x + evaluator.displacement(factor.solve(told[held]), x)
+    factor = factorize(x[held], support_radius=0.2)
+    standard = x + evaluation.displacement(factor.solve(told[held]), x)
     standard[held] = (x + told)[held]
-    return CorrectionProblem(x, standard, held, cells, reference_sizes(x, cells), factor, evaluator)
+    return CorrectionProblem(x, standard, held, cells, reference_sizes(x, cells), factor)
 
 
 def test_one_dimension_the_thesis_and_the_optimum() -> None:

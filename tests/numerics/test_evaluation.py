@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.interpolation.kernels import BASES, slopes, values
 
@@ -43,11 +43,10 @@ def test_sums_are_the_formulas(name, d):
     interpolant = made(name, d, n=30 if d == 1 else 60, radius=radius)
     points = np.concatenate([np.random.default_rng(1).uniform(-0.3, 1.3, (100, d)), interpolant.control_points])
     s, g = brute(interpolant, points)
-    evaluator = LocalEvaluator()
     # rounding is relative to the terms: CTPS adds some of size 60 for φ itself, TPS reaches 2 · 10⁴ at ξ = 65
     scale = (2e4 if name == "tps" else 100) * np.abs(interpolant.weights).sum()
-    assert np.allclose(evaluator.displacement(interpolant, points), s, rtol=0, atol=1e-15 * scale)
-    assert np.allclose(evaluator.gradient(interpolant, points), g, rtol=0, atol=1e-12 * np.abs(g).max())
+    assert np.allclose(evaluation.displacement(interpolant, points), s, rtol=0, atol=1e-15 * scale)
+    assert np.allclose(evaluation.gradient(interpolant, points), g, rtol=0, atol=1e-12 * np.abs(g).max())
 
 
 @pytest.mark.parametrize("radius", [0.03, 0.1])
@@ -62,7 +61,7 @@ def test_cells_and_direct_sum_agree(d, radius):
     points = rng.uniform(-0.1, 1.1, (300, d))
     s, _ = brute(interpolant, points)
     scale = np.abs(interpolant.weights).max()
-    assert np.allclose(LocalEvaluator().displacement(interpolant, points), s, rtol=0, atol=1e-13 * scale)
+    assert np.allclose(evaluation.displacement(interpolant, points), s, rtol=0, atol=1e-13 * scale)
 
 
 @pytest.mark.parametrize("k", [1, 2, 5, 60, 180])
@@ -70,43 +69,42 @@ def test_any_number_of_columns(k):
     interpolant = made("wendland-c2", 3, k=k)
     points = np.random.default_rng(1).random((70, 3))
     s, g = brute(interpolant, points)
-    evaluator = LocalEvaluator()
-    assert evaluator.displacement(interpolant, points).shape == (70, k)
-    assert np.allclose(evaluator.displacement(interpolant, points), s, atol=1e-13 * np.abs(interpolant.weights).max())
-    assert np.allclose(evaluator.gradient(interpolant, points), g, atol=1e-12 * np.abs(g).max())
+    assert evaluation.displacement(interpolant, points).shape == (70, k)
+    assert np.allclose(evaluation.displacement(interpolant, points), s, atol=1e-13 * np.abs(interpolant.weights).max())
+    assert np.allclose(evaluation.gradient(interpolant, points), g, atol=1e-12 * np.abs(g).max())
 
 
 @pytest.mark.parametrize("radius", [0.08, 0.5])
 def test_one_and_two_threads_and_any_split_give_the_same_bytes(radius):
     interpolant = made("wendland-c2", 3, n=1000, radius=radius)
     points = np.random.default_rng(1).random((1001, 3))
-    one = LocalEvaluator(1)
-    whole = one.displacement(interpolant, points)
-    gradient = one.gradient(interpolant, points)
-    parts = np.concatenate([one.displacement(interpolant, part) for part in np.array_split(points[::-1], 7)])[::-1]
+    whole = evaluation.displacement(interpolant, points, threads=1)
+    gradient = evaluation.gradient(interpolant, points, threads=1)
+    split = np.array_split(points[::-1], 7)
+    parts = np.concatenate([evaluation.displacement(interpolant, part, threads=1) for part in split])[::-1]
     assert parts.tobytes() == whole.tobytes()
     try:
-        two = LocalEvaluator(2)
+        two = evaluation.displacement(interpolant, points, threads=2)
     except InvalidInput:
         pytest.skip("one core")
-    assert two.displacement(interpolant, points).tobytes() == whole.tobytes()
-    assert two.gradient(interpolant, points).tobytes() == gradient.tobytes()
+    assert two.tobytes() == whole.tobytes()
+    assert evaluation.gradient(interpolant, points, threads=2).tobytes() == gradient.tobytes()
 
 
 def test_no_point_is_no_problem():
     interpolant = made("wendland-c2", 2)
-    assert LocalEvaluator().displacement(interpolant, np.empty((0, 2))).shape == (0, 2)
-    assert LocalEvaluator().gradient(interpolant, np.empty((0, 2))).shape == (0, 2, 2)
+    assert evaluation.displacement(interpolant, np.empty((0, 2))).shape == (0, 2)
+    assert evaluation.gradient(interpolant, np.empty((0, 2))).shape == (0, 2, 2)
 
 
 def test_wrong_dimension_is_refused():
     with pytest.raises(InvalidInput, match=r"expected points of shape \(n, 2\), got \(4, 3\)"):
-        LocalEvaluator().displacement(made("wendland-c2", 2), np.zeros((4, 3)))
+        evaluation.displacement(made("wendland-c2", 2), np.zeros((4, 3)))
 
 
 @pytest.mark.parametrize("name", ["wendland-c0", "ctps-c0"])
 def test_a_basis_with_a_cusp_has_values_but_no_gradient(name):
     interpolant = made(name, 2)
-    LocalEvaluator().displacement(interpolant, np.zeros((1, 2)))
+    evaluation.displacement(interpolant, np.zeros((1, 2)))
     with pytest.raises(InvalidInput, match="no gradient at a control point"):
-        LocalEvaluator().gradient(interpolant, np.zeros((1, 2)))
+        evaluation.gradient(interpolant, np.zeros((1, 2)))

@@ -7,7 +7,7 @@ from python_runs import said_by_python
 from scipy.interpolate import RBFInterpolator
 
 from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.interpolation.kernels import BASES, values
 
@@ -30,7 +30,7 @@ def radius_of(name, d):
 
 
 def evaluate(interpolant, points):
-    return LocalEvaluator().displacement(interpolant, points)
+    return evaluation.displacement(interpolant, points)
 
 
 @pytest.mark.parametrize("d", [1, 2, 3])
@@ -190,7 +190,7 @@ REPEAT = """
 import hashlib, sys
 import mesh_motion_kernels, numpy as np
 mesh_motion_kernels.set_threads(int(sys.argv[1]))
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 points = np.random.default_rng(0).random((900, 3))
 data, places = np.sin(5 * points), np.random.default_rng(1).random((500, 3))
@@ -199,9 +199,9 @@ for solver, radius, basis in (("dense", 1.0, "wendland-c2"), ("sparse", 0.1, "we
         "wendland-c2"), ("iterative", 0.1, "wendland-c2"), ("dense", 1.0, "tps")):
     interpolant = factorize(points, basis=basis, support_radius=radius, solver=solver).solve(data)
     digest.update(interpolant.weights.tobytes())
-    evaluator = LocalEvaluator(int(sys.argv[1]))
-    digest.update(evaluator.displacement(interpolant, places).tobytes())
-    digest.update(evaluator.gradient(interpolant, places).tobytes())
+    threads = int(sys.argv[1])
+    digest.update(evaluation.displacement(interpolant, places, threads=threads).tobytes())
+    digest.update(evaluation.gradient(interpolant, places, threads=threads).tobytes())
 print(digest.hexdigest())
 """
 

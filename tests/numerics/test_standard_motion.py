@@ -7,7 +7,6 @@ import pytest
 from frame_meshes import rotation, square_frame
 from trial_stages import displacement_by
 
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion, StandardTrial
@@ -18,7 +17,7 @@ from mesh_motion_server.numerics.stopwatch import Stopwatch
 def motion_of(mesh, **choices) -> StandardMotion:
     points, cells, patches = mesh
     method = Method(**{"support_radius": 0.5, **choices})
-    return StandardMotion.build(points, cells, patches, method, LocalEvaluator())
+    return StandardMotion.build(points, cells, patches, method)
 
 
 def move(motion: StandardMotion, committed: np.ndarray, targets: np.ndarray) -> StandardTrial:

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.motion.standard_motion import StandardTrial
 
 
@@ -10,5 +9,5 @@ def displacement_by(trial: StandardTrial, points: np.ndarray) -> np.ndarray:
     """(n, d) total displacement of points (n, d)."""
     moved = points
     for stage in trial.stages:
-        moved = stage.positions(moved, LocalEvaluator())
+        moved = stage.positions(moved)
     return moved - points

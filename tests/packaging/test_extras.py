@@ -61,7 +61,6 @@ def test_the_server_alone_plays_and_says_what_is_missing_for_more(installed: Ins
     assert "0 inverted cells" in played.stdout
     (tmp_path / "mesh.vtk").touch()
     told(run("mesh-motion", "check", tmp_path / "mesh.vtk"), "mesh")
-    told(run("mesh-motion", "play", ROTATION, "--out", "out", "--distributed", "tcp://127.0.0.1:1"), "dask")
 
 
 @pytest.mark.nightly
@@ -78,7 +77,7 @@ def test_with_pictures(installed: Installed) -> None:
 
 
 def test_every_required_package_is_known_by_its_extra() -> None:
-    known = {"scipy": "server", "prometheus_client.parser": "server", "meshio": "mesh", "distributed.client": "dask"}
+    known = {"scipy": "server", "prometheus_client.parser": "server", "meshio": "mesh", "dask.config": "dask"}
     assert {module: extra_of(module) for module in known} == known
     assert extra_of("matplotlib") == "plot"
     assert extra_of("mesh_motion_client") is None

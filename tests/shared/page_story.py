@@ -132,7 +132,7 @@ def _command(block: Block) -> str:
 
 def _run(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
     """In a folder with the checkout's folders, its own home, and addresses that are free."""
-    for name, module in (("mesh-motion", " -m mesh_motion_server"), ("python", "")):
+    for name, module in (("mesh-motion", " -m mesh_motion_server"), ("dask", " -m dask"), ("python", "")):
         program = folder / "bin" / name
         program.parent.mkdir(exist_ok=True)
         program.write_text(f'#!/bin/sh\nexec {sys.executable}{module} "$@"\n')

@@ -31,9 +31,6 @@ class PlainModel:
     def without_distributions(self):
         return self
 
-    def close(self):
-        pass
-
     def move(self, committed, targets, factors, *, boundary_displacement=None):
         displacement = targets - committed[self.roles.moving]
         if abs(displacement).max() > self.farthest:

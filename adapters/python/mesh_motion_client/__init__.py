@@ -20,6 +20,8 @@ keys: ``connect(endpoint, keys=Keys.load("alice.secret", "server.public"))``, or
 In a notebook: the objects describe themselves, ``mesh.plot()``, ``moved.plot()`` and ``session.plot()`` draw them, and
 ``progress(steps)`` shows how far a loop is.
 
+Without MPI, the workers of a Dask cluster are the ranks of a session: :mod:`.dask_ranks`.
+
 Modules, from the outside in: :mod:`.server`, :mod:`.session`, :mod:`.moved`, :mod:`.mesh`, :mod:`.display`,
 :mod:`.credentials`, :mod:`.control`, :mod:`.connection`, :mod:`.keys`, :mod:`.embedded`, :mod:`.errors`.
 """

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from mesh_motion_protocol.messages import Upload
@@ -26,6 +28,8 @@ _PLANE = ("triangle", "quad")
 _PART_BYTES = 32 << 20
 #: Nodes that 4 bytes number.
 _INT32 = 1 << 31
+#: What a damaged ``.npz`` raises.
+_DAMAGED = (ValueError, zipfile.BadZipFile, EOFError, KeyError, RuntimeError, MemoryError, OverflowError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +94,55 @@ class Mesh(Described):
             if len(ids) != len(points):
                 raise InvalidInput(f"global_ids must have one number a point, got {len(ids)} for {len(points)} points")
             object.__setattr__(self, "global_ids", ids)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], roles: Mapping[str, str]) -> Self:
+        """Read an ``.npz`` file, as ``mesh-motion convert`` writes it: of a mesh, or of one of its partitions.
+
+        Parameters
+        ----------
+        path : path
+            With ``points``, ``cells_<type>``, ``patch_<name>``, and of a partition ``global_ids``.
+        roles : dict
+            Name of each patch → its role. A partition need not have all of them.
+
+        Raises
+        ------
+        InvalidInput
+            Naming the file, if it cannot be read, holds other arrays, or has a patch without a role.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = dict(file)
+        except OSError as error:
+            raise InvalidInput(f"{path}: cannot be read: {error.strerror or error}") from None
+        except (*_DAMAGED, AttributeError, TypeError) as error:
+            raise InvalidInput(f"{path}: not readable as an .npz archive of plain arrays: {error}") from None
+        cells, nodes = (
+            {key.removeprefix(kind): arrays[key] for key in arrays if key.startswith(kind)}
+            for kind in ("cells_", "patch_")
+        )
+        others = (
+            set(arrays) - {"points", "global_ids"} - {*map("cells_{}".format, cells), *map("patch_{}".format, nodes)}
+        )
+        if others or "points" not in arrays:
+            raise InvalidInput(
+                f"{path}: expected 'points', 'cells_<type>', 'patch_<name>' and 'global_ids', got {sorted(arrays)}",
+                hint="mesh-motion convert writes such a file",
+            )
+        without = sorted(set(nodes) - set(roles))
+        if without:
+            raise InvalidInput(
+                f"{path}: patch {without[0]!r} has no role; roles are given of {sorted(roles)}",
+                hint=f"add {without[0]!r}: 'moving' or 'fixed'",
+            )
+        patches = {name: Patch(roles[name], of) for name, of in nodes.items()}
+        try:
+            return cls(arrays["points"], cells, patches, arrays.get("global_ids"))
+        except InvalidInput as error:
+            raise InvalidInput(
+                f"{path}: {error.message}", code=error.code, hint=error.hint, details=error.details
+            ) from None
 
     @property
     def dimension(self) -> int:

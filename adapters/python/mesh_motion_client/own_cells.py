@@ -50,6 +50,10 @@ class OwnCells:
         """The trial is committed: its correction is that of the committed state."""
         self._corrected = {known: found for known, found in self._corrected.items() if known == step}
 
+    def forget(self) -> None:
+        """Know no correction any more: the next :meth:`coordinates` asks for it, with all other partitions."""
+        self._corrected.clear()
+
     def coordinates(self, fetched: Fetched, seconds: float) -> Floats:
         """(n, d) coordinates of all nodes; where they were corrected before a resume, with all other partitions."""
         corrected = None

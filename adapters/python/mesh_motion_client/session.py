@@ -202,6 +202,14 @@ class Session(Described):
         self._courier.deliver(rollback, RolledBack, timeout or self._compute_timeout)
         self._courier.iteration, self._courier.trial = 0, ()
 
+    def forget_correction(self) -> None:
+        """Have the next :meth:`points` ask for the correction of the committed state, as after a resume.
+
+        It is a call of all partitions then. For a rank beside one that has joined the session anew.
+        """
+        if self._own_cells is not None:
+            self._own_cells.forget()
+
     def points(self, what: Frame = "committed", *, timeout: float | None = None) -> NDArray[np.float64]:
         """(n, d) coordinates of this partition's nodes, committed or of the reference mesh."""
         fetch, own = Fetch(**self._address, what=what), self._own_cells_if_here()
@@ -246,8 +254,13 @@ class Session(Described):
             if error.code != "ABORTED.FENCED":  # another holder has it, nothing of it is ours to end
                 raise
         finally:
-            self._courier.disconnect()
-            self._control.close()
+            self.leave()
+
+    def leave(self) -> None:
+        """End the connections without a word to the server: another holder has the session, or this partition."""
+        self._closed = True
+        self._courier.disconnect()
+        self._control.close()
 
     def __enter__(self) -> Self:
         return self

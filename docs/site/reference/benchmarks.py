@@ -19,7 +19,7 @@ def benchmark(name: str) -> str:
     KeyError
         If no page has a block of this name.
     """
-    for page in ("README.md", "benchmarks/README.md", "docs/distributed.md"):
+    for page in ("README.md", "benchmarks/README.md"):
         text = (ROOT / page).read_text(encoding="utf-8")
         if found := re.search(_BLOCK.format(re.escape(name)), text, re.DOTALL):
             rows = re.search(r"^\|.*?(?=\n\n|\Z)", found[1], re.MULTILINE | re.DOTALL)

@@ -25,7 +25,7 @@ from mesh_motion_server.numerics.correction.distortion import PNorm
 from mesh_motion_server.numerics.correction.free_region import FreeRegion
 from mesh_motion_server.numerics.correction.newton import Accuracy, newton
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh, region_quality, untangle
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.method import Method
 
@@ -133,7 +133,7 @@ def _standard(body: Body, turn: Turn, radius: float | None = None) -> Floats:
 def _interpolated(points: Floats, told: Floats, body: Body, radius: float) -> Floats:
     """Points (n, d) moved by the interpolation of what the held nodes (h, d) are told."""
     interpolant = factorize(points[body.held], support_radius=radius).solve(told)
-    moved = points + LocalEvaluator().displacement(interpolant, points)
+    moved = points + evaluation.displacement(interpolant, points)
     moved[body.held] = points[body.held] + told
     return moved
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.correction.correction import CorrectionProblem
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import Factorization, factorize
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import reference_sizes
@@ -59,13 +59,10 @@ class Body:
 
     def moved(self, displacement: Floats) -> CorrectionProblem:
         """The standard motion for the boundary's rows of a displacement (n, d)."""
-        evaluator = LocalEvaluator()
         interpolant = self.factorization.solve(displacement[self.held])
-        standard = self.points + evaluator.displacement(interpolant, self.points)
+        standard = self.points + evaluation.displacement(interpolant, self.points)
         standard[self.held] = (self.points + displacement)[self.held]
-        return CorrectionProblem(
-            self.points, standard, self.held, self.cells, self.sizes, self.factorization, evaluator
-        )
+        return CorrectionProblem(self.points, standard, self.held, self.cells, self.sizes, self.factorization)
 
     def rigid(self, shift: Floats, degrees: float) -> CorrectionProblem:
         """The body shifted, and turned about the centre (in 3D about the z axis)."""

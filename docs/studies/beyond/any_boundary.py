@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from docs.studies.aerofoil_grids import Grid, c_grid, o_grid, wing
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.assembly import dense_block
 from mesh_motion_server.numerics.interpolation.kernels import basis_named
 from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScaleFactorization
@@ -48,7 +49,7 @@ def measured(grid: Grid, degrees: float) -> list[Cell]:
     plan = model.standard_motion.plans.of(controls)
     assert plan is not None
     found = plan.factorize(grid.points[controls], box[0], box[1])
-    left = model.evaluator.displacement(found.solve((wanted - grid.points)[controls]), grid.points[controls])
+    left = evaluation.displacement(found.solve((wanted - grid.points)[controls]), grid.points[controls])
     error = np.abs(left - (wanted - grid.points)[controls]).max() / np.abs(wanted - grid.points).max()
     quality = cell_quality(motion.points, cells, cells_at_rest(grid.points, cells))
     low, high = first_heights(grid, motion.points)

@@ -149,7 +149,6 @@ def moved(one: Series, size: float, way: Way, threshold: float | None = None) ->
         model.cells,
         model.reference_sizes,
         trial.factorization,
-        model.evaluator,
         model.points,
     )
     try:

@@ -47,7 +47,7 @@ class Case:
         """The enrichment functions that both methods work with."""
         p, quality = self.problem, self.mesh.quality(self.problem.standard)
         placement = optimised_placement(p.start, p.cells, quality, count=self.points, radius=RADIUS)
-        return EnrichmentSpace(placement, p.factorization, p.evaluator)
+        return EnrichmentSpace(placement, p.factorization)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from docs.studies.moved_bodies import Turn, stored
 from docs.studies.study import Outcome, Picture, Study, Table
 from docs.studies.thesis._predictors import InterpolantField, predict
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
@@ -32,8 +32,8 @@ def predictions() -> dict[str, tuple[Floats, Floats]]:
     told[block] = MOTION(mesh.points[block]) - mesh.points[block]
     sizes = reference_sizes(mesh.points, mesh.cells)
     found = factorize(mesh.points[centres], support_radius=0.5).solve(told[centres])
-    field = InterpolantField(found, LocalEvaluator())
-    points = mesh.points + LocalEvaluator().displacement(found, mesh.points)
+    field = InterpolantField(found)
+    points = mesh.points + evaluation.displacement(found, mesh.points)
     actual = cell_quality(points, mesh.cells, sizes).metric("size-skew")
     return {
         name: (predict(name, mesh.points, mesh.cells, sizes, field).metric("size-skew"), actual) for name in PREDICTORS

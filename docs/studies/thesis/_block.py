@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from docs.studies.thesis._predictors import InterpolantField
 from mesh_motion_server.numerics.correction.correction import CorrectionProblem
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
@@ -76,13 +75,13 @@ def block_case(name: str, support_radius: float = 0.5) -> BlockCase:
     control = np.concatenate([body, outer])
     target = points.copy()
     target[body] = turned(points[body], translation, degrees)
-    factorization, evaluator = factorize(points[control], support_radius=support_radius), LocalEvaluator()
-    field = InterpolantField(factorization.solve((target - points)[control]), evaluator)
+    factorization = factorize(points[control], support_radius=support_radius)
+    field = InterpolantField(factorization.solve((target - points)[control]))
     standard = points + field.displacement(points)
     standard[control] = target[control]
     held = np.isin(np.arange(len(points)), control)
     sizes = reference_sizes(points, cells)
-    problem = CorrectionProblem(points, standard, held, cells, sizes, factorization, evaluator)
+    problem = CorrectionProblem(points, standard, held, cells, sizes, factorization)
     return BlockCase(problem, field, body)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import ROOT, StoredMesh, Turn, stored
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import Patch
@@ -80,8 +80,7 @@ class MeshMotion:
 
     def displaced(self, levels: tuple[Level, ...]) -> Floats:
         """(n, d) nodes displaced by a sum of levels."""
-        evaluator = LocalEvaluator()
-        return self.mesh.points + sum(evaluator.displacement(level, self.mesh.points) for level in levels)
+        return self.mesh.points + sum(evaluation.displacement(level, self.mesh.points) for level in levels)
 
     def snapped(self, positions: Floats) -> Floats:
         """(n, d) the same with the boundary nodes where they shall be."""

@@ -21,7 +21,7 @@ from mesh_motion_server.numerics.correction.enrichment.explicit_iterations impor
     explicit_iterations,
 )
 from mesh_motion_server.numerics.correction.enrichment.placement import worst_cell
-from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import Factorization
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
 
@@ -38,7 +38,6 @@ class EnrichmentTerm:
     radius: float
     coefficients: Floats
     compensation: AnyInterpolant
-    evaluator: Evaluator
     function: str = "H1"
 
     @classmethod
@@ -48,24 +47,23 @@ class EnrichmentTerm:
         radius: float,
         coefficients: Floats,
         factorization: Factorization,
-        evaluator: Evaluator,
         *,
         function: str = "H1",
     ) -> EnrichmentTerm:
         """The term with coefficients (d, d) at a centre (d,)."""
         at_boundary = functions.values(function, factorization.control_points, centre, radius) @ coefficients
-        return cls(centre, radius, coefficients, factorization.solve(-at_boundary), evaluator, function)
+        return cls(centre, radius, coefficients, factorization.solve(-at_boundary), function)
 
     def displacement(self, points: Floats) -> Floats:
         """(n, d) displacement of points (n, d)."""
         own = functions.values(self.function, points, self.centre, self.radius) @ self.coefficients
-        return np.asarray(own + self.evaluator.displacement(self.compensation, points))
+        return np.asarray(own + evaluation.displacement(self.compensation, points))
 
     def gradient(self, points: Floats) -> Floats:
         """(n, d, d) gradient, ``[:, i, j] = ∂S_i/∂x_j``."""
         own = functions.gradients(self.function, points, self.centre, self.radius)
         return np.asarray(
-            np.einsum("nmj,mi->nij", own, self.coefficients) + self.evaluator.gradient(self.compensation, points)
+            np.einsum("nmj,mi->nij", own, self.coefficients) + evaluation.gradient(self.compensation, points)
         )
 
 
@@ -107,7 +105,7 @@ class FieldTrial(Trial):
         super().add(centre, change)
         p, radius, function = self.problem, self.settings.enrichment_radius, self.settings.function
         coefficients = self.terms[-1][1]
-        term = EnrichmentTerm.build(centre, radius, coefficients, p.factorization, p.evaluator, function=function)
+        term = EnrichmentTerm.build(centre, radius, coefficients, p.factorization, function=function)
         self._field = SumField((*self._field.fields, term))
 
 

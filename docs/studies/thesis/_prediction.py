@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from docs.studies.study import Cell, Table
 from docs.studies.thesis._predictors import DisplacementField, InterpolantField, predict
 from mesh_motion_server.files import read_mesh
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import CellQuality, reference_sizes
@@ -46,7 +45,7 @@ class Mesh:
         """The standard motion: Wendland C2 on all nodes of both boundaries, nothing corrected."""
         nodes = np.concatenate([self.outer, self.body])
         told = np.concatenate([np.zeros((len(self.outer), self.points.shape[1])), body_displacement])
-        return InterpolantField(factorize(self.points[nodes], support_radius=radius).solve(told), LocalEvaluator())
+        return InterpolantField(factorize(self.points[nodes], support_radius=radius).solve(told))
 
 
 class Errors(NamedTuple):

@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.mesh.cells import CellTable, CellType
 from mesh_motion_server.numerics.quality.metrics import (
     AtRest,
@@ -43,7 +44,6 @@ from mesh_motion_server.numerics.quality.metrics import (
 )
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
     from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
 
 __all__ = [
@@ -85,18 +85,17 @@ class CallableField:
 
 @dataclass(frozen=True, eq=False)
 class InterpolantField:
-    """The displacement field of an interpolant, evaluated by an evaluator."""
+    """The displacement field of an interpolant."""
 
     interpolant: AnyInterpolant
-    evaluator: Evaluator
 
     def displacement(self, points: Floats) -> Floats:
         """S at the points (n, d)."""
-        return self.evaluator.displacement(self.interpolant, points)
+        return evaluation.displacement(self.interpolant, points)
 
     def gradient(self, points: Floats) -> Floats:
         """∇S at the points (n, d)."""
-        return self.evaluator.gradient(self.interpolant, points)
+        return evaluation.gradient(self.interpolant, points)
 
 
 def predict(

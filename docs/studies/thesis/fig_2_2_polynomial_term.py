@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from docs.studies.moved_bodies import StoredMesh, Turn, stored
 from docs.studies.study import Outcome, Picture, Study, Table
 from docs.studies.thesis._linear_polynomial import WithPolynomial
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.assembly import sparse_matrix
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.interpolation.kernels import BASES
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
@@ -36,7 +36,7 @@ def moved(mesh: StoredMesh, told: Floats, controls: NDArray[np.int64], radius: f
     factorization = factorize(mesh.points[controls], support_radius=radius)
     system = WithPolynomial(factorization) if polynomial == "linear" else factorization
     interpolant = system.solve((told - mesh.points)[controls])
-    return mesh.points + LocalEvaluator().displacement(interpolant, mesh.points)
+    return mesh.points + evaluation.displacement(interpolant, mesh.points)
 
 
 def told_block(mesh: StoredMesh) -> Floats:

@@ -20,9 +20,10 @@ from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._boundary_motions import MeshMotion, layered, mesh_motion, surface_problem, wing
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.correction.correction import CorrectionProblem, correct
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import Factorization, Interpolant, factorize
 from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named
+from mesh_motion_server.numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.quality.metrics import reference_sizes
 from mesh_motion_server.numerics.reduction import REDUCTIONS
@@ -55,28 +56,16 @@ class Boundary:
     def basis(self) -> Basis:
         return basis_named("wendland-c2")
 
-    def solve(self, values: Floats) -> Any:
-        """Interpolants whose sum takes the (nb, k) values, as far as the parts' nodes reach."""
+    def solve(self, values: Floats) -> TwoScaleInterpolant:
+        """A sum that takes the (nb, k) values, as far as the parts' nodes reach; without parts it is zero."""
         left, levels = values.copy(), []
         for rows, factorization in self.parts:
             levels.append(factorization.solve(left[rows]))
-            left -= LocalEvaluator().displacement(levels[-1], self.control_points)
-        return tuple(levels)
-
-
-class SumEvaluator:
-    """Evaluates sums of interpolants."""
-
-    def displacement(self, interpolant: Any, points: Floats) -> Floats:
-        """(n, k) sum at points (n, d); zeros (n, 1) of none."""
-        total = np.zeros((len(points), 1))
-        for level in interpolant:
-            total = total + LocalEvaluator().displacement(level, points)
-        return total
-
-    def gradient(self, interpolant: Interpolant, points: Floats) -> Floats:
-        """Of a single interpolant."""
-        return LocalEvaluator().gradient(interpolant, points)
+            left -= evaluation.displacement(levels[-1], self.control_points)
+        if not levels:
+            one = factorize(self.control_points[:1], support_radius=self.support_radius)
+            levels.append(one.solve(np.zeros_like(values[:1])))
+        return TwoScaleInterpolant(levels[0], tuple(levels[1:]), self.basis, 0)
 
 
 class ReducedMotion:
@@ -102,9 +91,7 @@ class ReducedMotion:
         held = np.zeros(len(mesh.points), dtype=bool)
         held[self.case.boundary] = True
         sizes = reference_sizes(mesh.points, mesh.cells)
-        problem = CorrectionProblem(
-            mesh.points, self.standard, held, mesh.cells, sizes, self.boundary(where), SumEvaluator()
-        )
+        problem = CorrectionProblem(mesh.points, self.standard, held, mesh.cells, sizes, self.boundary(where))
         method = Method(
             correction=correction,
             quality_metric="size-skew",
@@ -222,7 +209,7 @@ def _cost(quick: bool) -> Table:
         made = time.process_time()
         levels = boundary.solve(columns)
         seconds = [made - began, time.process_time() - made]
-        left = columns - SumEvaluator().displacement(levels, problem.points)
+        left = columns - evaluation.displacement(levels, problem.points)
         stored_bytes = sum(factorization.nbytes for _, factorization in boundary.parts) / 2**20
         rows.append([where, *seconds, stored_bytes, float(np.abs(left).max())])
     caption = f"{problem.n_points} boundary nodes, {len(selected)} chosen; 20 points in 3D with H1 and H2, 120 columns."

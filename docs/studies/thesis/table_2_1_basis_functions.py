@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import Turn, final_quality, stored
 from docs.studies.study import Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.interpolation.kernels import BASES, Basis, values
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
@@ -61,7 +61,7 @@ def interpolation_error(basis: Basis, n: int) -> float:
     places = np.random.default_rng(0).uniform(0.2, 0.8, (2000, 2))
     radius = COMPACT_RADIUS if basis.compact else COMPACT_RADIUS / 10.0
     found = factorize(lattice, basis=basis.name, support_radius=radius).solve(_bump(lattice))
-    error = LocalEvaluator().displacement(found, places) - _bump(places)
+    error = evaluation.displacement(found, places) - _bump(places)
     return float(np.sqrt(np.mean(error**2)))
 
 

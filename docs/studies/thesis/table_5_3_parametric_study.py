@@ -59,7 +59,7 @@ def sweep_at(case: BlockCase, point: Floats, radius: float) -> Sweep:
     """Thesis (5.6) with one enrichment point (2,), solved for all Jacobians at once."""
     p = case.problem
     placement = Placement(np.zeros(1, dtype=np.int64), point[None], np.array([radius]))
-    space = EnrichmentSpace(placement, p.factorization, p.evaluator, ("H1",))
+    space = EnrichmentSpace(placement, p.factorization, ("H1",))
     slopes = space.gradients(point[None])
     unit = np.stack([impose(slopes, np.outer([1.0, 0.0], e)[None])[:, 0] for e in np.eye(2)], axis=1)
     nodal = np.where(p.held[:, None], 0.0, space.values(p.start) @ unit)

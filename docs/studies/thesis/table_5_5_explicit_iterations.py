@@ -16,7 +16,7 @@ from mesh_motion_server.numerics.correction.enrichment.explicit_iterations impor
     ExplicitResult,
     ExplicitSettings,
 )
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 
 Floats = NDArray[np.float64]
@@ -106,7 +106,7 @@ def relative_steps(radius: float, count: int) -> float:
         share = step / count
         target[case.body] = turned(case.problem.start[case.body], (-0.2 * share, -0.2 * share), 60.0 * share)
         interpolant = factorize(points[held], support_radius=radius).solve((target - points)[held])
-        points = points + LocalEvaluator().displacement(interpolant, points)
+        points = points + evaluation.displacement(interpolant, points)
         points[held] = target[held]
     return case.smallest(points)
 

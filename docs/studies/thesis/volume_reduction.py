@@ -16,7 +16,7 @@ from docs.studies.refinement import refined
 from docs.studies.study import Outcome, Picture, Study, Table
 from docs.studies.thesis._volume_reduction import VOLUME_REDUCTIONS, Field, VolumeProblem
 from docs.studies.thesis._volume_reduction.background_grid import INTERPOLATIONS, CartesianGrid
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.interpolation.support_radius import suggest_support_radius
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -91,11 +91,11 @@ class Moving:
     def problem(self) -> VolumeProblem:
         """What the reductions are given."""
         points, roles = self.mesh.points, BoundaryRoles.from_patches(self.mesh.patches)
-        radius, evaluator = suggest_support_radius(points, roles), LocalEvaluator()
+        radius = suggest_support_radius(points, roles)
 
         def interpolate(controls: Floats, values: Floats) -> Field:
             interpolant = factorize(controls, support_radius=radius).solve(values)
-            return lambda places: evaluator.displacement(interpolant, places)
+            return lambda places: evaluation.displacement(interpolant, places)
 
         told = points.copy()
         told[roles.moving] = self.turn(points[roles.moving])

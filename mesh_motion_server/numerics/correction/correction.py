@@ -233,7 +233,7 @@ def _enrichment(problem: CorrectionProblem, method: Method, mesh: TrialMesh, qua
         return _without_points(problem, problem.standard)
     p, count, radius = problem, method.max_enrichment_points, _radius(method)
     placement = optimised_placement(p.start, p.cells, quality, count=count, radius=radius)
-    space = EnrichmentSpace(placement, p.factorization, p.evaluator)
+    space = EnrichmentSpace(placement, p.factorization)
     found = optimised_enrichment(mesh, p.start, p.standard, space, target=target_quality(problem, method))
     return Correction(found.points, placement.points, iterations=found.iterations)
 

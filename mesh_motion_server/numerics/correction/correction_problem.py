@@ -9,7 +9,6 @@ from mesh_motion_server.numerics.arrays import Floats, Marks
 from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint
 from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime
-from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolation.interpolant import Factorization
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.method import Method
@@ -66,7 +65,6 @@ class CorrectionProblem:
     cells: CellTable
     reference_sizes: AtRest
     factorization: Factorization
-    evaluator: Evaluator
     reference: Floats | None = None
     constraint: BoundaryConstraint | None = None
     smooth: SmoothInTime | None = None

@@ -9,7 +9,8 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.interpolation.evaluation import Evaluator, Prepared, PreparingEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
+from mesh_motion_server.numerics.interpolation.evaluation import NearOperators
 from mesh_motion_server.numerics.interpolation.interpolant import Factorization, factorize
 from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named, checked_radius
 from mesh_motion_server.numerics.interpolation.point_digest import point_digest
@@ -29,7 +30,16 @@ __all__ = [
 ]
 
 
-K = TypeVar("K", bound=Prepared)
+class Kept(Protocol):
+    """What is computed once and may be cached."""
+
+    @property
+    def nbytes(self) -> int:
+        """Memory it holds."""
+        ...
+
+
+K = TypeVar("K", bound=Kept)
 
 CacheReport = dict[str, str | int | dict[str, int]]
 """``"reused"`` or ``"made"`` for each kind of what is kept, and ``bytes`` held of each."""
@@ -114,21 +124,19 @@ def two_scale_factorization_of(
 
 
 def prepared_for(
-    evaluator: Evaluator, interpolant: AnyInterpolant, points: Floats, factors: FactorSource, *, unasked: Integers
-) -> Prepared | None:
-    """The evaluator's preparation for an interpolant in two scales at points (n, d), except the ``unasked`` rows.
+    interpolant: AnyInterpolant, points: Floats, factors: FactorSource, *, unasked: Integers
+) -> NearOperators | None:
+    """What is prepared for an interpolant in two scales at points (n, d), except the ``unasked`` rows.
 
-    None if the evaluator prepares nothing, and for any other interpolant.
+    None for any other interpolant, and without compact levels.
     """
-    if not isinstance(interpolant, TwoScaleInterpolant) or not isinstance(evaluator, PreparingEvaluator):
-        return None
-    if not interpolant.levels:
+    if not isinstance(interpolant, TwoScaleInterpolant) or not interpolant.levels:
         return None
     digest = hashlib.sha256(point_digest(points))
     digest.update(point_digest(interpolant.levels[-1].control_points))
     digest.update(np.ascontiguousarray(unasked).data)
     return factors.get_or_make(
-        digest.digest(), lambda: evaluator.prepare(interpolant, points, unasked=unasked), "operators"
+        digest.digest(), lambda: evaluation.prepare(interpolant, points, unasked=unasked), "operators"
     )[0]
 
 

@@ -22,10 +22,10 @@ from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.assembly import dense_block, sparse_matrix
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.control_points import checked_control_points
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
 from mesh_motion_server.numerics.interpolation.factorizations import LinearSolver
 from mesh_motion_server.numerics.interpolation.factorizations.dense import PanelCholesky
@@ -213,10 +213,10 @@ class PeriodicLevels:
 
     def solve(self, values: Floats) -> TwoScaleInterpolant:
         """Interpolant of (nc, d) values at the control points."""
-        evaluator, left, found = LocalEvaluator(), np.array(values, dtype=np.float64), []
+        left, found = np.array(values, dtype=np.float64), []
         for members, level in self.levels:
             found.append(level.solve(left[members]))
-            left -= evaluator.displacement(found[-1], self.control_points)
+            left -= evaluation.displacement(found[-1], self.control_points)
         return TwoScaleInterpolant(found[0], tuple(found[1:]), self.basis, 0)
 
 

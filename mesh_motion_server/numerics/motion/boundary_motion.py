@@ -14,7 +14,6 @@ from mesh_motion_server.errors import InvalidInput, SessionError
 from mesh_motion_server.numerics.arrays import Floats, Marks
 from mesh_motion_server.numerics.correction.correction import Correction, CorrectionProblem, correct
 from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.factor_source import (
     DeferredFactorization,
     FactorSource,
@@ -75,7 +74,7 @@ class BoundaryMotion:
         check_method(method, points, roles)
         radius = method.support_radius or suggest_support_radius(points, roles)
         method = replace(method, support_radius=radius, enrichment_radius=method.enrichment_radius or radius)
-        plain = StandardMotion(points, roles, method, None, None, 0.0, TwoScalePlans(()), LocalEvaluator())
+        plain = StandardMotion(points, roles, method, None, None, 0.0, TwoScalePlans(()))
         return cls(plain.with_layer(None))
 
     @property
@@ -126,9 +125,6 @@ class BoundaryMotion:
             field=trial.stages[0].interpolant,
         )
 
-    def close(self) -> None:
-        """Do nothing: it holds no resources on other machines."""
-
 
 def correct_region(
     method: Method, points: Floats, positions: Floats, cells: CellTable, held: Marks, elsewhere: Elsewhere
@@ -162,7 +158,6 @@ def correct_region(
         cells=read.cells,
         reference_sizes=cells_at_rest(points, read.cells, read.sizes) if relative else read.sizes,
         factorization=DeferredFactorization(points, method, MakeEachTime()),  # no such correction looks at it
-        evaluator=LocalEvaluator(),
         reference=points,
         elsewhere=elsewhere,
     )

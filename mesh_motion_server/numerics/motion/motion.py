@@ -241,7 +241,6 @@ class MotionModel(PreparedMesh):
             cells=self.cells,
             reference_sizes=self.reference_sizes,
             factorization=standard.factorization,
-            evaluator=self.evaluator,
             reference=self.points,
             constraint=self.constraint_with(layer),
             smooth=self.smooth_with(layer),

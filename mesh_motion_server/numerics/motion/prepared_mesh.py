@@ -12,7 +12,6 @@ from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryC
 from mesh_motion_server.numerics.correction.free_region import grow
 from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
-from mesh_motion_server.numerics.interpolation.evaluation import Evaluator, LocalEvaluator
 from mesh_motion_server.numerics.interpolation.support_radius import suggest_enrichment_radius, suggest_support_radius
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -26,7 +25,7 @@ from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
 from mesh_motion_server.numerics.quality.mesh_check import checked_mesh
 from mesh_motion_server.numerics.quality.mesh_summary import lowest_of, lowest_quality, mesh_summary, summarize
 from mesh_motion_server.numerics.quality.metrics import AtRest, CellQuality, cells_at_rest
-from mesh_motion_server.numerics.quality.quality_summary import Judge, Judgement
+from mesh_motion_server.numerics.quality.quality_summary import Judgement
 
 __all__ = ["PreparedMesh", "with_radii"]
 
@@ -51,8 +50,6 @@ class PreparedMesh:
         The warnings of :func:`checked_mesh`.
     smooth : SmoothInTime or None
         The prepared correction for ``correction_in_time`` "smooth".
-    judge : Judge or None
-        Judges whole meshes; None: this machine judges them.
     layered : LayeredWalls or None
         Walls whose layers move with them if interpolation would spoil the layers; None if the method selects layers.
     distributions : bool
@@ -71,9 +68,7 @@ class PreparedMesh:
     constraint: BoundaryConstraint | None
     coincident: Integers
     warnings: tuple[str, ...]
-    evaluator: Evaluator
     smooth: SmoothInTime | None = None
-    judge: Judge | None = None
     layered: LayeredWalls | None = None
     distributions: bool = True
 
@@ -84,9 +79,6 @@ class PreparedMesh:
         cells: CellTable,
         patches: Mapping[str, Patch],
         method: Method,
-        *,
-        evaluator: Evaluator | None = None,
-        judge: Judge | None = None,
     ) -> Self:
         """Check the mesh and prepare what every motion needs.
 
@@ -103,11 +95,10 @@ class PreparedMesh:
         periodic = any(patch.role == "periodic" for patch in patches.values())
         check_method(method, points, roles, periodic=periodic)
         method = with_radii(method, points, roles)
-        evaluator = evaluator or LocalEvaluator()
         held = np.zeros(len(points), dtype=bool)
         held[boundary_nodes(cells)] = True
         held[roles.all] = True
-        motion = StandardMotion.build(points, cells, patches, method, evaluator)
+        motion = StandardMotion.build(points, cells, patches, method)
         if motion.layer is None and method.boundary_layer_thickness:
             warnings = [*warnings, f"boundary_layer_thickness = {method.boundary_layer_thickness:.4g} holds no node"]
         smooth, never_free = None, held_with(held, motion.layer)
@@ -127,21 +118,13 @@ class PreparedMesh:
             BoundaryConstraint.build(points, cells, patches, motion.sliding, motion.periodic),
             coincident,
             tuple(warnings),
-            evaluator,
             smooth,
-            judge,
             layered,
         )
 
-    def close(self) -> None:
-        """Do nothing: this mesh holds no resources on other machines."""
-
     def without_distributions(self) -> Self:
-        """The same mesh, judged exactly by its worst cells, without distributions.
-
-        If the partitions are judged on other machines, this returns the mesh itself.
-        """
-        return self if self.judge is not None else replace(self, distributions=False)
+        """The same mesh, judged exactly by its worst cells, without distributions."""
+        return replace(self, distributions=False)
 
     def with_method(self, **choices: Any) -> Self:
         """The same mesh with other choices of its method that need no new preparation."""
@@ -163,11 +146,9 @@ class PreparedMesh:
     def summary(self, points: Floats, quality: CellQuality | None = None) -> Judgement:
         """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh.
 
-        If the ``quality`` of every cell there is given, this machine judges no cell again.
+        If the ``quality`` of every cell there is given, no cell is judged again.
         """
         metric = self.method.quality_metric
-        if self.judge is not None:
-            return self.judge.summary(points, metric)
         if quality is not None:
             return (summarize if self.distributions else lowest_of)(quality, points, self.cells, metric=metric)
         judged = mesh_summary if self.distributions else lowest_quality

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.interpolation.evaluation import Evaluator, Prepared, PreparingEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
+from mesh_motion_server.numerics.interpolation.evaluation import NearOperators
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_server.numerics.mesh.paths import RigidMotion
 
@@ -28,14 +29,11 @@ class Stage:
     interpolant: AnyInterpolant
     further: tuple[AnyInterpolant, ...] = ()
 
-    def positions(self, points: Floats, evaluator: Evaluator, prepared: Prepared | None = None) -> Floats:
-        """(n, d) new positions of points (n, d), with the evaluator's preparation for them."""
+    def positions(self, points: Floats, prepared: NearOperators | None = None) -> Floats:
+        """(n, d) new positions of points (n, d), with what :func:`.evaluation.prepare` gave for them."""
         carried = points if self.rigid is None else self.rigid.apply(points)
-        if prepared is not None and isinstance(evaluator, PreparingEvaluator):
-            moved = evaluator.displacement(self.interpolant, points, prepared)
-        else:
-            moved = evaluator.displacement(self.interpolant, points)
+        moved = evaluation.displacement(self.interpolant, points, prepared)
         for level in self.further:
-            moved += evaluator.displacement(level, points)
+            moved += evaluation.displacement(level, points)
         moved += carried
         return moved

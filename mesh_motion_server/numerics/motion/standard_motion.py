@@ -30,7 +30,6 @@ import numpy as np
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
 from mesh_motion_server.numerics.interpolation.factor_source import (
     DeferredFactorization,
     FactorSource,
@@ -123,13 +122,10 @@ class StandardMotion:
     periodic: PeriodicNodes | None
     spacing: float
     plans: TwoScalePlans
-    evaluator: Evaluator
     layer: BoundaryLayer | None = None
 
     @classmethod
-    def build(
-        cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method, evaluator: Evaluator
-    ) -> StandardMotion:
+    def build(cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method) -> StandardMotion:
         """Prepare the motion of a checked mesh with reference coordinates ``points`` (n, d)."""
         roles = BoundaryRoles.from_patches(patches)
         periodic = PeriodicNodes.build(points, cells, patches, roles)
@@ -144,7 +140,7 @@ class StandardMotion:
         if method.boundary_layer_thickness:
             thickness = method.boundary_layer_thickness
             layer = BoundaryLayer.build(points, cells, patches, thickness=thickness, sliding=sliding)
-        plain = cls(points, roles, method, sliding, periodic, spacing, TwoScalePlans(()), evaluator)
+        plain = cls(points, roles, method, sliding, periodic, spacing, TwoScalePlans(()))
         return plain.with_layer(layer)
 
     def with_layer(self, layer: BoundaryLayer | None) -> StandardMotion:
@@ -208,7 +204,7 @@ class StandardMotion:
         if self.sliding is not None:
             following = self._solve(points, self._controls(roles.prescribed), prescribed, factors, watch)
             with watch.phase("displace"):
-                free = following.stage.positions(points[roles.sliding], self.evaluator)
+                free = following.stage.positions(points[roles.sliding])
                 free = self.sliding.project(free)
                 own = np.ones(len(free), dtype=bool) if self.layer is None else ~self.layer.known[roles.sliding]
                 prescribed[roles.sliding[own]] = free[own]
@@ -226,14 +222,14 @@ class StandardMotion:
         """The mesh ``points`` (n, d) displaced by a stage, nodes with a role and a layer as ``prescribed``."""
         if self.layer is None:
             known = self.roles.all
-            prepared = prepared_for(self.evaluator, stage.interpolant, points, factors, unasked=known)
-            moved = stage.positions(points, self.evaluator, prepared)
+            prepared = prepared_for(stage.interpolant, points, factors, unasked=known)
+            moved = stage.positions(points, prepared)
             moved[known] = prescribed[known]
             return self._tied(moved)
         free = ~self.layer.known
         free[self.roles.all] = False
         moved = prescribed.copy()
-        moved[free] = stage.positions(points[free], self.evaluator)
+        moved[free] = stage.positions(points[free])
         return self._tied(moved)
 
     def _solve(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import mesh_motion_kernels as kernels
 import numpy as np
@@ -14,7 +13,6 @@ from mesh_motion_server.numerics.quality.metrics import CellQuality
 
 __all__ = [
     "Distribution",
-    "Judge",
     "Judgement",
     "LowestQuality",
     "Minimum",
@@ -144,13 +142,6 @@ class QualitySummary:
 
 #: The quality of a mesh: complete, or only its worst cells.
 Judgement = QualitySummary | LowestQuality
-
-
-class Judge(Protocol):
-    """Judges the quality of a mesh; it may already have the nodes."""
-
-    def summary(self, points: Floats, metric: str) -> Judgement:
-        """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh."""
 
 
 def reported_metrics(metric: str) -> list[str]:

@@ -10,10 +10,10 @@ from functools import cached_property
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.assembly import dense_block
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.control_points import checked_control_points
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
 from mesh_motion_server.numerics.interpolation.kernels import DEFAULT_BASIS, Basis, basis_named
 from mesh_motion_server.numerics.mesh.points import padded
@@ -103,7 +103,7 @@ class ReductionProblem:
 
     def values(self, level: Level) -> Floats:
         """(nb, k) values of a level at all boundary nodes; thesis (2.11)."""
-        return LocalEvaluator().displacement(level, self.points)
+        return evaluation.displacement(level, self.points)
 
     @cached_property
     def _padded(self) -> Floats:

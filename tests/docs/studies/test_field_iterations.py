@@ -13,13 +13,14 @@ from docs.studies.thesis._predictors import InterpolantField
 from mesh_motion_server.numerics.correction.correction import CorrectionProblem
 from mesh_motion_server.numerics.correction.enrichment import functions
 from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.quality.mesh_summary import lowest_quality
 
 
 def field_of(problem: CorrectionProblem) -> InterpolantField:
     """The standard motion."""
     told = (problem.standard - problem.start)[problem.held]
-    return InterpolantField(problem.factorization.solve(told), problem.evaluator)
+    return InterpolantField(problem.factorization.solve(told))
 
 
 def thesis(threshold: float) -> ExplicitSettings:
@@ -80,8 +81,8 @@ def test_a_term_changes_the_gradient_at_its_point_as_asked_but_for_the_boundary(
     d = problem.start.shape[1]
     centre, change = np.full(d, 0.25), np.random.default_rng(1).normal(size=(d, d))
     coefficients = change.T / functions.slope_at_point(function, 0.5)
-    term = EnrichmentTerm.build(centre, 0.5, coefficients, problem.factorization, problem.evaluator, function=function)
-    own = term.gradient(centre[None]) - problem.evaluator.gradient(term.compensation, centre[None])
+    term = EnrichmentTerm.build(centre, 0.5, coefficients, problem.factorization, function=function)
+    own = term.gradient(centre[None]) - evaluation.gradient(term.compensation, centre[None])
     np.testing.assert_allclose(own[0], change, atol=1e-12)
     points, h = np.random.default_rng(2).uniform(0.1, 0.4, (20, d)), 1e-6
     numeric = np.stack(

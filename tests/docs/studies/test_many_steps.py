@@ -6,7 +6,6 @@ import pytest
 from docs.studies.thesis._many_steps import AccumulatedGradients, ComposedField, predict_many_steps
 from docs.studies.thesis._predictors import PREDICTORS, CallableField, InterpolantField
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
@@ -99,7 +98,7 @@ def test_one_dimension_is_the_product_of_the_thesis():
     told = np.array([[0.0], [0.015], [-0.015], [0.0]])
     steps, centres, product = [], 0.5 * (points[1:] + points[:-1]), np.ones(20)
     for _ in range(10):
-        step = InterpolantField(factorize(boundary, support_radius=0.4).solve(told), LocalEvaluator())
+        step = InterpolantField(factorize(boundary, support_radius=0.4).solve(told))
         product *= 1.0 + step.gradient(centres)[:, 0, 0]
         centres, boundary = centres + step.displacement(centres), boundary + told
         steps.append(step)

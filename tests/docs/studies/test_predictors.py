@@ -8,7 +8,7 @@ import pytest
 
 from docs.studies.thesis._predictors import PREDICTORS, CallableField, InterpolantField, predict
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
@@ -153,10 +153,10 @@ def test_trial_nodes_are_exact_for_an_interpolant():
     points, cells = tetrahedra(6)
     control = points[::7]
     interpolant = factorize(control, support_radius=2.0).solve(0.1 * np.sin(4 * control[:, ::-1]))
-    field = InterpolantField(interpolant, LocalEvaluator())
+    field = InterpolantField(interpolant)
     sizes = reference_sizes(points, cells)
     predicted = predict("trial-nodes", points, cells, sizes, field)
-    actual = cell_quality(points + LocalEvaluator().displacement(interpolant, points), cells, sizes)
+    actual = cell_quality(points + evaluation.displacement(interpolant, points), cells, sizes)
     np.testing.assert_array_equal(predicted.metric("size-skew"), actual.metric("size-skew"))
     edge, centre = (
         np.abs(predict(name, points, cells, sizes, field).size - actual.size).mean()
@@ -175,7 +175,7 @@ def test_table_4_1_the_standard_method_in_1d(radius, predicted, actual):
     interpolant = factorize(points[[0, 4, 16, 20]], support_radius=radius).solve(
         np.array([[0], [0.15], [-0.15], [0.0]])
     )
-    field = InterpolantField(interpolant, LocalEvaluator())
+    field = InterpolantField(interpolant)
     sizes = reference_sizes(points, cells)
     assert predict("centre-gradient", points, cells, sizes, field).size.min() == pytest.approx(predicted, abs=5e-6)
     assert predict("trial-nodes", points, cells, sizes, field).size.min() == pytest.approx(actual, abs=5e-6)

@@ -12,7 +12,7 @@ from docs.studies.thesis._sampling.expansion import EXPANDABLE, expand, monomial
 from docs.studies.thesis._sampling.groups import group_cells
 from docs.studies.thesis._sampling.remainder import remainders
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant, factorize
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.paths import fit_rigid_motion
@@ -33,7 +33,7 @@ def moved_box(kind: str, *, size: float, radius: float = 0.8, n: int = 10) -> tu
 
 def sampled(points, cells, interpolant, **choices) -> tuple[SampledQuality, np.ndarray]:
     """The sampled prediction and the exact metric."""
-    moved, sizes = LocalEvaluator().displacement(interpolant, points), cells_at_rest(points, cells)
+    moved, sizes = evaluation.displacement(interpolant, points), cells_at_rest(points, cells)
     field = ExpandableField(interpolant)
     exact = cell_quality(points + moved, cells, sizes).metric(choices.get("metric", "size-skew"))
     return predict_sampled(points, cells, sizes, field, lambda nodes: moved[nodes], **choices), exact
@@ -83,8 +83,7 @@ def test_an_expansion_is_of_fourth_order(basis, d):
     for h in (0.2 * away, 0.1 * away):
         y = h * direction / np.linalg.norm(direction)
         terms = np.array([np.prod(y[list(axes)]) for axes in monomials(d)])
-        evaluator = LocalEvaluator()
-        change = evaluator.displacement(interpolant, point + y) - evaluator.displacement(interpolant, point)
+        change = evaluation.displacement(interpolant, point + y) - evaluation.displacement(interpolant, point)
         errors.append(np.abs(expand(interpolant, point)[0] @ terms - change[0]).max())
     assert np.log2(errors[0] / errors[1]) > 3.6
 
@@ -100,7 +99,7 @@ def test_the_remainder_bounds_the_gradient_in_the_ball(basis):
     for _ in range(10):
         away = rng.normal(size=groups.centres.shape)
         away *= (groups.radii * rng.uniform(0.5, 1.0, len(groups)) / np.linalg.norm(away, axis=1))[:, None]
-        gradient = LocalEvaluator().gradient(interpolant, groups.centres + away)
+        gradient = evaluation.gradient(interpolant, groups.centres + away)
         x, y = away.T
         c = coefficients.transpose(2, 0, 1)
         model = np.stack(

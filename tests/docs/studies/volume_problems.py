@@ -3,7 +3,7 @@
 import numpy as np
 
 from docs.studies.thesis._volume_reduction import VolumeProblem
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 
 
@@ -17,11 +17,10 @@ def problem_of(d: int = 2, *, length: float | None = None, n: int = 9, shift: fl
     boundary = np.vstack([body, outer])
     displacement = np.zeros_like(boundary)
     displacement[: len(body)] = shift
-    evaluator = LocalEvaluator()
 
     def interpolate(points, values):
         found = factorize(points, support_radius=3.0).solve(values)
-        return lambda places: evaluator.displacement(found, places)
+        return lambda places: evaluation.displacement(found, places)
 
     return VolumeProblem(
         boundary=boundary,

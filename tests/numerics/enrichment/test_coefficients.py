@@ -20,7 +20,7 @@ def space_of(name: str, count: int = 20) -> EnrichmentSpace:
     problem, trial = case(name), stored(CASES[name][0]).trial
     quality = trial.quality(problem.standard)
     placement = optimised_placement(problem.start, problem.cells, quality, count=count, radius=RADIUS)
-    return EnrichmentSpace(placement, problem.factorization, problem.evaluator)
+    return EnrichmentSpace(placement, problem.factorization)
 
 
 def enriched(name: str, count: int = 20, target: float = np.inf) -> Polished:

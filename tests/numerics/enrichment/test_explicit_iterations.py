@@ -14,7 +14,7 @@ from mesh_motion_server.numerics.correction.enrichment.explicit_iterations impor
 )
 from mesh_motion_server.numerics.correction.enrichment.placement import Placement
 from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.mesh_summary import lowest_quality
@@ -42,7 +42,7 @@ def test_the_standard_motion_in_twenty_relative_steps():
         share = step / 20
         target = c.start + rigid(stored(reference), tuple(share * np.array(translation)), share * degrees)
         interpolant = factorize(points[control], support_radius=2.5).solve((target - points)[control])
-        points = points + LocalEvaluator().displacement(interpolant, points)
+        points = points + evaluation.displacement(interpolant, points)
         points[control] = target[control]
     assert 0.23 <= lowest_quality(points, c.cells, c.reference_sizes, metric="size").metric.min <= 0.31
 
@@ -67,9 +67,7 @@ def test_held_nodes_stay_bitwise_and_the_boundary_feels_nothing():
     np.testing.assert_array_equal(found.points[c.held], c.standard[c.held])
     none = np.empty(0, dtype=np.int64)
     total = sum(
-        EnrichmentSpace(Placement(none, x[None], np.array([0.5])), c.factorization, c.evaluator, ("H1",)).displacement(
-            c.start, C
-        )
+        EnrichmentSpace(Placement(none, x[None], np.array([0.5])), c.factorization, ("H1",)).displacement(c.start, C)
         for x, C in zip(found.enrichment_points, found.coefficients, strict=True)
     )
     assert np.abs(total[c.held]).max() < 1e-12

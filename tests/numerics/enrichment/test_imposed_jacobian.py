@@ -19,14 +19,14 @@ from mesh_motion_server.numerics.correction.enrichment.imposed_jacobian import (
 )
 from mesh_motion_server.numerics.correction.enrichment.placement import Placement
 from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.interpolation.kernels import basis_named, slopes, values
 
 
 def space_at(points: np.ndarray, factorization, kind: str = "H1", radius: float = RADIUS) -> EnrichmentSpace:
     placement = Placement(np.arange(len(points)), points, np.full(len(points), radius))
-    return EnrichmentSpace(placement, factorization, LocalEvaluator(), (kind,))
+    return EnrichmentSpace(placement, factorization, (kind,))
 
 
 def run(name: str, **choices) -> ImposedJacobians:
@@ -40,12 +40,12 @@ def test_in_1d_it_is_the_thesis_chapter_4(kind: str) -> None:
     boundary, told = np.array([0.0, 0.2, 0.7, 1.0]), np.array([0.0, 0.12, -0.216, 0.0])
     points = np.array([0.33, 0.61])
     thesis = solve_imposed_gradient(boundary, told, points, ImposedGradient(0.4, 0.5, function=kind))
-    factor, evaluator = factorize(boundary[:, None], support_radius=0.4), LocalEvaluator()
+    factor = factorize(boundary[:, None], support_radius=0.4)
     standard, space = factor.solve(told[:, None]), space_at(points[:, None], factor, kind)
-    change = -0.672 - evaluator.gradient(standard, points[:, None])
+    change = -0.672 - evaluation.gradient(standard, points[:, None])
     coefficients = impose(space.gradients(points[:, None]), change)
     x = np.linspace(0, 1, 21)[:, None]
-    found = evaluator.displacement(standard, x) + space.displacement(x, coefficients)
+    found = evaluation.displacement(standard, x) + space.displacement(x, coefficients)
     np.testing.assert_allclose(found[:, 0], thesis.displacement(x[:, 0]), atol=1e-13)
 
 
@@ -70,7 +70,7 @@ def test_elimination_solves_the_printed_system(name: str, kind: str) -> None:
 
     standard = problem.factorization.solve(told)
     space = space_at(points, problem.factorization, kind)
-    change = imposed - problem.evaluator.gradient(standard, points)
+    change = imposed - evaluation.gradient(standard, points)
     coefficients = impose(space.gradients(points), change)
     np.testing.assert_allclose(coefficients, solution[len(b) :], rtol=1e-6, atol=1e-8 * np.abs(solution).max())
 

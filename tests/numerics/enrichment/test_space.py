@@ -14,7 +14,7 @@ def space_of(name: str, kinds: tuple[str, ...]) -> EnrichmentSpace:
     problem = case(name)
     cells = np.array([3, 50, 120])
     placement = Placement(cells, problem.cells.centres(problem.start, cells), np.array([0.3, 0.5, 0.9]))
-    return EnrichmentSpace(placement, problem.factorization, problem.evaluator, kinds)
+    return EnrichmentSpace(placement, problem.factorization, kinds)
 
 
 @pytest.mark.parametrize("kinds", [("H1",), ("H2",), ("H3",), ("H1", "H3")], ids=str)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
@@ -54,16 +54,15 @@ def test_thin_layers_survive_the_correction_and_not_the_setting_of_nodes() -> No
     of = ReductionProblem(points[boundary], moved, support_radius=6.0, tolerance=0.02)
     reduced = REDUCTIONS["error-peaks"](of)
     assert len(reduced.selected) < 60
-    evaluator = LocalEvaluator()
 
     def worst(displacement: np.ndarray) -> float:
         trial = points + displacement
         trial[boundary] = points[boundary] + moved
         return float(cell_quality(trial, cells, reference_sizes(points, cells)).metric("size-skew").min())
 
-    plain = evaluator.displacement(reduced.levels[0], points)
+    plain = evaluation.displacement(reduced.levels[0], points)
     radius = near_surface_radius(boundary_spacing(body), reduced.max_error, 6.0)
-    near = evaluator.displacement(factorize(of.points, support_radius=radius).solve(reduced.error), points)
-    full = evaluator.displacement(factorize(of.points, support_radius=6.0).solve(moved), points)
+    near = evaluation.displacement(factorize(of.points, support_radius=radius).solve(reduced.error), points)
+    full = evaluation.displacement(factorize(of.points, support_radius=6.0).solve(moved), points)
     assert worst(plain) < 0.0
     assert worst(plain + near) > 0.9 * worst(full) > 0.2

@@ -7,7 +7,6 @@ import pytest
 from trial_stages import displacement_by
 
 from docs.studies.aerofoil_grids import TRAILING_EDGES, Grid, c_grid, o_grid, wing
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
 from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
@@ -36,7 +35,7 @@ def moved_by(grid: Grid, targets: Floats) -> tuple[StandardTrial, float]:
     """
     cells, roles = CellTable.from_arrays(grid.cells), BoundaryRoles.from_patches(grid.patches)
     method = with_radii(Method(correction="none"), grid.points, roles)
-    motion = StandardMotion.build(grid.points, cells, grid.patches, method, LocalEvaluator())
+    motion = StandardMotion.build(grid.points, cells, grid.patches, method)
     wanted = grid.points.copy()
     wanted[grid.body] = targets
     trial = motion.trial(grid.points, wanted[roles.moving], MakeEachTime(), Stopwatch())

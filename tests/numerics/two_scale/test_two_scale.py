@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from two_scale_boundaries import boundary, graded_circle, graded_sphere, sphere, square, walls
 
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import factorize
 from mesh_motion_server.numerics.interpolation.two_scale.coarse_points import coarse_points
 from mesh_motion_server.numerics.interpolation.two_scale.compact_levels import compact_levels
@@ -21,7 +21,6 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.motion import MotionModel
 
 Floats = NDArray[np.float64]
-EVALUATOR = LocalEvaluator()
 
 CASES = {
     "3D": boundary(sphere(1500, 0.15), walls(12)),
@@ -57,7 +56,7 @@ def test_every_boundary_node_is_met_however_rough_the_displacement(name: str) ->
     prepared = _prepared(points, moving)
     rough = np.random.default_rng(1).normal(size=points.shape)
     for values in (_turn(points, moving), rough):
-        found = EVALUATOR.displacement(prepared.solve(values), points)
+        found = evaluation.displacement(prepared.solve(values), points)
         assert np.abs(found - values).max() <= 1e-10 * np.abs(values).max()
 
 
@@ -77,8 +76,8 @@ def test_the_field_is_near_the_one_of_all_centres(name: str) -> None:
     assert len(places) > 200
     count, tolerance = (500, 0.06) if name == "3D, spacing × 30" else (250, 0.03)  # few of its points lie widely
     exact = factorize(points, basis="wendland-c2", support_radius=2.5).solve(values)
-    found = EVALUATOR.displacement(_prepared(points, moving, count=count).solve(values), places)
-    difference = np.abs(found - EVALUATOR.displacement(exact, places)).max()
+    found = evaluation.displacement(_prepared(points, moving, count=count).solve(values), places)
+    difference = np.abs(found - evaluation.displacement(exact, places)).max()
     assert difference <= tolerance * np.abs(values).max()
 
 
@@ -86,9 +85,9 @@ def test_more_coarse_points_come_nearer() -> None:
     points, moving = CASES["3D"]
     values = _turn(points, moving)
     places = 0.5 + 0.2 * (sphere(300, 1.0, 0.0))
-    exact = EVALUATOR.displacement(factorize(points, basis="wendland-c2", support_radius=2.5).solve(values), places)
+    exact = evaluation.displacement(factorize(points, basis="wendland-c2", support_radius=2.5).solve(values), places)
     errors = [
-        np.abs(EVALUATOR.displacement(_prepared(points, moving, count=n).solve(values), places) - exact).max()
+        np.abs(evaluation.displacement(_prepared(points, moving, count=n).solve(values), places) - exact).max()
         for n in (60, 240, 960)
     ]
     assert errors[0] > 2.0 * errors[1] > 4.0 * errors[2]
@@ -98,10 +97,10 @@ def test_the_gradient_is_that_of_the_values() -> None:
     points, moving = CASES["3D"]
     found = _prepared(points, moving).solve(_turn(points, moving))
     places, h = 0.5 + 0.18 * sphere(200, 1.0, 0.0), 1e-6
-    gradient = EVALUATOR.gradient(found, places)
+    gradient = evaluation.gradient(found, places)
     for m in range(3):
         step = h * np.eye(3)[m]
-        ahead, behind = EVALUATOR.displacement(found, places + step), EVALUATOR.displacement(found, places - step)
+        ahead, behind = evaluation.displacement(found, places + step), evaluation.displacement(found, places - step)
         np.testing.assert_allclose(gradient[:, :, m], (ahead - behind) / (2 * h), atol=1e-7)
 
 
@@ -112,7 +111,7 @@ def test_a_displaced_mesh_is_solved_with_the_reference_mesh_preconditioner() -> 
     prepared = plan.factorize(displaced, points.min(axis=0), points.max(axis=0))
     values = _turn(points, moving)
     found = prepared.solve(values)
-    assert np.abs(EVALUATOR.displacement(found, displaced) - values).max() <= 1e-10 * np.abs(values).max()
+    assert np.abs(evaluation.displacement(found, displaced) - values).max() <= 1e-10 * np.abs(values).max()
     assert found.iterations < 60
 
 
@@ -120,10 +119,9 @@ def test_the_same_question_has_the_same_answer_to_the_bit() -> None:
     points, moving = CASES["2D, spacing × 30"]
     places = np.random.default_rng(5).random((500, 2))
     values = _turn(points, moving)
-    first = EVALUATOR.displacement(_prepared(points, moving).solve(values), places)
-    again = LocalEvaluator(1)
+    first = evaluation.displacement(_prepared(points, moving).solve(values), places)
     other = _prepared(points, moving).solve(values)
-    parts = [again.displacement(other, part) for part in np.array_split(places, 7)]
+    parts = [evaluation.displacement(other, part, threads=1) for part in np.array_split(places, 7)]
     np.testing.assert_array_equal(first, np.concatenate(parts))
 
 

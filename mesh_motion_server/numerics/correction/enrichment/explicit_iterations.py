@@ -132,7 +132,7 @@ class Trial:
         p, radius, function = self.problem, self.settings.enrichment_radius, self.settings.function
         placement = Placement(np.empty(0, dtype=np.int64), centre[None], np.array([radius]))
         coefficients = change.T / slope_at_point(function, radius)
-        space = EnrichmentSpace(placement, p.factorization, p.evaluator, (function,))
+        space = EnrichmentSpace(placement, p.factorization, (function,))
         moved = self.positions + space.displacement(p.start, coefficients)
         self.terms.append((centre, coefficients))
         self.positions = np.where(p.held[:, None], self.positions, moved)

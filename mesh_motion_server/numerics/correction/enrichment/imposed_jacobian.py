@@ -152,7 +152,7 @@ class _Imposed:
         radii = np.full(len(self.numbers) - first, settings.enrichment_radius)
         placement = Placement(self.numbers[first:], self.centres[first:], radii)
         if len(radii):
-            psi = EnrichmentSpace(placement, p.factorization, p.evaluator, (settings.function,)).values(p.start)
+            psi = EnrichmentSpace(placement, p.factorization, (settings.function,)).values(p.start)
             unit = slope_at_point(settings.function, settings.enrichment_radius)
             self.functions = np.hstack([self.functions, psi / unit])
             self.slopes = cell_gradients(p.start, self.functions, p.cells, self.numbers)

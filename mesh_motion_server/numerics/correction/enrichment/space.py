@@ -15,7 +15,7 @@ import numpy as np
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.correction.enrichment import functions
 from mesh_motion_server.numerics.correction.enrichment.placement import Placement
-from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import Factorization
 
 __all__ = ["FUNCTIONS", "EnrichmentSpace"]
@@ -41,7 +41,6 @@ class EnrichmentSpace:
 
     placement: Placement
     factorization: Factorization
-    evaluator: Evaluator
     kinds: tuple[str, ...] = FUNCTIONS
 
     @property
@@ -56,14 +55,14 @@ class EnrichmentSpace:
     def displacement(self, points: Floats, coefficients: Floats) -> Floats:
         """(n, k) displacement ψ C at points (n, d), for coefficients (s, k)."""
         at_boundary = self._own(self.factorization.control_points) @ coefficients
-        compensation = self.evaluator.displacement(self.factorization.solve(-at_boundary), points)
+        compensation = evaluation.displacement(self.factorization.solve(-at_boundary), points)
         return np.asarray(self._own(points) @ coefficients + compensation)
 
     def gradients(self, points: Floats) -> Floats:
         """(n, s, d) gradients ∇ψ at points (n, d)."""
         own = [functions.gradients(kind, points, centre, radius) for centre, radius, kind in self._each()]
         compensation = self.factorization.solve(-self._own(self.factorization.control_points))
-        return np.asarray(np.concatenate(own, axis=1) + self.evaluator.gradient(compensation, points))
+        return np.asarray(np.concatenate(own, axis=1) + evaluation.gradient(compensation, points))
 
     def _own(self, points: Floats) -> Floats:
         """(n, s) values of the enrichment functions H at points (n, d)."""

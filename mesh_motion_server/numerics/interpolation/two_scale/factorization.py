@@ -23,7 +23,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.interpolation.evaluation import LocalEvaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.factorizations.conjugate_gradients import largest
 from mesh_motion_server.numerics.interpolation.interpolant import AllCentreFactorization, factorize
 from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named
@@ -217,13 +217,13 @@ class TwoScaleFactorization:
     def solve(self, values: Floats) -> TwoScaleInterpolant:
         """Interpolant of (n, k) values at the control points; the mean of those at one place."""
         values = self._averaged(np.ascontiguousarray(values, dtype=np.float64))
-        evaluator, distinct, points = LocalEvaluator(), self.plan.distinct, self.control_points
+        distinct, points = self.plan.distinct, self.control_points
         field = self.coarse.solve(values[self.plan.coarse])
-        coarse = field if self.grid is None else self.grid.spline(on_grid(field, self.grid, evaluator))
+        coarse = field if self.grid is None else self.grid.spline(on_grid(field, self.grid))
         scale = largest(values)
         if len(distinct) < len(points):
             points, values = points[distinct], values[distinct]
-        left = evaluator.displacement(TwoScaleInterpolant(coarse, (), self.basis, 0), points)
+        left = evaluation.displacement(TwoScaleInterpolant(coarse, (), self.basis, 0), points)
         np.subtract(values, left, out=left)
         levels, iterations = [], 0
         for system in self.systems:
@@ -232,7 +232,7 @@ class TwoScaleFactorization:
             levels.append(level)
             iterations += taken
             if not last:
-                left -= evaluator.displacement(level, points)
+                left -= evaluation.displacement(level, points)
         return TwoScaleInterpolant(coarse, tuple(levels), self.basis, iterations)
 
     def _averaged(self, values: Floats) -> Floats:

@@ -16,7 +16,7 @@ import mesh_motion_kernels as kernels
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.interpolation.evaluation import Evaluator
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
 from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedGrid
 
@@ -37,7 +37,7 @@ _WIDE = 3.0
 _WORTHWHILE = 2e6
 
 
-def on_grid(interpolant: Interpolant, grid: NestedGrid, evaluator: Evaluator) -> Floats:
+def on_grid(interpolant: Interpolant, grid: NestedGrid) -> Floats:
     """(n, k) values of an interpolant at the points of nested boxes, by blocks where that pays."""
     values = np.empty((sum(box.grid_points for box in grid.boxes), interpolant.components))
     first = 0
@@ -45,7 +45,7 @@ def on_grid(interpolant: Interpolant, grid: NestedGrid, evaluator: Evaluator) ->
         part = values[first : first + box.grid_points]
         first += box.grid_points
         if not grid_sums(interpolant, grid.corner(box), box.spacing, grid.counts(box), part):
-            part[:] = evaluator.displacement(interpolant, grid.points_of(box))
+            part[:] = evaluation.displacement(interpolant, grid.points_of(box))
         elif interpolant.polynomial is not None:
             part += interpolant.polynomial(grid.points_of(box))
     return values

@@ -43,4 +43,4 @@ class TwoScaleInterpolant:
 
 
 AnyInterpolant = Interpolant | TwoScaleInterpolant
-"""What an evaluator takes."""
+"""What :mod:`..evaluation` takes."""

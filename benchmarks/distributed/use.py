@@ -1,0 +1,46 @@
+"""What a rank uses, of the process that it is asked in: bytes on the wire, processor time, its session's memory."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import Counter
+from typing import Any
+
+from mesh_motion_client import connection, dask_worker
+from mesh_motion_client import server as client
+from mesh_motion_protocol.messages import Correct
+
+__all__ = ["BYTES", "count_bytes", "peak_memory", "spent"]
+
+BYTES: Counter[str] = Counter()
+
+
+def count_bytes() -> None:
+    """Count what this process sends and receives from now on, all arrays as frames, as between machines."""
+    client.SUPPORTED = False
+    encode, decode = connection.encode, connection.decode
+
+    def counted_encode(message: Any) -> Any:
+        frames = encode(message)
+        BYTES["told"] += len(message.nodes) if isinstance(message, Correct) else 0
+        BYTES["sent"] += sum(memoryview(frame).nbytes for frame in frames)
+        return frames
+
+    def counted_decode(frames: Any, **options: Any) -> Any:
+        BYTES["received"] += sum(memoryview(frame).nbytes for frame in frames)
+        return decode(frames, **options)
+
+    connection.encode, connection.decode = counted_encode, counted_decode  # type: ignore[attr-defined]
+
+
+def spent() -> dict[str, float]:
+    """What a worker has used so far."""
+    return {"work": time.process_time(), **{name: BYTES[name] for name in ("sent", "received", "told")}}
+
+
+async def peak_memory() -> int:
+    """Of the session, as the rank on this worker is told."""
+    (rank,) = dask_worker._RANKS.values()
+    report = await asyncio.get_running_loop().run_in_executor(rank.thread, rank.session.status)
+    return int(report.report["peak_memory_bytes"])

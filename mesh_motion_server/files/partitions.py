@@ -1,0 +1,95 @@
+"""A mesh cut into partitions: equal shares of its nodes along the Morton curve, and the cells that begin there.
+
+A cell belongs to the share of its first node on the curve. A partition has its cells and all nodes of these: a node
+between two partitions is in both, with one number in the whole mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.mesh_file import MeshFile
+from mesh_motion_server.files.writer import write_mesh
+from mesh_motion_server.numerics.arrays import Integers
+from mesh_motion_server.numerics.mesh.morton import morton_codes
+
+__all__ = ["partitions", "write_partitions"]
+
+
+def partitions(mesh: MeshFile, count: int) -> Iterator[MeshFile]:
+    """Cut a mesh into ``count`` partitions; one after the other is made.
+
+    Nodes are ascending by number in the mesh, cells are in its order. A patch has those of its nodes that the
+    partition has; it is left out where there are none. A node of no cell is in the partition of its share.
+
+    Raises
+    ------
+    InvalidInput
+        If there are fewer cells or nodes than partitions, or so few that one partition has no cell.
+    """
+    if count < 1:
+        raise InvalidInput(f"{mesh.path}: expected one partition or more, got {count}")
+    place = np.empty(len(mesh.points), dtype=np.int64)
+    place[np.argsort(morton_codes(mesh.points), kind="stable")] = np.arange(len(mesh.points))
+    share = place * count // len(place)
+    owners = {name: share[_first_on_curve(nodes, place)] for name, nodes in mesh.cells.items()}
+    filled = np.bincount(np.concatenate(list(owners.values())), minlength=count) > 0
+    if not filled.all():
+        raise InvalidInput(
+            f"{mesh.path}: a mesh of {len(mesh.points)} nodes and {mesh.n_cells} cells in {count} partitions leaves "
+            f"partition {int(np.argmin(filled))} without a cell",
+            hint="take fewer partitions",
+        )
+    alone = np.ones(len(mesh.points), dtype=bool)
+    for nodes in mesh.cells.values():
+        alone[nodes] = False
+    for number in range(count):
+        cells = {name: mesh.cells[name][owner == number] for name, owner in owners.items()}
+        yield _partition(mesh, {name: nodes for name, nodes in cells.items() if len(nodes)}, alone & (share == number))
+
+
+def write_partitions(folder: Path, mesh: MeshFile, count: int) -> list[Path]:
+    """Write the partitions of a mesh to ``partition-000.npz`` and so on in a folder, which is made; their files.
+
+    Raises
+    ------
+    InvalidInput, ResourceError
+        As :func:`partitions` and :func:`.writer.write_mesh` do.
+    """
+    written = []
+    for number, part in enumerate(partitions(mesh, count)):
+        folder.mkdir(parents=True, exist_ok=True)
+        written.append(folder / f"partition-{number:03d}.npz")
+        write_mesh(written[-1], part)
+    return written
+
+
+def _first_on_curve(nodes: Integers, place: Integers) -> Integers:
+    """(m,) the node of each cell (m, k) that is first on the curve."""
+    first: Integers = np.take_along_axis(nodes, place[nodes].argmin(axis=1)[:, None], axis=1)[:, 0]
+    return first
+
+
+def _partition(mesh: MeshFile, cells: dict[str, Integers], more: NDArray[np.bool_]) -> MeshFile:
+    """The part of a mesh that has some cells, their nodes and ``more`` (n,) nodes."""
+    held = more
+    for nodes in cells.values():
+        held[nodes] = True
+    ids = np.flatnonzero(held)
+    local = np.cumsum(held) - 1
+    patches = {name: local[nodes[held[nodes]]] for name, nodes in mesh.patches.items()}
+    return replace(
+        mesh,
+        points=mesh.points[ids],
+        cells={name: local[nodes] for name, nodes in cells.items()},
+        patches={name: nodes for name, nodes in patches.items() if len(nodes)},
+        global_ids=ids if mesh.global_ids is None else mesh.global_ids[ids],
+        halo={},
+        notes=(),
+    )
