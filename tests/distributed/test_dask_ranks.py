@@ -184,7 +184,7 @@ def test_a_commit_that_is_carried_out_while_a_rank_joins_is_known_to_it(fragile_
             return late(session)
 
         def rest_later(rank, credentials):
-            time.sleep(0.0 if rank.session.iteration else 3.0)  # the new rank knows of no move
+            time.sleep(0.0 if rank._partition else 4.0)  # of the new one
             return rest(rank, credentials)
 
         Session.commit, dask_worker._Rank.rest = commit, rest_later
