@@ -3,8 +3,8 @@
 The recomputation must give the digest that was journaled, bit for bit, or nothing is opened. It is the same function of
 the same bytes, so it does on the same machine with the same software. Another version of the server or of its numerical
 libraries, or a processor for which these choose other instructions, may round otherwise. Threads, caches and coupling
-iterations before the committed one do not matter; of a cluster's size this is not promised. The log says for each step
-what computed it, and a session that was closed needs no recomputation (``journal.durability``).
+iterations before the committed one do not matter. The log says for each step what computed it, and a session that was
+closed needs no recomputation (``journal.durability``).
 """
 
 import platform

@@ -8,15 +8,22 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import mesh_motion_client
+from mesh_motion_client import dask_ranks, dask_worker
 
 __all__ = ["python_client"]
 
 #: In the order in which a program meets them; the errors follow.
 _FIRST = ("connect", "Server", "Session", "Mesh", "Patch", "Credentials", "Keys")
 #: Methods by which the client's own modules work together.
-_INNER = {"Session": ("join", "upload"), "Mesh": ("parts",), "Keys": ("protect",), "Server": ("embedded",)}
+_INNER = {
+    "Session": ("join", "upload", "take", "take_again", "leave", "forget_correction"),
+    "DaskSession": ("open", "resume"),
+    "Mesh": ("parts",),
+    "Keys": ("protect",),
+    "Server": ("embedded",),
+}
 #: What is made by a call of another object.
-_MADE_ELSEWHERE = ("Server", "Session")
+_MADE_ELSEWHERE = ("Server", "Session", "DaskSession", "Answer")
 #: An annotation as inspect shows it: quoted, for it is not evaluated.
 _ANNOTATION = re.compile(r"(: |-> )'([^']*)'")
 _WIDTH = 100
@@ -25,15 +32,20 @@ _TITLE = re.compile(r"^(\w[\w ]*)\n-{3,}$", re.MULTILINE)
 
 
 def python_client() -> str:
-    """Every name of ``mesh_motion_client.__all__``."""
+    """Every name of ``mesh_motion_client.__all__``, and those of :mod:`mesh_motion_client.dask_ranks`."""
     errors = sorted(set(mesh_motion_client.__all__) - set(_FIRST), key=lambda name: (name != "MeshMotionError", name))
-    parts = [f"## {name}\n\n{_described(name)}" for name in _FIRST]
-    return "\n".join([*parts, "## Errors\n", *(f"### {name}\n\n{_described(name)}" for name in errors)])
+    parts = [f"## {name}\n\n{_described(name, getattr(mesh_motion_client, name))}" for name in _FIRST]
+    parts += [
+        "## Errors\n",
+        *(f"### {name}\n\n{_described(name, getattr(mesh_motion_client, name))}" for name in errors),
+    ]
+    workers = (dask_ranks.open_on_workers, dask_ranks.DaskSession, dask_worker.Answer)
+    parts += ["## Dask workers as ranks\n\nIn `mesh_motion_client.dask_ranks`: [what for](../distributed.md).\n"]
+    return "\n".join([*parts, *(f"### {of.__name__}\n\n{_described(of.__name__, of)}" for of in workers)])
 
 
-def _described(name: str) -> str:
+def _described(name: str, value: Any) -> str:
     """A function, or a class and its public methods."""
-    value = getattr(mesh_motion_client, name)
     if not isinstance(value, type):
         return _block(_signature(name, value)) + _markdown(value)
     if issubclass(value, Exception):
