@@ -321,14 +321,17 @@ Owned<double, 1> values_at(Matrix<const double> points, const Blocks& blocks, Ve
     const Cells cells(points, blocks, reference, rest);
     const Metric asked = checked(metric, cells);
     require(places.size() == cells.size(), "places: expected one for each cell");
+    std::vector<std::uint32_t> sorted(wanted.begin(), wanted.end());
+    std::sort(sorted.begin(), sorted.end());
+    const std::uint32_t low = sorted.empty() ? 0 : sorted.front(), span = sorted.empty() ? 0 : sorted.back() - low;
     std::vector<Index> numbers;
-    for (Index first = 0; first < places.size(); first += chunk) {
+    for (Index first = 0; first < places.size() && !sorted.empty(); first += chunk) {
+        const std::uint32_t* at = places.data() + first;
         const Index n = std::min(chunk, places.size() - first);
-        std::uint32_t any = 0;
-        for (std::uint32_t place : wanted)
-            for (Index s = 0; s < n; ++s) any |= places.data()[first + s] == place;
+        std::uint32_t any = 0;  // most places are of other bins: lower than all that are wanted, or higher
+        for (Index s = 0; s < n; ++s) any |= at[s] - low <= span;
         for (Index s = 0; any && s < n; ++s)
-            if (std::find(wanted.begin(), wanted.end(), places[first + s]) != wanted.end())
+            if (at[s] - low <= span && std::binary_search(sorted.begin(), sorted.end(), at[s]))
                 numbers.push_back(first + s);
     }
     Judged all = judged(cells, numbers);
