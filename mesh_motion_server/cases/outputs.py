@@ -12,7 +12,6 @@ import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,6 @@ __all__ = [
     "RESULTS",
     "remove_ended",
     "remove_results",
-    "result_folder",
     "run_folder",
     "write_points",
     "write_steps",
@@ -47,7 +45,6 @@ RESULTS = (
     f"{SERIES}_[0-9]*.vtu",
     "quality.png",
     "comparison.json",
-    "comparison.csv",
 )
 
 
@@ -83,34 +80,6 @@ def run_folder(folder: Path, *, resumed: bool) -> Iterator[Kept]:
             shutil.rmtree(kept.folder, ignore_errors=True)
         raise
     shutil.rmtree(kept.folder)
-
-
-@contextmanager
-def result_folder(folder: Path) -> Iterator[Path]:
-    """A folder to write results to; its content moves to ``folder`` when the block ends without an error.
-
-    Raises
-    ------
-    ResourceError
-        If the folder cannot be made or written.
-    """
-    made = not folder.exists()
-    remove_results(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        work = Path(mkdtemp(prefix=".play-", dir=folder))
-    except OSError as error:
-        raise _unwritable(folder, error) from None
-    try:
-        yield work
-        for result in sorted(work.iterdir()):
-            result.replace(folder / result.name)
-    except BaseException:
-        shutil.rmtree(work, ignore_errors=True)
-        if made:
-            _remove_if_empty(folder)
-        raise
-    work.rmdir()
 
 
 def remove_results(folder: Path) -> None:

@@ -21,7 +21,7 @@ from mesh_motion_server.commands.options import (
     ServerKeyOption,
     keys_of_options,
 )
-from mesh_motion_server.commands.replay import replay_session, tell_comparison
+from mesh_motion_server.commands.replay import changes_of, tell_comparison
 
 if TYPE_CHECKING:
     from mesh_motion_server.cases.records import StepRecord
@@ -44,10 +44,6 @@ def play(
     assignments: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Replay with this setting; repeatable.")
     ] = None,
-    variants: Annotated[
-        list[str] | None,
-        typer.Option("--variant", metavar="K=V,K=V…", help="Replay once with these settings; repeatable."),
-    ] = None,
     until: Annotated[int | None, typer.Option(min=1, metavar="N", help="Replay the steps up to N.")] = None,
     endpoint: EndpointOption = None,
     distributed: DistributedOption = None,
@@ -69,7 +65,7 @@ def play(
     mesh-motion play case.toml -o out --endpoint tcp://127.0.0.1:7440
 
     With --from-journal the boundary of a stored session, or of a copy of its folder, moves again as it was recorded,
-    with the session's own settings or others, and a table compares what came out; DIR receives comparison.json and .csv
+    with the session's own settings or others, and a table compares what came out; DIR receives comparison.json
     too. Status 1 if nothing was changed and the states differ all the same.
 
     \b
@@ -80,11 +76,12 @@ def play(
     from mesh_motion_server.cases.faces import faces_line
     from mesh_motion_server.cases.play import play as play_case
     from mesh_motion_server.cases.records import drawn
+    from mesh_motion_server.cases.replay import replay
 
     if (case is None) == (from_journal is None):
         raise typer.BadParameter("give either CASE.toml or --from-journal", param_hint="CASE.toml")
-    if from_journal is None and (assignments or variants or until):
-        raise typer.BadParameter("--set, --variant and --until need --from-journal; a case has its own settings")
+    if from_journal is None and (assignments or until):
+        raise typer.BadParameter("--set and --until need --from-journal; a case has its own settings")
     if resume and case is None:
         raise typer.BadParameter("a replay is not resumed; it begins again", param_hint="--resume")
     if distributed is not None and (endpoint is not None or from_journal is not None):
@@ -95,11 +92,10 @@ def play(
         out = case.parent / "out" / case_name(case)
     if case is None:
         with expected_errors(), _progress(quiet) as advance:
-            comparison = replay_session(
+            comparison = replay(
                 Path(str(from_journal)),
                 out,
-                assignments=assignments or (),
-                variants=variants or (),
+                changes_of(assignments or ()),
                 until=until,
                 endpoint=endpoint,
                 keys=keys_of_options(endpoint, key, server_key),

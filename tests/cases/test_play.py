@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import meshio
@@ -18,8 +19,8 @@ from raising import raising
 
 from mesh_motion_server import __version__
 from mesh_motion_server.cases import play as play_module
+from mesh_motion_server.cases import results as results_module
 from mesh_motion_server.cases.case import Case, read_case
-from mesh_motion_server.cases.driver import Reply
 from mesh_motion_server.cases.faces import FACES, faces_line
 from mesh_motion_server.cases.motion_program import MotionProgram
 from mesh_motion_server.cases.outputs import RESULTS
@@ -48,10 +49,10 @@ class StandIn:
         self.moves: list[np.ndarray] = []
         self.reports: list[str] = []
         self.commits: list[int] = []
-        self.mesh_warnings = ["odd mesh"]
+        self.mesh_report = {"warnings": ["odd mesh"]}
         self.settings: dict[str, Any] = case.content.method.model_dump()
 
-    def move(self, displacement: np.ndarray, *, report: str = "") -> Reply:
+    def move(self, displacement: np.ndarray, *, report: str = "") -> SimpleNamespace:
         self.moves.append(displacement)
         self.reports.append(report)
         if len(self.moves) == self.refuse_at:
@@ -62,7 +63,15 @@ class StandIn:
         moved[self.control] = values
         seconds = {"solve": 1.0, "predict": 2.0, "correct": 3.0, "displace": 4.0, "total": 10.0}
         faces = {"before": told_faces(20.0), "after": told_faces(60.0 + len(self.moves))} if report else {}
-        return Reply(moved, 0.5, 0.25, 3, 7, seconds, [f"warning {len(self.moves)}", "always"], faces=faces)
+        return SimpleNamespace(
+            displacement=moved,
+            quality={"corrected": {"metric": {"min": 0.5}}, "standard": {"metric": {"min": 0.25}}},
+            enrichment_points=np.zeros((3, 2)),
+            correction={"freed_nodes": 7, "sub_steps": 1},
+            seconds=seconds,
+            warnings=[f"warning {len(self.moves)}", "always"],
+            faces=faces,
+        )
 
     step = 0
 
@@ -72,8 +81,8 @@ class StandIn:
     def commit(self, final_step: int) -> None:
         self.commits.append(len(self.moves))
 
-    def peak_memory_bytes(self) -> int:
-        return 1 << 40
+    def status(self) -> SimpleNamespace:
+        return SimpleNamespace(report={"peak_memory_bytes": 1 << 40})
 
 
 def told_faces(angle: float) -> dict[str, Any]:
@@ -305,7 +314,8 @@ def test_without_matplotlib_all_but_the_picture(
     make_case, stand_in: Plays, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stand_in()
-    monkeypatch.setattr(play_module, "pictures_are_possible", lambda: False)
+    for module in (play_module, results_module):
+        monkeypatch.setattr(module, "pictures_are_possible", lambda: False)
     played = play(make_case(), tmp_path / "out")
     assert not (tmp_path / "out" / "quality.png").exists()
     assert (tmp_path / "out" / "points.npy").exists()
