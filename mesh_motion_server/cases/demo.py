@@ -14,7 +14,8 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from mesh_motion_server.cases.play import Played, play
-from mesh_motion_server.watch.pictures.page import pictures_are_possible
+from mesh_motion_server.watch.pictures.before_after import MeshPair, draw_before_after
+from mesh_motion_server.watch.pictures.page import Page, pictures_are_possible, save, styled
 
 __all__ = ["DEMO_CASES", "DemoCase", "Outcome", "play_demo", "table_of"]
 
@@ -109,7 +110,8 @@ def play_demo(folder: Path, say: Callable[[str], None] = lambda _: None) -> list
     Parameters
     ----------
     folder : path
-        Receives a folder for each case, with its case files, and the pictures ``overview.png`` and ``flag.png``.
+        Receives a folder for each case, with its case files, and a picture of each, ``NAME.png``: standard beside
+        corrected.
     say : callable, optional
         Receives progress messages.
     """
@@ -123,12 +125,19 @@ def play_demo(folder: Path, say: Callable[[str], None] = lambda _: None) -> list
                 played[label] = play(case_file, folder / case.name / label, endpoint=server.endpoint, every=8)
             outcomes.append(Outcome(case, **played))
     if pictures_are_possible():
-        from mesh_motion_server.cases.demo_pictures import draw_flag, draw_overview  # noqa: PLC0415  (an extra)
-
         say("drawing")
-        draw_overview(folder / "overview.png", outcomes[:3])
-        draw_flag(folder / "flag.png", outcomes[3])
+        for outcome in outcomes:
+            _draw(folder / f"{outcome.case.name}.png", outcome)
     return outcomes
+
+
+def _draw(path: Path, outcome: Outcome) -> None:
+    """The worst meshes of both runs of a case, in one colour scale."""
+    standard, corrected = outcome.standard.worst, outcome.corrected.worst
+    titles = f"standard, step {standard.step}", f"corrected, step {corrected.step}"
+    pair, page = MeshPair(outcome.case.title, "size-skew", standard, corrected, titles), Page(width=300.0, dpi=120)
+    with styled(page):
+        save(draw_before_after(pair, page), path, page)
 
 
 def table_of(outcomes: list[Outcome]) -> Table:

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from mesh_motion_server.cases.outputs import write_steps, write_summary
-from mesh_motion_server.cases.picture import write_picture
 from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, drawn
 from mesh_motion_server.files import VtuSeries
 from mesh_motion_server.files.vtu import Data
@@ -13,10 +12,15 @@ from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import CellQuality, cell_quality
 from mesh_motion_server.numerics.quality.orientation import oriented_at_rest
-from mesh_motion_server.watch.pictures.page import pictures_are_possible
+from mesh_motion_server.watch.pictures.before_after import MeshPair, draw_before_after
+from mesh_motion_server.watch.pictures.page import Page, pictures_are_possible, save, styled
+from mesh_motion_server.watch.pictures.runs import read_played
 from mesh_motion_server.watch.pictures.snapshot import Snapshot
 
 __all__ = ["Results"]
+
+#: Of quality.png, which is looked at on a screen.
+_PAGE = Page(width=300.0, points=9.0, dpi=120)
 
 
 class Results:
@@ -115,5 +119,11 @@ class Results:
         """Write summary.json, steps.csv and quality.png; ``last``: what the picture shows, if not a committed step."""
         write_summary(folder, dict(summary))
         write_steps(folder, self.records)
-        if pictures_are_possible():
-            write_picture(folder / "quality.png", title, self.before, self.worst, self.records, self.metric, last)
+        if not pictures_are_possible():
+            return
+        count, metric = len(self.records), drawn(self.metric)
+        last = last or f"after step {self.worst.step} of {count}" + (", the worst" if count > 1 else "")
+        pair = MeshPair(title, metric, self.before, self.worst, ("at opening", last))
+        run = read_played(folder, metric) if self.records else None
+        with styled(_PAGE):
+            save(draw_before_after(pair, _PAGE, run=run), folder / "quality.png", _PAGE)

@@ -289,7 +289,7 @@ def demo(
 ) -> None:
     """Play the thesis' three cases and a flag in a channel, standard against corrected.
 
-    Prints a table and leaves overview.png, flag.png and each case's results in DIR. It takes about a minute.
+    Prints a table and leaves a picture of each case and its results in DIR. It takes about a minute.
 
     \b
     mesh-motion demo --out out/demo

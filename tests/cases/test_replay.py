@@ -354,15 +354,12 @@ def test_a_picture_shows_one_metric(
     driver.all(Commit, step=1)
     driver.ask(Close, 0, outcome="keep")
     shown: list[Any] = []
-    monkeypatch.setattr("mesh_motion_server.cases.results.write_picture", lambda *given: shown.append(given))
-    monkeypatch.setattr("mesh_motion_server.cases.results.pictures_are_possible", lambda: True)
-    replay(
-        tmp_path / "sessions" / SESSION,
-        tmp_path / "out",
-        {"quality_metric": metric},
-        endpoint=server.endpoint,
-    )
-    [(_, _, before, worst, [record], named, _)] = shown
-    assert named == metric
-    assert before.quality == pytest.approx(at_rest)
-    assert worst.quality.min() == record.shown(metric)[0] < at_rest
+    monkeypatch.setattr("mesh_motion_server.cases.results.draw_before_after", lambda pair, *_, **__: shown.append(pair))
+    monkeypatch.setattr("mesh_motion_server.cases.results.save", lambda *_: None)
+    folder, out = tmp_path / "sessions" / SESSION, tmp_path / "out"
+    [figures] = replay(folder, out, {"quality_metric": metric}, endpoint=server.endpoint).run.figures
+    [pair] = shown
+    assert pair.metric == metric
+    assert pair.before.quality == pytest.approx(at_rest)
+    assert pair.after.quality.min() == pytest.approx(figures.min_quality)
+    assert pair.after.quality.min() < at_rest
