@@ -357,9 +357,10 @@ def test_a_picture_shows_one_metric(
     monkeypatch.setattr("mesh_motion_server.cases.results.draw_before_after", lambda pair, *_, **__: shown.append(pair))
     monkeypatch.setattr("mesh_motion_server.cases.results.save", lambda *_: None)
     folder, out = tmp_path / "sessions" / SESSION, tmp_path / "out"
-    [figures] = replay(folder, out, {"quality_metric": metric}, endpoint=server.endpoint).run.figures
+    replay(folder, out, {"quality_metric": metric}, endpoint=server.endpoint)
+    [record] = json.loads((out / "summary.json").read_text())["steps"]
     [pair] = shown
     assert pair.metric == metric
     assert pair.before.quality == pytest.approx(at_rest)
-    assert pair.after.quality.min() == pytest.approx(figures.min_quality)
+    assert pair.after.quality.min() == pytest.approx(record[f"min_{metric}".replace("-", "_")])
     assert pair.after.quality.min() < at_rest
