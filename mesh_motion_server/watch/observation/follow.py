@@ -153,12 +153,18 @@ def events_naming(session_folder: Path, step: int) -> Iterator[dict[str, Any]]:
             yield from (event for event in found if event is not None and event.get("step") == step)
 
 
-def last_event(session_folder: Path, kinds: Container[str] | None = None) -> dict[str, Any] | None:
-    """The latest complete event, optionally only of these kinds; None if there is none."""
+def last_event(
+    session_folder: Path, kinds: Container[str] | None = None, step: int | None = None
+) -> dict[str, Any] | None:
+    """The latest complete event, optionally only of these kinds, and of this step; None if there is none."""
     for path in reversed(list_segments(session_folder / FOLDER, EVENTS)):
         with suppress(FileNotFoundError), path.open("rb") as file:
             for line in lines_backwards(file):
                 event = parse_line(line)
-                if event is not None and (kinds is None or event["event"] in kinds):
+                if event is None:
+                    continue
+                if step is not None and event.get("step", step) < step:
+                    return None  # all others are older
+                if (kinds is None or event["event"] in kinds) and step in (None, event.get("step")):
                     return event
     return None

@@ -20,7 +20,7 @@ _DIGITS = 5
 
 
 class Followed:
-    """One session, or a part of its history.
+    """The history of one session, or its end.
 
     Attributes
     ----------
@@ -51,10 +51,8 @@ class Followed:
             "standard": moved["quality"]["standard"].get("metric", {}) if moved else {},
             "corrected": moved["quality"]["corrected"].get("metric", {}) if moved else {},
             "actual": self._committed["quality"].get("metric", {}) if self._committed else {},
-            "enrichment_points": moved.get("enrichment_points", []),
             "faces": moved.get("faces", {}),
             "worst": self._worst(),
-            "standing": self._standing(),
             "notable": list(reversed(self._notable)),
             "told": self._counted,
         }
@@ -101,12 +99,6 @@ class Followed:
             self._notable[-1] = told | {"times": newest.get("times", 1) + 1, "since": since}
         else:
             self._notable.append(told)
-
-    def _standing(self) -> list[dict[str, Any]]:
-        """The worst cells of the committed coordinates, which the mesh view shows."""
-        quality = (self._committed or self.built).get("quality") or {}
-        cells: list[dict[str, Any]] = quality.get("worst", [])
-        return cells
 
     def _worst(self) -> dict[str, Any]:
         """The worst cells of the last evaluation: a trial's prediction, or the committed coordinates."""

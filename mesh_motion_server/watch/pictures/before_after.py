@@ -17,13 +17,15 @@ from mesh_motion_server.watch.pictures.palette import INVERTED_COLOUR
 from mesh_motion_server.watch.pictures.runs import Run
 from mesh_motion_server.watch.pictures.snapshot import Plane, Snapshot, choose_plane, choose_window
 
-__all__ = ["MeshPair", "draw_before_after"]
+__all__ = ["MeshPair", "draw_after", "draw_before_after"]
 
 
 #: From this width on, mm, the close-up stands beside both meshes.
 _WIDE_PAGE = 130.0
 #: A picture lower than this share of its width takes the page's whole width.
 _LONG = 0.4
+#: Of the picture of one mesh: the mesh's share of the width, and the heights of title and colour bar.
+_LEFT, _HEAD_MM, _FOOT_MM = 0.6, 7.0, 14.0
 #: Height of the history, as a share of the page's width.
 _HISTORY = 0.22
 
@@ -86,6 +88,27 @@ def draw_before_after(pair: MeshPair, page: Page, *, title: str | None = None, r
     return figure
 
 
+def draw_after(pair: MeshPair, page: Page) -> Any:
+    """A matplotlib figure of the mesh after, and its worst cell: made in a second, because nothing is laid out."""
+    mesh, plane = pair.after, choose_plane(pair.before, pair.after)
+    window = choose_window(pair.before, mesh, plane)
+    wide, high = window[1] - window[0]
+    meshes = float(np.clip(_LEFT * high / wide, 1 - _LEFT, 1.0)) * page.width
+    height = meshes + _HEAD_MM + _FOOT_MM
+    figure = blank(page, height)
+    figure.set_layout_engine("none")
+    low, share = _FOOT_MM / height, meshes / height
+    whole = figure.add_axes((0.0, low, _LEFT - 0.01, share))
+    near = figure.add_axes((_LEFT + 0.01, low, 0.99 - _LEFT, share))
+    below = figure.add_axes((0.25, 0.7 * low, 0.5, 0.15 * low))
+    colours = draw_mesh(whole, mesh, plane, f"{pair.titles[1]}, {mesh.extreme}", window, page)
+    draw_closeup(near, mesh, plane, page)
+    whole.set_axis_off()
+    near.set_axis_off()
+    figure.colorbar(colours, cax=below, orientation="horizontal", label=_bar_label(pair)).outline.set_linewidth(0.5)
+    return figure
+
+
 def _draw_meshes(figure: Any, axes: Any, pair: MeshPair, plane: Plane | None, window: Floats, page: Page) -> None:
     """Both meshes, the close-up, and the colour bar; it has a pink end only where a cell is inverted."""
     for name, mesh, what in zip("ab", (pair.before, pair.after), pair.titles, strict=True):
@@ -101,11 +124,16 @@ def _draw_meshes(figure: Any, axes: Any, pair: MeshPair, plane: Plane | None, wi
     inverted = any(bool(mesh.inverted.any()) for mesh in (pair.before, pair.after))
     end = "min" if inverted else "neither"
     bar = figure.colorbar(colours, ax=meshes, location="bottom", shrink=0.6, pad=0.02, aspect=45, extend=end)
-    bar.set_label(f"{pair.metric} of a cell" + (" (pink: inverted)" if inverted else ""))
+    bar.set_label(_bar_label(pair))
     bar.outline.set_linewidth(0.5)
     if inverted:
         bar.cmap = bar.cmap.with_extremes(under=INVERTED_COLOUR)
         colours.set_cmap(bar.cmap)
+
+
+def _bar_label(pair: MeshPair) -> str:
+    inverted = any(bool(mesh.inverted.any()) for mesh in (pair.before, pair.after))
+    return f"{pair.metric} of a cell" + (" (pink: inverted)" if inverted else "")
 
 
 def _arrangement(dimension: int, window: Floats, page: Page) -> tuple[list[str], list[float], float]:

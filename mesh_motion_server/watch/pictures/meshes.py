@@ -19,7 +19,7 @@ from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal.mesh_store import read_mesh as read_stored_mesh
 from mesh_motion_server.session.partitions.merging import merge
 from mesh_motion_server.session.spec import StoredSpec, spec_bytes
-from mesh_motion_server.watch.observation.follow import events_naming
+from mesh_motion_server.watch.observation.follow import last_event
 from mesh_motion_server.watch.pictures.before_after import MeshPair
 from mesh_motion_server.watch.pictures.runs import (
     METRICS,
@@ -131,8 +131,8 @@ def _stored_state(folder: Path, files: PosixFileSystem) -> tuple[int, Floats] | 
 
 def _enrichment(folder: Path, step: int, dimension: int) -> Floats:
     """(k, d) where enrichment functions were added in a step, by its last Move."""
-    moves = [event for event in events_naming(folder, step) if event["event"] == "moved"]
-    places = moves[-1].get("enrichment_points", []) if moves else []
+    move = last_event(folder, {"moved"}, step) or {}
+    places = move.get("enrichment_points", [])
     return np.array(places, dtype=np.float64).reshape(len(places), dimension)
 
 

@@ -214,66 +214,6 @@ def test_step_and_qualities_are_of_one_moment(tab: Browser, server: ServerProces
         tab.wait(lambda step=step: tab.text("#figures dd").split()[0] == step, f"step {step} is shown")
 
 
-#: Where the marks of the worst cells are, and the centres of the cells with the lowest qualities that are drawn.
-MARKED = """
-const { mesh, scene } = globalThis.monitor.mesh;
-const marks = [...scene.worst.geometry.getAttribute('position').array];
-const order = [...mesh.quality.keys()].sort((a, b) => mesh.quality[a] - mesh.quality[b]).slice(0, 10);
-const centres = order.flatMap((cell) => {
-  const corners = [0, 1, 2].map((c) => 3 * mesh.triangles[3 * mesh.owners.indexOf(cell) + c]);
-  return [0, 1, 2].map((k) => corners.reduce((sum, node) => sum + mesh.points[node + k] / 3, 0));
-});
-return [marks, centres];
-"""
-
-
-def test_marks_are_on_the_worst_cells_of_the_mesh_that_is_drawn(tab: Browser, server: ServerProcess) -> None:
-    show(tab, server, FLAG)  # its history tells of cells at other places, as of a later step than the mesh
-    marks, centres = tab.run(MARKED)
-    assert len(marks) == 30
-    assert marks == pytest.approx(centres, abs=1e-5)
-
-
-#: The mesh is asked for again, in a browser that takes half a second for what comes.
-ASKED_AGAIN = """
-const m = globalThis.monitor.mesh;
-globalThis.came = [];
-globalThis.shown = 0;
-const asked = globalThis.fetch;
-globalThis.fetch = async (path, options) => {
-  const reply = await asked(path, options);
-  if (path.includes('/mesh')) {
-    globalThis.came.push((await reply.clone().arrayBuffer()).byteLength);
-    await new Promise((done) => setTimeout(done, 500));
-  }
-  return reply;
-};
-const own = m.scene.show.bind(m.scene);
-m.scene.show = (...given) => {
-  globalThis.shown += 1;
-  own(...given);
-};
-const wait = globalThis.setTimeout;
-globalThis.setTimeout = (act, pause, ...rest) => {
-  if (String(act).includes('goOn')) globalThis.pause = pause;
-  return wait(act, pause, ...rest);
-};
-m.goOn();
-m.stale = true;
-m.refresh();
-"""
-
-
-def test_a_mesh_that_has_not_moved_is_neither_sent_nor_drawn_again(tab: Browser, server: ServerProcess) -> None:
-    show(tab, server, WING)
-    tab.run(ASKED_AGAIN)
-    pause = tab.wait(lambda: tab.run("return globalThis.pause"), "it has come")
-    (size,) = tab.run("return globalThis.came")
-    assert size < 1000  # a header; the coordinates and qualities of this mesh alone are more
-    assert tab.run("return [globalThis.shown, globalThis.monitor.mesh.mesh.points.length]") == [0, 3 * 81]
-    assert pause >= 4500  # nine times as long as it took
-
-
 #: A session has made steps, and changed later than all others.
 STEPPED = """
 const m = globalThis.monitor;

@@ -10,7 +10,7 @@ const FEW = 40;
 
 /**
  * series: [{name, label, colour (a custom property), width, dash}]; stacked: stacked areas;
- * threshold: () => number; range: of y; value: number → text; zoomed(min, max): the user selects these steps; chosen(step): this step.
+ * threshold: () => number; range: of y; value: number → text; zoomed(min, max): the user selects these steps.
  */
 export class Chart {
   constructor(host, options) {
@@ -22,7 +22,6 @@ export class Chart {
     this.frame = element("div", { class: "plot", tabindex: "0", role: "img", "aria-label": options.title });
     host.replaceChildren(this.legend, this.frame);
     this.frame.addEventListener("keydown", (event) => this.key(event));
-    this.frame.addEventListener("click", () => this.choose());
     new ResizeObserver(() => this.resize()).observe(host);
     this.build();
   }
@@ -64,7 +63,6 @@ export class Chart {
       series: [{ label: "step" }, ...this.drawnOrder().map((one) => this.line(one))],
       hooks: {
         drawClear: [(plot) => this.drawThreshold(plot)],
-        draw: [(plot) => this.drawMark(plot)],
         setCursor: [() => this.say()],
         setScale: [(plot, key) => key === "x" && this.scaled(plot)],
       },
@@ -148,25 +146,6 @@ export class Chart {
     pen.restore();
   }
 
-  /** Draw a line at the shown step; no line for the latest step (null). */
-  mark(step) {
-    this.marked = step;
-    this.plot.redraw(false);
-  }
-
-  drawMark({ ctx: pen, bbox, scales, valToPos }) {
-    const step = this.marked ?? null;
-    if (step === null || step < scales.x.min || step > scales.x.max) return;
-    pen.fillStyle = css("--accent");
-    pen.fillRect(valToPos(step, "x", true) - devicePixelRatio, bbox.top, 2 * devicePixelRatio, bbox.height);
-  }
-
-  /** Choose the step under the cursor, unless the user has dragged to zoom. */
-  choose() {
-    const { cursor, select } = this.plot;
-    if (cursor.idx !== null && cursor.idx !== undefined && !select.width) this.options.chosen(this.columns.step[cursor.idx]);
-  }
-
   drawLegend() {
     const swatch = (one) => {
       const image = drawing("svg", { width: 14, height: 10, "aria-hidden": "true" });
@@ -226,7 +205,6 @@ export class Chart {
     else if (event.key === "+" || event.key === "=") this.closer(0.5, steps[place]);
     else if (event.key === "-") this.closer(2, steps[place]);
     else if (event.key === "0" || event.key === "Escape") this.options.zoomed(null);
-    else if (event.key === "Enter") this.choose();
     else return;
     event.preventDefault();
   }

@@ -28,10 +28,9 @@ function least(columns, name) {
 }
 
 export class History {
-  /** failed(error): the zoomed range cannot be loaded; chosen(step): the user picks a step, null: the latest. */
-  constructor(failed, chosen) {
+  /** failed(error): the zoomed range cannot be loaded. */
+  constructor(failed) {
     this.failed = failed;
-    this.chosen = chosen;
     this.loaded = "";
     this.session = null;
     this.window = null;
@@ -47,7 +46,6 @@ export class History {
       threshold: () => this.session?.threshold,
       describe: (columns) => this.describeQuality(columns),
       zoomed,
-      chosen,
     });
     this.iterations = new Chart(byId("iterations"), {
       title: "Coupling iterations a step",
@@ -62,7 +60,6 @@ export class History {
       value: (value) => (value === null || value === undefined ? "–" : String(value)),
       describe: (columns) => `Coupling iterations a step, last ${last(columns.iterations) ?? "none"}. Arrow keys read single steps.`,
       zoomed,
-      chosen,
     });
     this.phases = new Chart(byId("phases"), {
       title: "Time of a move by phase",
@@ -74,13 +71,8 @@ export class History {
       tick: (value) => Number(value.toPrecision(3)).toString(),
       describe: (columns) => `Time of a move by phase, last ${seconds(last(columns.seconds_total))} in all. Arrow keys read single steps.`,
       zoomed,
-      chosen,
     });
     this.charts = [this.quality, this.iterations, this.phases];
-    const pick = (k) => this.columns.step.length && chosen(this.columns.step[k]);
-    byId("scrub").addEventListener("input", (event) => pick(Number(event.target.value)));
-    byId("scrub-worst").addEventListener("click", () => pick(Math.max(0, least(this.columns, "actual_min"))));
-    byId("scrub-latest").addEventListener("click", () => chosen(null));
     byId("all-steps").addEventListener("click", () => this.zoom(null));
     byId("latest-steps").addEventListener("click", () => this.zoom("latest"));
     byId("as-table").addEventListener("toggle", () => this.table());
@@ -159,7 +151,6 @@ export class History {
       chart.window = bounds ? { min: bounds[0], max: bounds[1] } : null;
       chart.show(columns);
     }
-    this.at(this.step ?? null);
     byId("history-table").closest("details").open && this.table();
     this.mark();
   }
@@ -173,18 +164,6 @@ export class History {
     for (const chart of this.charts) chart.zoom(bounds);
     this.mark();
     await this.load().catch((error) => this.failed(error));
-  }
-
-  /** Set the shown step; null: the latest. */
-  at(step) {
-    this.step = step;
-    const { step: steps } = this.columns;
-    const [slider, found] = [byId("scrub"), steps.findIndex((one) => one >= step)];
-    slider.max = Math.max(0, steps.length - 1);
-    slider.value = step === null || found < 0 ? slider.max : found;
-    slider.setAttribute("aria-valuetext", step === null ? "the latest step" : `step ${step}`);
-    byId("scrub-latest").setAttribute("aria-pressed", step === null);
-    for (const chart of this.charts) chart.mark(step);
   }
 
   mark() {
