@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from mesh_motion_server.errors import InvalidInput, SessionError
-from mesh_motion_server.watch.page.overview import Overview
-from mesh_motion_server.watch.page.reading import Reading
+from mesh_motion_server.watch.observation.overview import Overview
+from mesh_motion_server.watch.observation.reading import Reading
 
 __all__ = ["Archive", "as_json"]
 

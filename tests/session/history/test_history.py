@@ -30,8 +30,8 @@ from mesh_motion_server.session.journal.ledger import BoundaryInput
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
 from mesh_motion_server.watch.observation.fold import StepFold
+from mesh_motion_server.watch.observation.followed import Followed
 from mesh_motion_server.watch.observation.steps import digest_of_history
-from mesh_motion_server.watch.page.followed import Followed
 from proofs import kill_nine
 from proofs.check import Budget
 from proofs.driver import SESSION, TOKEN, make_driver, resume_driver

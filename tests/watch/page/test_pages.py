@@ -18,9 +18,9 @@ import pytest
 from histories import refused, resumed_at, write_history
 
 from mesh_motion_server.session.store import SessionStore
+from mesh_motion_server.watch.observation.followed import plain_column
 from mesh_motion_server.watch.page.app import STATIC, Page
 from mesh_motion_server.watch.page.archive import as_json
-from mesh_motion_server.watch.page.followed import plain_column
 from mesh_motion_server.watch.page.guard import is_allowed_host
 from proofs.driver import SESSION, make_driver
 from proofs.stand_in import grid_mesh
@@ -238,7 +238,7 @@ def test_lists_that_wait_are_bounded_and_hold_up_no_other_question(
 def test_a_session_with_a_worker_is_listed_before_many_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for number in range(1, 4):
         stored(tmp_path, 1, session=f"{number}" * 32)
-    monkeypatch.setattr("mesh_motion_server.watch.page.overview._LISTED", 2)
+    monkeypatch.setattr("mesh_motion_server.watch.observation.overview._LISTED", 2)
     page = Page(tmp_path, BUILD)
     assert [one["session"][0] for one in listed(page)] == ["3", "2"]
     page.hear({"missing": "", "sessions": [["1" * 32, "alive", "READY", 1, 1]]})

@@ -8,10 +8,8 @@ from typing import Any
 import pytest
 from histories import write_history
 
-pytest.importorskip("starlette", reason="the extra monitor is not installed")
-
-from mesh_motion_server.watch.page import reading
-from mesh_motion_server.watch.page.reading import Reading
+from mesh_motion_server.watch.observation import reading
+from mesh_motion_server.watch.observation.reading import Reading
 
 STEPS = 400
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from mesh_motion_server.watch.observation.follow import EventTail
-from mesh_motion_server.watch.page.followed import Followed
+from mesh_motion_server.watch.observation.followed import Followed
 
 __all__ = ["Reading"]
 
