@@ -8,7 +8,6 @@ first, so a folder only has results of the last case.
 
 import csv
 import json
-import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from mesh_motion_server.cases.faces import FACES
-from mesh_motion_server.cases.kept import KEPT, Kept
 from mesh_motion_server.cases.records import StepRecord
 from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.numerics.arrays import Floats
@@ -25,7 +23,6 @@ from mesh_motion_server.session.history.events import finite
 
 __all__ = [
     "RESULTS",
-    "remove_ended",
     "remove_results",
     "run_folder",
     "write_points",
@@ -49,37 +46,28 @@ RESULTS = (
 
 
 @contextmanager
-def run_folder(folder: Path, *, resumed: bool) -> Iterator[Kept]:
-    """A folder that receives results during the run; it is removed if there is nothing to keep.
-
-    Yields
-    ------
-    Kept
-        The data to resume the run; removed when the block ends without an error.
+def run_folder(folder: Path) -> Iterator[None]:
+    """A folder that receives results during the block; it is removed if an error leaves nothing to keep.
 
     Raises
     ------
     ResourceError
         If the folder cannot be made or written.
     """
-    kept, made = Kept(folder / KEPT), not folder.exists()
-    if not resumed:
-        remove_results(folder)
-        try:
-            kept.folder.mkdir(mode=0o700, parents=True)
-        except OSError as error:
-            raise _unwritable(folder, error) from None
+    made = not folder.exists()
+    remove_results(folder)
     try:
-        yield kept
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _unwritable(folder, error) from None
+    try:
+        yield
     except BaseException:
-        if not resumed and not (folder / "summary.json").exists():
+        if not (folder / "summary.json").exists():
             remove_results(folder)
             if made:
                 _remove_if_empty(folder)
-        elif kept.is_empty:
-            shutil.rmtree(kept.folder, ignore_errors=True)
         raise
-    shutil.rmtree(kept.folder)
 
 
 def remove_results(folder: Path) -> None:
@@ -94,16 +82,8 @@ def remove_results(folder: Path) -> None:
         for pattern in RESULTS:
             for file in folder.glob(pattern):
                 file.unlink()
-        if (folder / KEPT).exists():
-            shutil.rmtree(folder / KEPT)
     except OSError as error:
         raise _unwritable(folder, error) from None
-
-
-def remove_ended(folder: Path) -> None:
-    """Remove the files that only a run that ended early has."""
-    for name in ("accepted.npy", "refused.vtu"):
-        (folder / name).unlink(missing_ok=True)
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:

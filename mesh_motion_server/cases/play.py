@@ -21,14 +21,13 @@ from mesh_motion_client.session import Report
 from mesh_motion_server import __version__
 from mesh_motion_server.cases.case import Case, read_case
 from mesh_motion_server.cases.driver import open_session
-from mesh_motion_server.cases.kept import Kept
 from mesh_motion_server.cases.motion_program import MotionProgram
-from mesh_motion_server.cases.outputs import SERIES, remove_ended, remove_results, run_folder, write_points
+from mesh_motion_server.cases.outputs import SERIES, remove_results, run_folder, write_points
 from mesh_motion_server.cases.prediction import Prediction, named
 from mesh_motion_server.cases.records import StepRecord, add_seconds
 from mesh_motion_server.cases.refused import write_refused
 from mesh_motion_server.cases.results import Results
-from mesh_motion_server.errors import InvalidInput, MeshMotionError, NumericalError
+from mesh_motion_server.errors import MeshMotionError, NumericalError
 from mesh_motion_server.files import MeshFile, VtuSeries, patch_marks
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
@@ -41,8 +40,6 @@ Progress = Callable[[int, int, StepRecord | None], None]
 
 #: An iteration halves the distance to the step's final displacement, as relaxation by 0.5 does.
 _RELAXATION = 0.5
-#: As a share of the mesh's extent: motions that differ by less than this are the same.
-_AGREEMENT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +76,6 @@ def play(
     progress: Progress | None = None,
     distributed: str | None = None,
     keys: Keys | None = None,
-    resume: bool = False,
 ) -> Played:
     """Play a case and write its results after each step.
 
@@ -97,8 +93,6 @@ def play(
         For a private server: the Dask scheduler of the workers that it computes on.
     keys : Keys, optional
         Keys for a server that requires them.
-    resume : bool
-        Continue after the last committed step of the run that ended early in this folder, for any reason.
 
     Raises
     ------
@@ -108,16 +102,15 @@ def play(
         If the server refuses a step. The folder then has the results of the steps before it, ``accepted.npy`` instead
         of ``points.npy``, and the refused mesh in ``refused.vtu`` and ``quality.png``.
     """
-    if folder.is_dir() and case_file.is_file() and not resume:  # after a misspelt name the earlier results stay
+    if folder.is_dir() and case_file.is_file():  # after a misspelt name the earlier results stay
         remove_results(folder)
     case = read_case(case_file)
     mesh = case.read_mesh()
     program = MotionProgram.of(case, mesh)
     options = () if distributed is None else ("--distributed", distributed)
-    with run_folder(folder, resumed=resume) as kept:
-        opening = open_session(case, mesh, endpoint, kept, resumed=resume, server_options=options, keys=keys)
-        with opening as session:
-            run = _Run(case, mesh, program, session, folder, every, kept)
+    with run_folder(folder):
+        with open_session(case, mesh, endpoint, server_options=options, keys=keys) as session:
+            run = _Run(case, mesh, program, session, folder, every)
             try:
                 for step in run.steps():
                     if progress is not None:
@@ -126,7 +119,6 @@ def play(
                 run.keep(folder, error)
                 raise
             played = run.result()
-        remove_ended(folder)
         write_points(folder, played.points)
         run.write(folder, played.summary)
     return played
@@ -143,18 +135,16 @@ class _Run:
         session: Session,
         folder: Path,
         every: int,
-        kept: Kept,
     ) -> None:
-        self._case, self._mesh, self._program, self._session, self._kept = case, mesh, program, session, kept
+        self._case, self._mesh, self._program, self._session = case, mesh, program, session
         patches = {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
         self._fixed = BoundaryRoles.from_patches(patches).fixed
-        written = [0, *range(every, session.step, every)] if session.step else []
         self._results = Results(
             mesh.points,
             mesh.cell_table,
             program.nodes,
             case.content.method.quality_metric,
-            series=VtuSeries(folder, SERIES, list(map(float, written))),
+            series=VtuSeries(folder, SERIES),
             every=every,
             last=program.count,
             marks=patch_marks(mesh),
@@ -164,33 +154,11 @@ class _Run:
         self._results.warn([f"patch {name!r} is moving but has no motion: it stays" for name in program.still])
         self._results.warn([*mesh.notes, *session.mesh_report.get("warnings", ())])
         self._begin = time.perf_counter()
-        if session.step:
-            self._go_on(session.step)
-        else:
-            self._results.write_mesh(0)
-
-    def _go_on(self, step: int) -> None:
-        """Continue from the kept steps.
-
-        Raises
-        ------
-        InvalidInput
-            If the motion up to this step has changed.
-        """
-        records, self._results.warnings = self._kept.steps(step)
-        self._begin -= sum(record.seconds for record in records)
-        points, target = self._session.points(), self._program.displacement(min(step, self._program.count))
-        extent = float(np.ptp(self._mesh.points, axis=0).max())
-        if not self._boundary_error(points, target) <= records[-1].boundary_error + _AGREEMENT * extent:
-            raise InvalidInput(
-                f"{self._case.path}: the motion up to step {step} is another than the one that was played",
-                hint="put it back, or play from the beginning without --resume",
-            )
-        self._results.restore(records, points, self._kept.worst)
+        self._results.write_mesh(0)
 
     def steps(self) -> Iterator[StepRecord]:
         """Play all steps."""
-        for step in range(len(self._results.records) + 1, self._program.count + 1):
+        for step in range(1, self._program.count + 1):
             yield self._step(step)
 
     def _step(self, step: int) -> StepRecord:
@@ -210,12 +178,10 @@ class _Run:
         quality, error = self._results.judge(points), self._boundary_error(points, target)
         driven = {"iterations": iterations, "boundary_error": error, "seconds": elapsed}
         record = StepRecord.of(step, quality, moved, phases, **driven)
-        self._kept.add(record, self._results.warnings)  # before the commit, so that every committed step is known
         begin = time.perf_counter()
         self._session.commit(final_step=self._program.count)
         record = replace(record, seconds=elapsed + time.perf_counter() - begin)
-        if self._results.take(record, points, quality):
-            self._kept.keep_worst(step, points)
+        self._results.take(record, points, quality)
         return record
 
     def _move(self, step: int, displacement: Floats, report: Report) -> Moved:
@@ -244,13 +210,12 @@ class _Run:
             return
         step, title = done + 1, ""
         told: dict[str, Any] = {"step": step, "message": str(error) or type(error).__name__}
-        remove_ended(folder)
         if refused:
             told |= self._refused(folder, step, error)
             title = f"the refused step {step}"
         if done:
             write_points(folder, self._results.points, "accepted.npy")
-            error.add_note(f"{done} of {self._program.count} steps are kept in {folder}: play --resume goes on")
+            error.add_note(f"{done} of {self._program.count} steps are kept in {folder}")
         self.write(folder, self.result().summary | {"ended_early": told}, title)
 
     def _refused(self, folder: Path, step: int, error: Any) -> dict[str, Any]:

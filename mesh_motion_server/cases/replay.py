@@ -79,7 +79,7 @@ def replay(
     """
     recorded = read_recorded(session_folder)
     last, settings = _last_step(recorded, until), _changed(recorded, changes)
-    with run_folder(folder, resumed=False):
+    with run_folder(folder):
         view, metric = recorded.mesh, str(settings["quality_metric"])
         moving, series = nodes_with(view.patches, ("moving",)), VtuSeries(folder, SERIES)
         results = Results(view.points, view.cells, moving, metric, series=series, every=every, last=last)

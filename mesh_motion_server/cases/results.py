@@ -1,6 +1,6 @@
 """The results of a run while it is made: a record of each step, the mesh series, the worst mesh."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -91,15 +91,6 @@ class Results:
             self.worst = self.snapshot(record.step, points)
         self.write_mesh(record.step)
         return is_worst
-
-    def restore(self, records: list[StepRecord], points: Floats, kept: Callable[[int], Floats | None]) -> None:
-        """Go on after these steps, which led to ``points`` (n, d); ``kept``: step → its points, if they were kept."""
-        self.records, step = records, records[-1].step
-        self.points, self._quality = points, self.judge(points)
-        lowest = self.worst_step
-        worst = points if lowest == step else kept(lowest)
-        self.worst = self.snapshot(lowest, self._reference if worst is None else worst)
-        self.write_mesh(step)  # again: the process may have been killed between the commit and the file
 
     @property
     def worst_step(self) -> int:

@@ -50,15 +50,14 @@ def play(
     key: KeyOption = None,
     server_key: ServerKeyOption = None,
     every: Annotated[int, typer.Option(min=1, metavar="N", help="Write every N-th step to the series.")] = 1,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on behind the last step that is kept in DIR.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print warnings and errors only.")] = False,
 ) -> None:
     """Drive a session through a case, as a coupling code would.
 
     Without --endpoint a private server is started and stopped again. DIR receives summary.json, points.npy, steps.csv,
-    mesh.pvd with its VTU files for ParaView, and quality.png. A run that is refused, interrupted or
-    killed keeps the steps it has made: accepted.npy instead of points.npy, the refused mesh in refused.vtu and
-    quality.png. Change what comes after them, or nothing, and --resume.
+    mesh.pvd with its VTU files for ParaView, and quality.png. A run that is refused or
+    interrupted keeps the steps it has made: accepted.npy instead of points.npy, the refused mesh in refused.vtu and
+    quality.png.
 
     \b
     mesh-motion play examples/thesis_rotation/case.toml --out out/rotation
@@ -82,8 +81,6 @@ def play(
         raise typer.BadParameter("give either CASE.toml or --from-journal", param_hint="CASE.toml")
     if from_journal is None and (assignments or until):
         raise typer.BadParameter("--set and --until need --from-journal; a case has its own settings")
-    if resume and case is None:
-        raise typer.BadParameter("a replay is not resumed; it begins again", param_hint="--resume")
     if distributed is not None and (endpoint is not None or from_journal is not None):
         raise typer.BadParameter("only a private server that plays a case computes with --distributed")
     if out is None:
@@ -114,7 +111,6 @@ def play(
             progress=advance,
             distributed=distributed,
             keys=keys,
-            resume=resume,
         )
     for warning in played.warnings:
         complain(f"warning: {warning}")

@@ -329,7 +329,6 @@ def test_over_the_wire_with_all_results(server: Server, folder: Path, tmp_path: 
     assert {"comparison.json", "summary.json", "steps.csv", "points.npy", "mesh.pvd"} <= {
         path.name for path in out.iterdir()
     }
-    assert not (out / ".session").exists()
     points = np.load(out / "points.npy")
     assert points.shape == comparison.recorded.mesh.points.shape
     rows = list(csv.DictReader((out / "steps.csv").read_text().splitlines()))
