@@ -131,16 +131,10 @@ def _details(inspection: Inspection, history: HistoryDigest) -> Table:
 
 def _history(history: HistoryDigest) -> list[str]:
     """Summary of the recorded history in a few lines."""
-    if not (history.last_step or history.open_step or history.refusals):
+    if not history.spans:
         return ["none"]
     lines = [f"{history.recorded}; replay possible up to step {history.boundary_steps}"]
     if history.worst_quality is not None:
         lines.append(f"worst step {history.worst_step}: minimum {history.metric} {history.worst_quality:.4f}")
-    counts = {
-        "steps corrected": history.corrected_steps,
-        "refusals": history.refusals,
-        "roll-backs": history.rollbacks,
-        "resumptions": history.resumptions,
-        "warnings": history.warnings,
-    }
+    counts = {"corrected": history.corrected_steps, "refusals": history.refusals, "roll-backs": history.rollbacks}
     return [*lines, ", ".join(f"{number} {word}" for word, number in counts.items())]

@@ -173,7 +173,7 @@ def inspect(
         ),
     ] = None,
     step: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="What happened at step N of a session's folder, and why.")
+        int | None, typer.Option(min=1, metavar="N", help="What happened at step N of a session's folder.")
     ] = None,
     endpoint: EndpointOption = None,
     key: KeyOption = None,
