@@ -14,8 +14,9 @@ import pytest
 
 from mesh_motion_server import failpoints
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.failpoints import PLAN, VARIABLE, Fault, activate, failpoint, read_plan
+from mesh_motion_server.failpoints import VARIABLE, activate, failpoint
 from mesh_motion_server.transport.serve import EXIT_CONFIGURATION
+from proofs.failpoint_plan import PLAN, Fault, read_plan
 from proofs.failpoint_table import POINTS
 
 ROOT = Path(failpoints.__file__).parent
