@@ -183,7 +183,7 @@ class Case:
         _check_motions(self.path, self.content)
         for number, motion in enumerate(self.content.motion, start=1):
             _check_vectors(self.path, number, motion.rigid or motion.oscillation, mesh.dimension)
-        return mesh if "periodic" in roles.values() else mesh.with_halo()
+        return mesh
 
 
 def case_name(path: Path) -> str:
