@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.watch.observation.series import PHASES, Series
+from mesh_motion_server.watch.observation.series import Series
 
 __all__ = ["MOST_POINTS", "Followed", "plain_column"]
 
@@ -64,7 +64,7 @@ class Followed:
         if len(found["step"]) and found["step"][-1] < step and (last is None or last >= step):
             newest = self._series.columns(first=step)
             found = {name: np.concatenate([column, newest[name]]) for name, column in found.items()}
-        return {"columns": {name: plain_column(column) for name, column in found.items()}, "phases": PHASES}
+        return {"columns": {name: plain_column(column) for name, column in found.items()}}
 
     def take(self, events: Iterable[Mapping[str, Any]]) -> None:
         """Add the next events; skip incomplete events, which another version may have written."""

@@ -46,8 +46,6 @@ def test_three_sessions_and_what_is_known_of_one(tab: Browser, server: ServerPro
     assert len(tab.texts("#faces tbody tr")) == 5
     assert any("refused" in line or "_" in line for line in tab.texts("#events .code"))
     assert "threshold 0.2" in tab.run("return document.querySelector('#quality .plot').getAttribute('aria-label')")
-    tab.run("document.getElementById('as-table').open = true")
-    assert len(tab.wait(lambda: tab.texts("#history-table tbody tr"), "the table")) == 60
     assert tab.complaints() == []
 
 

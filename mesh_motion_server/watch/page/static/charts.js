@@ -9,7 +9,7 @@ const KEY_SHARE = 0.02;
 const FEW = 40;
 
 /**
- * series: [{name, label, colour (a custom property), width, dash}]; stacked: stacked areas;
+ * series: [{name, label, colour (a custom property), width, dash}];
  * threshold: () => number; range: of y; value: number → text; zoomed(min, max): the user selects these steps.
  */
 export class Chart {
@@ -28,14 +28,6 @@ export class Chart {
 
   get series() {
     return this.options.series;
-  }
-
-  /** Set new series names: new phases may appear during the session. */
-  setSeries(series) {
-    if (series.map((one) => one.name).join() === this.series.map((one) => one.name).join()) return;
-    for (const one of series) if (!this.shown.has(one.name)) this.shown.set(one.name, true);
-    this.options.series = series;
-    this.build();
   }
 
   build() {
@@ -60,7 +52,7 @@ export class Chart {
         { ...axis, size: 26, gap: 4, incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1e3, 2e3, 5e3, 1e4, 2e4, 5e4, 1e5] },
         { ...axis, size: 46, gap: 4, space: 34, values: (_, ticks) => ticks.map(this.options.tick ?? String), incrs: this.options.increments },
       ],
-      series: [{ label: "step" }, ...this.drawnOrder().map((one) => this.line(one))],
+      series: [{ label: "step" }, ...this.series.map((one) => this.line(one))],
       hooks: {
         drawClear: [(plot) => this.drawThreshold(plot)],
         setCursor: [() => this.say()],
@@ -69,15 +61,9 @@ export class Chart {
     };
   }
 
-  /** Stacked areas: the largest sum is drawn first, the next one covers it. */
-  drawnOrder() {
-    return this.options.stacked ? [...this.series].reverse() : this.series;
-  }
-
   line(one) {
     const stroke = css(one.colour);
     const common = { label: one.name, show: this.shown.get(one.name), points: { show: false }, spanGaps: false };
-    if (this.options.stacked) return { ...common, stroke, fill: stroke, width: 0.5 };
     if (this.options.stepped) return { ...common, stroke, fill: `${stroke}40`, width: 1.4, paths: uPlot.paths.stepped({ align: -1 }) };
     return { ...common, stroke, width: one.width ?? 1.2, dash: one.dash, points: { show: () => this.columns.step.length <= FEW, size: 4 } };
   }
@@ -107,13 +93,7 @@ export class Chart {
   data() {
     const columns = this.columns;
     const get = (one) => columns[one.name] ?? new Array(columns.step.length).fill(null);
-    if (!this.options.stacked) return [columns.step, ...this.series.map(get)];
-    let sum = columns.step.map(() => 0);
-    const sums = this.series.map((one) => {
-      if (this.shown.get(one.name)) sum = get(one).map((value, k) => sum[k] + (value ?? 0));
-      return sum;
-    });
-    return [columns.step, ...sums.reverse()];
+    return [columns.step, ...this.series.map(get)];
   }
 
   scaled(plot) {
@@ -149,8 +129,7 @@ export class Chart {
   drawLegend() {
     const swatch = (one) => {
       const image = drawing("svg", { width: 14, height: 10, "aria-hidden": "true" });
-      const solid = this.options.stacked || this.options.stepped;
-      const shape = solid
+      const shape = this.options.stepped
         ? drawing("rect", { width: 10, height: 10, x: 2, rx: 2, fill: css(one.colour) })
         : drawing("line", { x1: 0, x2: 14, y1: 5, y2: 5, stroke: css(one.colour), "stroke-width": Math.max(2, one.width ?? 1.5), "stroke-dasharray": one.dash ? "3 2" : "" });
       image.append(shape);
@@ -173,8 +152,7 @@ export class Chart {
     const shown = !this.shown.get(one.name);
     this.shown.set(one.name, shown);
     button.setAttribute("aria-pressed", shown);
-    this.plot.setSeries(1 + this.drawnOrder().indexOf(one), { show: shown });
-    if (this.options.stacked) this.plot.setData(this.data(), false);
+    this.plot.setSeries(1 + this.series.indexOf(one), { show: shown });
     this.plot.redraw();
     this.say();
   }

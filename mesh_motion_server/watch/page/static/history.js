@@ -1,13 +1,11 @@
-// The charts of a session and the table of their figures; thinned to the screen's resolution, finer when the user zooms.
+// The charts of a session; thinned to the screen's resolution, finer when the user zooms.
 
 import { ask } from "./live.js";
 import { Chart } from "./charts.js";
-import { byId, element, quality, seconds } from "./format.js";
+import { byId, quality, seconds } from "./format.js";
 
 /** Number of requested points: about two per pixel of a wide screen, one of them the minimum of its neighbours. */
 const POINTS = 1500;
-const TABLE_ROWS = 60;
-const PHASES = ["--phase-0", "--phase-1", "--phase-2", "--phase-3", "--phase-4"];
 
 const QUALITY = [
   { name: "actual_min", label: "minimum", colour: "--minimum", width: 1.9 },
@@ -61,21 +59,20 @@ export class History {
       describe: (columns) => `Coupling iterations a step, last ${last(columns.iterations) ?? "none"}. Arrow keys read single steps.`,
       zoomed,
     });
-    this.phases = new Chart(byId("phases"), {
-      title: "Time of a move by phase",
-      height: 124,
-      stacked: true,
-      series: [],
+    this.seconds = new Chart(byId("seconds"), {
+      title: "Time of a step",
+      height: 104,
+      stepped: true,
+      series: [{ name: "seconds_total", label: "all iterations", colour: "--p1" }],
       range: (_, low, high) => [0, high > 0 ? 1.05 * high : 1],
       value: seconds,
       tick: (value) => Number(value.toPrecision(3)).toString(),
-      describe: (columns) => `Time of a move by phase, last ${seconds(last(columns.seconds_total))} in all. Arrow keys read single steps.`,
+      describe: (columns) => `Time of a step, last ${seconds(last(columns.seconds_total))}. Arrow keys read single steps.`,
       zoomed,
     });
-    this.charts = [this.quality, this.iterations, this.phases];
+    this.charts = [this.quality, this.iterations, this.seconds];
     byId("all-steps").addEventListener("click", () => this.zoom(null));
     byId("latest-steps").addEventListener("click", () => this.zoom("latest"));
-    byId("as-table").addEventListener("toggle", () => this.table());
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.charts.forEach((chart) => chart.build()));
   }
 
@@ -141,17 +138,14 @@ export class History {
       asked.set("last", Math.ceil(bounds[1]));
     }
     const reply = await ask(`api/sessions/${session}/series?${asked}`);
-    const { columns, phases } = await reply.json();
+    const { columns } = await reply.json();
     if (session !== this.session.session) return;
-    columns.seconds_rest = columns.seconds_total.map((total, k) => Math.max(0, total - phases.reduce((sum, name) => sum + (columns[`seconds_${name}`][k] ?? 0), 0)));
     this.columns = columns;
     this.loaded = asking;
-    this.phases.setSeries([...phases, "rest"].map((name, k) => ({ name: `seconds_${name}`, label: name, colour: PHASES[k % PHASES.length] })));
     for (const chart of this.charts) {
       chart.window = bounds ? { min: bounds[0], max: bounds[1] } : null;
       chart.show(columns);
     }
-    byId("history-table").closest("details").open && this.table();
     this.mark();
   }
 
@@ -169,24 +163,5 @@ export class History {
   mark() {
     byId("all-steps").setAttribute("aria-pressed", this.window === null);
     byId("latest-steps").setAttribute("aria-pressed", this.window === "latest");
-  }
-
-  table() {
-    if (!byId("as-table").open) return;
-    const { columns } = this;
-    const count = columns.step.length;
-    const chosen = Array.from({ length: Math.min(count, TABLE_ROWS) }, (_, k) => count - 1 - k);
-    const heads = ["step", "minimum", "p1", "p5", "median", "mean", "predicted", "iterations", "seconds", "enrichment"];
-    const cells = (k) => [
-      columns.step[k],
-      ...["actual_min", "actual_p1", "actual_p5", "actual_p50", "actual_mean", "predicted_min"].map((name) => quality(columns[name][k])),
-      columns.iterations[k] ?? "–",
-      seconds(columns.seconds_total[k]),
-      columns.enrichment_points[k] ?? "–",
-    ];
-    byId("history-table").replaceChildren(
-      element("thead", {}, element("tr", {}, ...heads.map((text) => element("th", { scope: "col", text })))),
-      element("tbody", {}, ...chosen.map((k) => element("tr", {}, ...cells(k).map((text) => element("td", { text }))))),
-    );
   }
 }
