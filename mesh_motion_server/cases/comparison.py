@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from mesh_motion_server.cases.recorded import Recorded, StepFigures
+from mesh_motion_server.cases.recorded import Recorded
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.history.events import finite
 from mesh_motion_server.session.replay import maker
-from mesh_motion_server.watch.observation.series import PHASES
+from mesh_motion_server.watch.observation.series import PHASES, Columns
 
 __all__ = ["Agreement", "Comparison", "Replayed", "table_of", "write_comparison"]
 
@@ -28,8 +28,10 @@ class Replayed:
     ----------
     changes : dict
         The settings that differ from the recorded session.
-    figures : list of StepFigures
-        Figures of the computed steps, from step 1 on.
+    columns : dict of str to (s,) arrays
+        The computed steps, from step 1 on, as in :class:`Series`; quality is size-skew.
+    digests : dict of int to bytes
+        Of their states.
     refusal : str
         Why it ended before the last step; empty if it reached the last step.
     stored : (n, d) array or None
@@ -37,7 +39,8 @@ class Replayed:
     """
 
     changes: dict[str, Any]
-    figures: list[StepFigures]
+    columns: Columns
+    digests: dict[int, bytes]
     refusal: str
     stored: Floats | None
 
@@ -115,16 +118,17 @@ class Comparison:
     elsewhere: bool = False
 
     @cached_property
-    def recorded_figures(self) -> list[StepFigures]:
-        """The recorded figures of the compared steps, where available."""
-        figures = self.recorded.figures
-        return [figures[step] for step in range(1, self.last + 1) if step in figures]
+    def recorded_steps(self) -> Columns:
+        """The recorded steps that are compared, where events are there."""
+        columns = self.recorded.columns
+        return {name: column[columns["step"] <= self.last] for name, column in columns.items()}
 
     @property
-    def replayed_figures(self) -> list[StepFigures]:
-        """The replay's steps that have recorded figures; all steps if no figures are recorded."""
-        known = {found.step for found in self.recorded_figures}
-        return [found for found in self.run.figures if found.step in known or not known]
+    def replayed_steps(self) -> Columns:
+        """The replay's steps that are recorded; all steps if none is."""
+        columns, known = self.run.columns, self.recorded_steps["step"]
+        kept = np.isin(columns["step"], known) if len(known) else np.ones(len(columns["step"]), dtype=bool)
+        return {name: column[kept] for name, column in columns.items()}
 
     @property
     def makers(self) -> list[str]:
@@ -145,9 +149,9 @@ class Comparison:
     @property
     def notes(self) -> list[str]:
         """Notes that a reader needs to understand the figures."""
-        notes, known = [*self.recorded.notes, self.unpromised], [found.step for found in self.recorded_figures]
+        notes, known = [*self.recorded.notes, self.unpromised], self.recorded_steps["step"]
         if len(known) < self.last:
-            span = f"steps {known[0]} to {known[-1]}" if known else "no step"
+            span = f"steps {known[0]:.0f} to {known[-1]:.0f}" if len(known) else "no step"
             notes.append(f"events are there of {len(known)} of {self.last} steps ({span}): only those are summed up")
         return [note for note in notes if note]
 
@@ -155,8 +159,7 @@ class Comparison:
     def agreement(self) -> Agreement:
         """Whether the replay reached the recorded states; a missing step counts as different."""
         known = {step: digest for step in range(1, self.last + 1) if (digest := self.recorded.digest(step))}
-        made = {found.step: found for found in self.run.figures}
-        differing = [step for step, digest in known.items() if step not in made or made[step].digest != digest]
+        differing = [step for step, digest in known.items() if self.run.digests.get(step) != digest]
         first = differing[0] if differing else 0
         stored, distance = self.recorded.stored, None
         if stored is not None and self.run.stored is not None:
@@ -166,8 +169,8 @@ class Comparison:
             compared=len(known),
             equal=len(known) - len(differing),
             first_difference=first,
-            recorded_min=self.recorded.figures.get(first, StepFigures(first)).min_quality,
-            replayed_min=made.get(first, StepFigures(first)).min_quality,
+            recorded_min=_minimum(self.recorded.columns, first),
+            replayed_min=_minimum(self.run.columns, first),
             stored_step=stored[0] if stored is not None and distance is not None else 0,
             distance=distance,
         )
@@ -191,42 +194,49 @@ class Comparison:
             "recorded_by": "; ".join(self.makers),
             "replayed_by": "" if self.elsewhere else maker(),
             "notes": self.notes,
-            "recorded": _summary(self.recorded_figures),
-            "replayed": _summary(self.replayed_figures),
+            "recorded": _summary(self.recorded_steps),
+            "replayed": _summary(self.replayed_steps),
             "digests": asdict(agreement) | {"exact": agreement.exact, "says": str(agreement)},
-            "recorded_steps": [_plain(found, self.recorded.digest(found.step)) for found in self.recorded_figures],
-            "replayed_steps": [_plain(found, found.digest) for found in self.run.figures],
+            "recorded_steps": _rows(self.recorded_steps, self.recorded.digest),
+            "replayed_steps": _rows(self.run.columns, self.run.digests.__getitem__),
         }
         plain: dict[str, Any] = finite(values)
         return plain
 
 
-def _plain(found: StepFigures, digest: bytes) -> dict[str, Any]:
-    return asdict(found) | {"digest": digest.hex()}
+def _rows(columns: Columns, digest: Callable[[int], bytes]) -> list[dict[str, Any]]:
+    """A dictionary for each step."""
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*(c.tolist() for c in columns.values()), strict=True)]
+    return [row | {"step": int(row["step"]), "digest": digest(int(row["step"])).hex()} for row in rows]
 
 
-def _summary(figures: Sequence[StepFigures]) -> dict[str, Any]:
+def _minimum(columns: Columns, step: int) -> float:
+    """The minimum after a step; NaN if not known."""
+    found = columns["actual_min"][columns["step"] == step]
+    return float(found[0]) if len(found) else math.nan
+
+
+def _summary(columns: Columns) -> dict[str, Any]:
     """A run in one column; qualities are size-skew of the committed coordinates, NaN where they are not known."""
-    known = [found for found in figures if math.isfinite(found.min_quality)]
-    worst = min(known, key=lambda found: found.min_quality, default=StepFigures(0))
-    means = [found.mean_quality for found in known if math.isfinite(found.mean_quality)]
+    minima, means = columns["actual_min"], columns["actual_mean"]
+    worst = int(np.nanargmin(minima)) if np.isfinite(minima).any() else -1
     return {
-        "steps": len(figures),
-        "min_quality": worst.min_quality,
-        "worst_step": worst.step,
-        "mean_quality": sum(means) / len(means) if means else math.nan,
-        "corrections": sum(found.corrected for found in figures),
-        "enrichment_points": sum(found.enrichment_points for found in figures),
-        "moves": sum(found.moves for found in figures),
-        "refusals": sum(found.refusals for found in figures),
-        "seconds": {phase: sum(found.seconds[phase] for found in figures) for phase in PHASES},
-        "seconds_total": sum(found.seconds_total for found in figures),
+        "steps": len(minima),
+        "min_quality": float(minima[worst]) if worst >= 0 else math.nan,
+        "worst_step": int(columns["step"][worst]) if worst >= 0 else 0,
+        "mean_quality": float(np.nanmean(means)) if np.isfinite(means).any() else math.nan,
+        "corrections": int(np.count_nonzero((columns["enrichment_points"] > 0) | (columns["freed_nodes"] > 0))),
+        "enrichment_points": int(np.nansum(columns["enrichment_points"])),
+        "moves": int(columns["iterations"].sum()),
+        "refusals": int(columns["refusals"].sum()),
+        "seconds": {phase: float(columns[f"seconds_{phase}"].sum()) for phase in PHASES},
+        "seconds_total": float(columns["seconds_total"].sum()),
     }
 
 
 def table_of(comparison: Comparison) -> Table:
     """The printed table: the recorded session, then the replay."""
-    run, columns = comparison.run, [_summary(comparison.recorded_figures), _summary(comparison.replayed_figures)]
+    run, columns = comparison.run, [_summary(comparison.recorded_steps), _summary(comparison.replayed_steps)]
     columns[1]["refusals"] += bool(run.refusal)
     table = Table("", "recorded", run.name, box=None, pad_edge=False)
     table.add_row("steps", *(str(c["steps"]) for c in columns))

@@ -17,7 +17,7 @@ from mesh_motion_client import MeshMotionError as ClientError
 from mesh_motion_server import __version__
 from mesh_motion_server.cases.comparison import Comparison, Replayed, write_comparison
 from mesh_motion_server.cases.outputs import SERIES, run_folder, write_points
-from mesh_motion_server.cases.recorded import Recorded, StepFigures, read_recorded
+from mesh_motion_server.cases.recorded import Recorded, read_recorded
 from mesh_motion_server.cases.records import StepRecord
 from mesh_motion_server.cases.results import Results
 from mesh_motion_server.errors import InvalidInput, MeshMotionError
@@ -26,6 +26,7 @@ from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.roles import nodes_with
 from mesh_motion_server.session.history.boundary import BoundaryStep
 from mesh_motion_server.settings import MethodSettings
+from mesh_motion_server.watch.observation.series import Series, of_metric
 
 __all__ = ["Runner", "replay", "replay_steps"]
 
@@ -85,16 +86,16 @@ def replay(
         results = Results(view.points, view.cells, moving, metric, series=series, every=every, last=last)
         results.write_mesh(0)
 
-        def seen(boundary: BoundaryStep, moved: Any, found: StepFigures, points: Floats) -> None:
+        def seen(boundary: BoundaryStep, moved: Any, points: Floats) -> None:
             base = view.points if boundary.frame == "reference" else results.points
             gap = points[moving] - (base[moving] + boundary.rows)
             quality, error = results.judge(points), float(np.sqrt((gap**2).sum(axis=1)).max())
-            driven = {"iterations": 1, "boundary_error": error, "seconds": found.seconds_total}
-            record = StepRecord.of(found.step, quality, moved, found.seconds, **driven)
+            driven = {"iterations": 1, "boundary_error": error, "seconds": moved.seconds["total"]}
+            record = StepRecord.of(boundary.step, quality, moved, moved.seconds, **driven)
             results.warn(list(moved.warnings))
             results.take(record, points, quality)
             if progress is not None:
-                progress(found.step, last, record)
+                progress(boundary.step, last, record)
 
         with _session(recorded, settings, endpoint, keys) as session:
             run = replay_steps(recorded, changes, session, last, seen)
@@ -119,21 +120,21 @@ def replay_steps(
     changes: Mapping[str, Any],
     session: Runner,
     last: int,
-    seen: Callable[[BoundaryStep, Any, StepFigures, Floats], None],
+    seen: Callable[[BoundaryStep, Any, Floats], None],
 ) -> Replayed:
     """Play the steps 1 … ``last``; stop at a refused step.
 
     Parameters
     ----------
     seen : callable
-        Called for each step with the boundary motion, MOVED, the figures and the coordinates (n, d).
+        Called for each step with the boundary motion, MOVED and the coordinates (n, d).
     """
     reference = points = recorded.mesh.points
-    figures: list[StepFigures] = []
+    series, digests = Series(), {}
     stored: Floats | None = None
     refusal = ""
     for step in range(1, last + 1):
-        boundary, found = recorded.log.read(step), StepFigures(step)
+        boundary = recorded.log.read(step)
         try:
             moved = session.move(boundary.rows, frame=boundary.frame, report="faces")
         except (MeshMotionError, ClientError) as error:
@@ -142,14 +143,17 @@ def replay_steps(
             refusal = f"step {step} refused: {error.code}: {error.message}"
             break
         committed = session.commit()
-        found.take_motion(moved.quality, moved.correction, moved.seconds)
-        found.take_commit(committed.quality, committed.digest)
+        told = {"quality": moved.quality, "correction": moved.correction, "seconds": moved.seconds, "iteration": 1}
+        told["seconds_total"] = moved.seconds["total"]
+        series.add({"event": "moved", "step": step} | told)
+        done = {"event": "committed", "step": step, "at": 0.0, "quality": committed.quality}
+        series.add(of_metric(done, "size-skew"))
+        digests[step] = committed.digest
         points = (reference if boundary.frame == "reference" else points) + moved.displacement
-        figures.append(found)
         if recorded.stored is not None and step == recorded.stored[0]:
             stored = points
-        seen(boundary, moved, found, points)
-    return Replayed(dict(changes), figures, refusal, stored)
+        seen(boundary, moved, points)
+    return Replayed(dict(changes), series.columns(), digests, refusal, stored)
 
 
 @contextmanager

@@ -124,13 +124,12 @@ def test_the_same_settings_give_the_same_bits_at_every_step(mode: str, level: st
     assert agreement.exact
     assert (agreement.compared, agreement.first_difference, agreement.distance) == (STEPS, 0, 0.0)
     assert comparison.broken_promise() == ""
-    for step, found in enumerate(run.figures, start=1):
-        before = recorded.figures[step]
-        assert (found.step, found.digest, found.min_quality) == (step, before.digest, before.min_quality)
-        assert (found.predicted_min, found.enrichment_points) == (before.predicted_min, before.enrichment_points)
-    assert any(found.corrected for found in run.figures)
-    assert [recorded.figures[step].refusals for step in range(1, STEPS + 1)] == [0, 0, 1, 0, 0, 0]
-    assert recorded.figures[1].moves == 3
+    assert run.digests == {step: recorded.digest(step) for step in range(1, STEPS + 1)}
+    for name in ("step", "actual_min", "actual_mean", "predicted_min", "enrichment_points", "freed_nodes"):
+        np.testing.assert_array_equal(run.columns[name], recorded.columns[name])
+    assert (run.columns["freed_nodes"] > 0).any()
+    assert recorded.columns["refusals"].tolist() == [0, 0, 1, 0, 0, 0]
+    assert recorded.columns["iterations"][0] == 3
 
 
 @pytest.fixture(scope="module")
@@ -203,8 +202,8 @@ def test_other_settings_are_compared_and_no_promise_is_broken(recorded: Recorded
 def test_a_refused_step_is_the_end_and_is_told(recorded: Recorded, tmp_path: Path) -> None:
     comparison = replayed(recorded, tmp_path, correction="none", quality_threshold=0.6, refuse_below_threshold=True)
     run = comparison.run
-    assert len(run.figures) < STEPS
-    assert f"step {len(run.figures) + 1} refused: FAILED_PRECONDITION.QUALITY" in run.refusal
+    assert len(run.digests) < STEPS
+    assert f"step {len(run.digests) + 1} refused: FAILED_PRECONDITION.QUALITY" in run.refusal
     assert not comparison.agreement.exact
     assert table_of(comparison).row_count == 14
 
@@ -266,8 +265,8 @@ def test_what_does_not_verify_ends_the_replay_before_it_begins(folder: Path, tmp
 
 
 def test_only_steps_whose_events_are_there_are_summed_up(recorded: Recorded, tmp_path: Path) -> None:
-    figures = {step: found for step, found in recorded.figures.items() if step > 3}
-    comparison = replayed(replace(recorded, figures=figures), tmp_path)
+    columns = {name: column[recorded.columns["step"] > 3] for name, column in recorded.columns.items()}
+    comparison = replayed(replace(recorded, columns=columns), tmp_path)
     values = comparison.as_dict()
     assert values["recorded"]["steps"] == values["replayed"]["steps"] == STEPS - 3
     assert values["recorded"]["mean_quality"] == values["replayed"]["mean_quality"]

@@ -11,7 +11,7 @@ import numpy as np
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.watch.observation.fold import Place, StepFold, number_of
 
-__all__ = ["COLUMNS", "PHASES", "QUALITY", "Columns", "Series", "thinned"]
+__all__ = ["COLUMNS", "PHASES", "QUALITY", "Columns", "Series", "of_metric", "thinned"]
 
 #: Statistics of a distribution.
 QUALITY = ("min", "p1", "p5", "p50", "mean")
@@ -182,3 +182,17 @@ def thinned(columns: Columns, most: int) -> Columns:
     for names, over in ((_SUMS, np.add), (_LARGEST, np.fmax), (_LEAST, np.fmin)):
         thin |= {name: over.reduceat(columns[name], edges[:-1]) for name in names}
     return thin
+
+
+def of_metric(event: Mapping[str, Any], metric: str) -> Mapping[str, Any]:
+    """The event with another metric's numbers instead of those of the session's metric."""
+    key = metric.replace("-", "_")
+    if event["event"] == "committed":
+        return {**event, "quality": {**event["quality"], "metric": event["quality"].get(key, {})}}
+    if event["event"] == "moved":
+        quality = event["quality"]
+        others = {
+            which: {**quality[which], "metric": quality[which].get(key, {})} for which in ("standard", "corrected")
+        }
+        return {**event, "quality": {**quality, **others}}
+    return event

@@ -18,7 +18,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.spec import SPEC, StoredSpec, spec_bytes
 from mesh_motion_server.watch.observation.follow import events_in_brief
-from mesh_motion_server.watch.observation.series import COLUMNS, PHASES, Columns, Series, thinned
+from mesh_motion_server.watch.observation.series import COLUMNS, PHASES, Columns, Series, of_metric, thinned
 from mesh_motion_server.watch.terminal.text import plain
 
 __all__ = [
@@ -171,7 +171,7 @@ def _read_recorded(folder: Path, metric: str | None) -> Run:
         if event["event"] == "refused" and isinstance(event.get("step"), int):
             refused.append(event["step"])
         with suppress(KeyError, TypeError, AttributeError):  # another version may have written it
-            series.add(_of_metric(event, metric) if metric else event)
+            series.add(of_metric(event, metric) if metric else event)
     if not len(series):
         raise InvalidInput(
             f"{folder}: its history has no committed step",
@@ -181,20 +181,6 @@ def _read_recorded(folder: Path, metric: str | None) -> Run:
     known = columns["threshold"][np.isfinite(columns["threshold"])]
     threshold = float(known[-1]) if metric in (None, own) and len(known) else None
     return Run(label_of(folder), metric or own, threshold, columns, tuple(refused))
-
-
-def _of_metric(event: Mapping[str, Any], metric: str) -> Mapping[str, Any]:
-    """The event with another metric's numbers instead of those of the session's metric."""
-    key = metric.replace("-", "_")
-    if event["event"] == "committed":
-        return {**event, "quality": {**event["quality"], "metric": event["quality"].get(key, {})}}
-    if event["event"] == "moved":
-        quality = event["quality"]
-        others = {
-            which: {**quality[which], "metric": quality[which].get(key, {})} for which in ("standard", "corrected")
-        }
-        return {**event, "quality": {**quality, **others}}
-    return event
 
 
 # --- played cases ----------------------------------------------------------------------------------------------------
