@@ -119,7 +119,7 @@ def draw_front_picture(path: Path, outcomes: Sequence[Outcome]) -> None:
             ):
                 lowest, inverted = played.summary["min_size_skew"], played.summary["inverted_cells"]
                 title = f"{label}: lowest size-skew {lowest:.3f}, {inverted} inverted"
-                title = f"{outcome.case.title}\n{title}" if row == 0 else title
+                title = f"{outcome.title}\n{title}" if row == 0 else title
                 window = choose_window(played.before, played.worst, None)
                 colours = draw_mesh(axes[row, column], played.worst, None, title, window, page)
                 axes[row, column].set(xticks=[], yticks=[], title=title)
