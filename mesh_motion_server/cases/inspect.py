@@ -17,9 +17,6 @@ from mesh_motion_server.watch.observation.steps import HistoryDigest, digest_of_
 
 __all__ = ["Found", "inspect_folder", "inspect_step", "list_sessions"]
 
-#: Number of journal records that are shown; a journal may have thousands.
-_LAST_RECORDS = 8
-
 
 @dataclass(frozen=True)
 class Found:
@@ -121,11 +118,6 @@ def _details(inspection: Inspection, history: HistoryDigest) -> Table:
         table.add_row("check", f"{check.name}: {'verified' if check.passed else check.message}")
     for line in _history(history):
         table.add_row("history", line)
-    hidden = len(inspection.records) - _LAST_RECORDS
-    if hidden > 0:
-        table.add_row("records", f"{hidden} earlier ones")
-    for record in inspection.records[-_LAST_RECORDS:]:
-        table.add_row("record", f"{record.sequence} at {record.offset}: {record.kind}, {record.says}")
     return table
 
 

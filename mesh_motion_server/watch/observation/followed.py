@@ -57,11 +57,11 @@ class Followed:
             "told": self._counted,
         }
 
-    def series(self, first: int | None, last: int | None, points: int) -> dict[str, Any]:
-        """Columns of the steps first … last, inclusive, thinned to ``points`` points and the latest step."""
-        found = self._series.columns(min(points, MOST_POINTS), first=first, last=last)
+    def series(self, first: int | None, points: int) -> dict[str, Any]:
+        """Columns of the steps from ``first`` on, thinned to ``points`` points and the latest step."""
+        found = self._series.columns(min(points, MOST_POINTS), first=first)
         step = self._committed.get("step", 0)
-        if len(found["step"]) and found["step"][-1] < step and (last is None or last >= step):
+        if len(found["step"]) and found["step"][-1] < step:
             newest = self._series.columns(first=step)
             found = {name: np.concatenate([column, newest[name]]) for name, column in found.items()}
         return {"columns": {name: plain_column(column) for name, column in found.items()}}

@@ -94,20 +94,19 @@ class Series:
         if take is not None:
             take(event)
 
-    def columns(self, most: int | None = None, *, first: int | None = None, last: int | None = None) -> Columns:
+    def columns(self, most: int | None = None, *, first: int | None = None) -> Columns:
         """Columns of one length, by name.
 
         Parameters
         ----------
-        first, last : int, optional
-            Steps outside this range are left out.
+        first : int, optional
+            Steps before it are left out.
         most : int, optional
             See :func:`thinned`.
         """
         steps = self._table[: self._count, 0]
         begin = 0 if first is None else int(np.searchsorted(steps, first))
-        end = self._count if last is None else int(np.searchsorted(steps, last, side="right"))
-        table = self._table[begin:end].copy()
+        table = self._table[begin : self._count].copy()
         columns = {name: table[:, number] for number, name in enumerate(COLUMNS)}
         return columns if most is None else thinned(columns, most)
 

@@ -88,9 +88,9 @@ class Page:
 
     async def _series(self, request: Request) -> Response:
         archive, session, asked = self._archive, request.path_params["session"], request.query_params
-        first, last = (integer(asked.get(name), lambda: None) for name in ("first", "last"))
+        first = integer(asked.get("first"), lambda: None)
         points = max(1, integer(asked.get("points"), lambda: _POINTS))
-        return await self._json(request, archive.histories, lambda: archive.series(session, first, last, points))
+        return await self._json(request, archive.histories, lambda: archive.series(session, first, points))
 
     async def _mesh(self, request: Request) -> Response:
         archive, session, dark = self._archive, request.path_params["session"], "dark" in request.query_params

@@ -60,11 +60,11 @@ class Archive:
         followed = self._follow(session)
         return self._answer(followed, (session,), followed.detail)
 
-    def series(self, session: str, first: int | None, last: int | None, points: int) -> bytes:
+    def series(self, session: str, first: int | None, points: int) -> bytes:
         """Its series, JSON; in the thread ``histories``."""
         followed = self._follow(session)
-        asked = (session, first, last, points)
-        return self._answer(followed, asked, lambda: followed.series(first, last, points))
+        asked = (session, first, points)
+        return self._answer(followed, asked, lambda: followed.series(first, points))
 
     def mesh(self, session: str, *, dark: bool) -> tuple[bytes, float]:
         """Its stored mesh as PNG, and the seconds until a newer one is drawn; in the thread ``meshes``."""

@@ -64,7 +64,7 @@ class FolderSource:
             self._reading = session, Reading(folder)
         reading = self._reading[1]
         reading.catch_up()
-        columns = reading.series(None, None, _POINTS)["columns"]
+        columns = reading.series(None, _POINTS)["columns"]
         found = zip(columns["actual_min"], columns["step"], strict=True)
         value, step = min((pair for pair in found if pair[0] is not None), default=(None, None))
         return reading.detail() | {

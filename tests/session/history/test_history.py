@@ -467,7 +467,7 @@ def test_what_was_built_stays_when_its_segment_goes(store: SessionStore) -> None
     page = Followed()
     page.take(events)
     assert page.built == built | {"kept": True}
-    assert page.series(None, None, 1000)["columns"]["step"] == steps
+    assert page.series(None, 1000)["columns"]["step"] == steps
 
 
 def test_a_refusal_behind_what_was_kept_belongs_to_its_own_step(tmp_path: Path) -> None:

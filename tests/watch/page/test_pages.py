@@ -149,15 +149,15 @@ def test_many_who_ask_start_no_further_reading(tmp_path: Path, monkeypatch: pyte
     assert readings == [1]
 
 
-def test_series_are_thinned_to_minima_and_closer_within_a_window(client: Any) -> None:
+def test_series_are_thinned_to_minima_and_the_latest_are_not(client: Any) -> None:
     whole = client.get(f"/api/sessions/{SESSION}/series?points=10000").json()["columns"]
     thin = client.get(f"/api/sessions/{SESSION}/series?points=30").json()["columns"]
     assert (len(whole["step"]), whole["step"][-1], thin["step"][-1]) == (600, 600, 600)
     assert len(thin["step"]) in (30, 31)  # and the latest
     assert min(thin["actual_min"]) == min(whole["actual_min"])
-    near = client.get(f"/api/sessions/{SESSION}/series?points=1500&first=100&last=110").json()["columns"]
-    assert near["step"] == list(range(100, 111))
-    assert near["actual_min"] == whole["actual_min"][99:110]
+    latest = client.get(f"/api/sessions/{SESSION}/series?points=1500&first=500").json()["columns"]
+    assert latest["step"] == list(range(500, 601))
+    assert latest["actual_min"] == whole["actual_min"][499:]
 
 
 def test_long_answers_are_compressed_for_who_takes_them_so(client: Any) -> None:
@@ -304,7 +304,7 @@ def test_half_a_character_is_told_as_an_escape() -> None:
         ("/manifest", 404),
         (f"/api/sessions/{SESSION}/series?points=many", 400),
         (f"/api/sessions/{SESSION}/series?first=-1", 400),
-        (f"/api/sessions/{SESSION}/series?points=0&last=9999999999999999999", 400),
+        (f"/api/sessions/{SESSION}/series?points=0&first=9999999999999999999", 400),
     ],
 )
 def test_what_is_not_there_is_not_there(client: Any, path: str, status: int) -> None:

@@ -10,7 +10,7 @@ const FEW = 40;
 
 /**
  * series: [{name, label, colour (a custom property), width, dash}];
- * threshold: () => number; range: of y; value: number → text; zoomed(min, max): the user selects these steps.
+ * threshold: () => number; range: of y; value: number → text.
  */
 export class Chart {
   constructor(host, options) {
@@ -46,7 +46,7 @@ export class Chart {
       height: this.options.height,
       padding: [8, 10, 0, 0],
       legend: { show: false },
-      cursor: { sync: { key: "steps" }, drag: { x: true, y: false }, points: { size: 6 }, y: false },
+      cursor: { sync: { key: "steps" }, drag: { x: false, y: false }, points: { size: 6 }, y: false },
       scales: { x: { time: false }, y: { range: this.options.range } },
       axes: [
         { ...axis, size: 26, gap: 4, incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1e3, 2e3, 5e3, 1e4, 2e4, 5e4, 1e5] },
@@ -56,7 +56,6 @@ export class Chart {
       hooks: {
         drawClear: [(plot) => this.drawThreshold(plot)],
         setCursor: [() => this.say()],
-        setScale: [(plot, key) => key === "x" && this.scaled(plot)],
       },
     };
   }
@@ -71,15 +70,9 @@ export class Chart {
   show(columns) {
     this.columns = columns;
     this.plot.setData(this.data(), false);
-    this.plot.setScale("x", this.window ?? this.whole());
+    this.plot.setScale("x", this.whole());
     this.frame.setAttribute("aria-label", this.options.describe(columns));
     this.say();
-  }
-
-  /** The requested steps, or all steps: [first, last]. */
-  zoom(window) {
-    this.window = window ? { min: window[0], max: window[1] } : null;
-    this.plot.setScale("x", this.window ?? this.whole());
   }
 
   whole() {
@@ -94,13 +87,6 @@ export class Chart {
     const columns = this.columns;
     const get = (one) => columns[one.name] ?? new Array(columns.step.length).fill(null);
     return [columns.step, ...this.series.map(get)];
-  }
-
-  scaled(plot) {
-    const { min, max } = plot.scales.x;
-    if (min === null || max === null) return;
-    const asked = this.window ?? this.whole();
-    if (Math.abs(min - asked.min) + Math.abs(max - asked.max) > 1e-9) queueMicrotask(() => this.options.zoomed([min, max]));
   }
 
   drawThreshold(plot) {
@@ -175,22 +161,16 @@ export class Chart {
   key(event) {
     const steps = this.columns.step;
     if (!steps.length || event.ctrlKey || event.metaKey || event.altKey) return;
-    const { min, max } = this.plot.scales.x;
     const place = this.plot.cursor.idx ?? steps.length - 1;
-    const leap = Math.max(1, Math.round((event.shiftKey ? 5 : 1) * KEY_SHARE * steps.length * ((max - min) / (steps.at(-1) - steps[0] || 1))));
+    const leap = Math.max(1, Math.round((event.shiftKey ? 5 : 1) * KEY_SHARE * steps.length));
     const moves = { ArrowLeft: place - leap, ArrowRight: place + leap, Home: 0, End: steps.length - 1 };
     if (event.key in moves) this.point(Math.min(steps.length - 1, Math.max(0, moves[event.key])));
-    else if (event.key === "+" || event.key === "=") this.closer(0.5, steps[place]);
-    else if (event.key === "-") this.closer(2, steps[place]);
-    else if (event.key === "0" || event.key === "Escape") this.options.zoomed(null);
     else return;
     event.preventDefault();
   }
 
   point(k) {
-    const { min, max } = this.plot.scales.x;
     const step = this.columns.step[k];
-    if (step < min || step > max) this.options.zoomed([Math.min(step, min), Math.max(step, max)]);
     this.plot.setCursor({ left: this.plot.valToPos(step, "x"), top: 10 });
     this.frame.setAttribute("aria-label", `${this.options.title}, step ${step}: ${this.spoken(k)}`);
   }
@@ -198,14 +178,5 @@ export class Chart {
   spoken(k) {
     const shown = this.series.filter((one) => this.shown.get(one.name));
     return shown.map((one) => `${one.label} ${this.options.value(this.columns[one.name]?.[k])}`).join(", ");
-  }
-
-  closer(factor, centre) {
-    const whole = this.whole();
-    const { min, max } = this.plot.scales.x;
-    const half = Math.max(2, (factor * (max - min)) / 2);
-    const low = Math.max(whole.min, centre - half);
-    const high = Math.min(whole.max, centre + half);
-    this.options.zoomed(low <= whole.min && high >= whole.max ? null : [low, high]);
   }
 }

@@ -1,4 +1,4 @@
-// The charts of a session; thinned to the screen's resolution, finer when the user zooms.
+// The charts of a session; thinned to the screen's resolution, or the latest ones, each of them.
 
 import { ask } from "./live.js";
 import { Chart } from "./charts.js";
@@ -6,6 +6,7 @@ import { byId, quality, seconds } from "./format.js";
 
 /** Number of requested points: about two per pixel of a wide screen, one of them the minimum of its neighbours. */
 const POINTS = 1500;
+const LATEST = 100;
 
 const QUALITY = [
   { name: "actual_min", label: "minimum", colour: "--minimum", width: 1.9 },
@@ -26,14 +27,13 @@ function least(columns, name) {
 }
 
 export class History {
-  /** failed(error): the zoomed range cannot be loaded. */
+  /** failed(error): the steps cannot be loaded. */
   constructor(failed) {
     this.failed = failed;
     this.loaded = "";
     this.session = null;
-    this.window = null;
+    this.latest = false;
     this.columns = { step: [] };
-    const zoomed = (window) => this.zoom(window);
     this.quality = new Chart(byId("quality"), {
       title: "Quality over steps",
       height: 236,
@@ -43,7 +43,6 @@ export class History {
       tick: (value) => value.toFixed(value === Math.round(10 * value) / 10 ? 1 : 2),
       threshold: () => this.session?.threshold,
       describe: (columns) => this.describeQuality(columns),
-      zoomed,
     });
     this.iterations = new Chart(byId("iterations"), {
       title: "Coupling iterations a step",
@@ -57,7 +56,6 @@ export class History {
       increments: [1, 2, 5, 10, 20, 50, 100],
       value: (value) => (value === null || value === undefined ? "–" : String(value)),
       describe: (columns) => `Coupling iterations a step, last ${last(columns.iterations) ?? "none"}. Arrow keys read single steps.`,
-      zoomed,
     });
     this.seconds = new Chart(byId("seconds"), {
       title: "Time of a step",
@@ -68,11 +66,10 @@ export class History {
       value: seconds,
       tick: (value) => Number(value.toPrecision(3)).toString(),
       describe: (columns) => `Time of a step, last ${seconds(last(columns.seconds_total))}. Arrow keys read single steps.`,
-      zoomed,
     });
     this.charts = [this.quality, this.iterations, this.seconds];
-    byId("all-steps").addEventListener("click", () => this.zoom(null));
-    byId("latest-steps").addEventListener("click", () => this.zoom("latest"));
+    byId("all-steps").addEventListener("click", () => this.turn(false));
+    byId("latest-steps").addEventListener("click", () => this.turn(true));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.charts.forEach((chart) => chart.build()));
   }
 
@@ -92,20 +89,16 @@ export class History {
 
   /** Show another session, or news of this one; changed series are fetched. */
   async follow(session) {
-    const anew = session.session !== this.session?.session || session.whole !== this.session.whole;
-    if (session.session !== this.session?.session) this.window = null;
+    if (session.session !== this.session?.session) this.latest = false;
     this.session = session;
-    // past steps do not change
-    if (!anew && this.loaded && Array.isArray(this.window) && this.window[1] < (last(this.columns.step) ?? 0)) return;
     if (versioned(session) !== this.loaded) await this.load();
   }
 
-  bounds() {
-    if (this.window === "latest") {
-      const step = this.session.step;
-      return [Math.max(0, step - 100), Math.max(step, 1)];
-    }
-    return this.window;
+  /** Show the latest steps, or all. */
+  async turn(latest) {
+    this.latest = latest;
+    this.mark();
+    if (this.session) await this.load().catch((error) => this.failed(error));
   }
 
   /** At most one request at a time; changes in the meantime are requested after it. */
@@ -131,37 +124,19 @@ export class History {
   async fetch() {
     const { session } = this.session;
     const asking = versioned(this.session);
-    const bounds = this.bounds();
     const asked = new URLSearchParams({ points: POINTS });
-    if (bounds) {
-      asked.set("first", Math.floor(bounds[0]));
-      asked.set("last", Math.ceil(bounds[1]));
-    }
+    if (this.latest) asked.set("first", Math.max(0, this.session.step - LATEST, (last(this.columns.step) ?? 0) - LATEST));
     const reply = await ask(`api/sessions/${session}/series?${asked}`);
     const { columns } = await reply.json();
     if (session !== this.session.session) return;
     this.columns = columns;
     this.loaded = asking;
-    for (const chart of this.charts) {
-      chart.window = bounds ? { min: bounds[0], max: bounds[1] } : null;
-      chart.show(columns);
-    }
+    for (const chart of this.charts) chart.show(columns);
     this.mark();
-  }
-
-  async zoom(window) {
-    const whole = this.quality.whole();
-    if (Array.isArray(window)) window = [Math.max(0, window[0]), Math.min(Math.max(window[1], window[0] + 1), Math.max(this.session?.step ?? 1, whole.max))];
-    this.window = window;
-    if (!this.session) return;
-    const bounds = this.bounds();
-    for (const chart of this.charts) chart.zoom(bounds);
-    this.mark();
-    await this.load().catch((error) => this.failed(error));
   }
 
   mark() {
-    byId("all-steps").setAttribute("aria-pressed", this.window === null);
-    byId("latest-steps").setAttribute("aria-pressed", this.window === "latest");
+    byId("all-steps").setAttribute("aria-pressed", !this.latest);
+    byId("latest-steps").setAttribute("aria-pressed", this.latest);
   }
 }

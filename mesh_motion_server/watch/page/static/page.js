@@ -149,16 +149,14 @@ class Page {
   }
 
   /** The data of a session that is not (or no longer) in the list stay visible. */
-  async without(chosen) {
+  without(chosen) {
     if (!chosen) return;
     const known = this.known && this.detailed === chosen ? { ...this.known, step: this.stepOf(this.known, this.detail), minimum: this.detail.actual.min ?? null } : this.known;
-    const isNew = await this.absent.look(chosen, known, this.sessions);
-    if (chosen !== this.chosen) return;
+    this.absent.tell(chosen, known, this.sessions);
     byId("trouble").hidden = true;
     this.key = ""; // it may come back
     this.mesh.leave();
-    if (!isNew || !this.known) return;
-    this.say({ kind: this.absent.discarded ? "discarded" : "not listed", tone: "warn", why: "", since: 0 }, this.known);
+    if (this.known) this.say({ kind: "not listed", tone: "warn", why: "", since: 0 }, this.known);
   }
 
   /** A session with many steps per second is updated every two seconds. */
