@@ -44,9 +44,7 @@ def await_list(tab: Browser, *names: str) -> None:
 SELECTED = "return [...document.querySelectorAll('#sessions [aria-selected=true]')].map((row) => row.dataset.session)"
 
 
-def test_a_session_that_is_gone_is_told_and_not_swapped(
-    tab: Browser, server: ServerProcess, tmp_path: Path
-) -> None:
+def test_a_session_that_is_gone_is_told_and_not_swapped(tab: Browser, server: ServerProcess, tmp_path: Path) -> None:
     show(tab, server, FLAG)
     kept = tmp_path / "kept"
     shutil.move(folder_of(server, FLAG), kept)
