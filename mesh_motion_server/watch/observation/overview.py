@@ -15,6 +15,15 @@ __all__ = ["Overview"]
 _LISTED = 200
 #: Values for a session that the supervisor does not know.
 _NOBODY = ("", "none")
+#: What is not known of a session whose mesh is not stored.
+_UNKNOWN: dict[str, Any] = {
+    "label": "",
+    "built": False,
+    "durability": "",
+    "spark": [],
+    "recorded": False,
+} | dict.fromkeys(("dimension", "partitions", "committed_at", "hourly", "minimum", "threshold", "changed_at"))
+_UNKNOWN |= {"final_step": 0, "iteration": 0}
 
 
 class Overview:
@@ -87,26 +96,5 @@ class Overview:
 def _unbuilt(live: list[Any]) -> dict[str, Any]:
     """A session whose mesh is not stored."""
     session, worker, state, step, epoch = live
-    return {
-        "session": session,
-        "label": "",
-        "built": False,
-        "dimension": None,
-        "partitions": None,
-        "durability": "",
-        "state": state,
-        "worker": worker,
-        "step": step,
-        "minimum_of": step,
-        "committed_at": None,
-        "hourly": None,
-        "final_step": 0,
-        "iteration": 0,
-        "minimum": None,
-        "threshold": None,
-        "spark": [],
-        "recorded": False,
-        "version": f"new-{epoch}-{state}",
-        "changed_at": None,
-        "verdict": asdict(verdict(Recent(), 0.0)),
-    }
+    told = {"session": session, "worker": worker, "state": state, "step": step, "minimum_of": step}
+    return _UNKNOWN | told | {"version": f"new-{epoch}-{state}", "verdict": asdict(verdict(Recent(), 0.0))}

@@ -1,8 +1,7 @@
 """The sessions of a state folder and their states, from their folders alone."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.session.history.events import FOLDER
@@ -56,8 +55,6 @@ class SessionView:
         Unix time of the last event, or of the folder's last change if there is no event.
     recorded : bool
         Whether it has a history.
-    owner : str
-        Public key of the client that opened it; empty without keys.
     """
 
     session: str
@@ -71,11 +68,6 @@ class SessionView:
     held: bool | None
     changed_at: float
     recorded: bool
-    owner: str
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values, as for JSON."""
-        return asdict(self)
 
 
 class Sessions:
@@ -102,12 +94,6 @@ class Sessions:
         found = [self._view(stored.session, held) for stored in self._store.sessions()]
         return sorted((view for view in found if view is not None), key=lambda view: -view.changed_at)
 
-    def view(self, session: str) -> SessionView | None:
-        """One session; None if there is none."""
-        if session not in self._store.names():
-            return None
-        return self._view(session, _held_inodes())
-
     def _view(self, session: str, held: set[int] | None) -> SessionView | None:
         folder = self.folder / session
         try:
@@ -130,7 +116,6 @@ class Sessions:
             held=is_held,
             changed_at=changed_at,
             recorded=(folder / FOLDER).is_dir(),
-            owner=stored.owner,
         )
 
     def _durability(self, folder: Path) -> str:
