@@ -11,9 +11,9 @@ from rich.text import Text
 
 from mesh_motion_server.errors import SessionError
 from mesh_motion_server.watch.observation.series import PHASES
-from mesh_motion_server.watch.observation.verdict import Verdict, server_gone
+from mesh_motion_server.watch.observation.verdict import Verdict, duration, server_gone
 from mesh_motion_server.watch.terminal.sources import FolderSource
-from mesh_motion_server.watch.terminal.text import age, number, plain
+from mesh_motion_server.watch.terminal.text import number, plain
 
 __all__ = ["Look", "look_at", "rendered", "values_of", "without_server"]
 
@@ -93,9 +93,9 @@ def _table(look: Look, most_rows: int) -> Table:
     for place, entry in enumerate(look.sessions[first : first + most_rows], start=first):
         stands, held = Verdict(**entry["verdict"]), entry["worker"] != "none"
         # for a running session this is the time of the last commit, which has its own column
-        since = age(now - stands.since) if stands.since and stands.kind != "running" else ""
+        since = duration(now - stands.since) if stands.since and stands.kind != "running" else ""
         step, end = entry["step"], entry["final_step"]
-        committed = f"{age(now - entry['committed_at'])} ago" if entry["committed_at"] else ""
+        committed = f"{duration(now - entry['committed_at'])} ago" if entry["committed_at"] else ""
         table.add_row(
             Text("●" if held else "○", style="green" if held else "dim"),
             Text(plain(entry["label"]) or "–", style="bold" if place == look.chosen else ""),

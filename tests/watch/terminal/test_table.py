@@ -15,7 +15,7 @@ from mesh_motion_server.errors import SessionError
 from mesh_motion_server.watch.observation.verdict import Verdict
 from mesh_motion_server.watch.terminal.sources import FolderSource
 from mesh_motion_server.watch.terminal.table import Look, look_at, rendered, values_of, without_server
-from mesh_motion_server.watch.terminal.text import age, number, plain
+from mesh_motion_server.watch.terminal.text import number, plain
 
 MakeSession = Callable[..., Path]
 
@@ -41,9 +41,8 @@ def test_every_character_there_is() -> None:
     assert all(letter.isprintable() for letter in shown)
 
 
-def test_numbers_and_ages() -> None:
+def test_numbers() -> None:
     assert (number(None), number(float("nan")), number(0.12345)) == ("–", "–", "0.123")
-    assert [age(s) for s in (-3, 59.9, 61, 3600, 86400 * 61)] == ["0 s", "59 s", "1 min", "1 h", "61 d"]
 
 
 def shown(look: Look, most_rows: int | None = None, width: int = 80) -> list[str]:

@@ -1,4 +1,4 @@
-// One chart over steps: uPlot inside, around it a legend of buttons, keys, and a text description for screen readers.
+// One chart over steps: uPlot inside, around it a legend, keys, and a text description for screen readers.
 
 import { css, drawing, element } from "./format.js";
 
@@ -16,7 +16,6 @@ export class Chart {
   constructor(host, options) {
     this.host = host;
     this.options = options;
-    this.shown = new Map(options.series.map((one) => [one.name, true]));
     this.columns = { step: [] };
     this.legend = element("div", { class: "chart-legend" });
     this.frame = element("div", { class: "plot", tabindex: "0", role: "img", "aria-label": options.title });
@@ -62,7 +61,7 @@ export class Chart {
 
   line(one) {
     const stroke = css(one.colour);
-    const common = { label: one.name, show: this.shown.get(one.name), points: { show: false }, spanGaps: false };
+    const common = { label: one.name, points: { show: false }, spanGaps: false };
     if (this.options.stepped) return { ...common, stroke, fill: `${stroke}40`, width: 1.4, paths: uPlot.paths.stepped({ align: -1 }) };
     return { ...common, stroke, width: one.width ?? 1.2, dash: one.dash, points: { show: () => this.columns.step.length <= FEW, size: 4 } };
   }
@@ -123,23 +122,12 @@ export class Chart {
     };
     this.values = new Map();
     this.at = element("span", { class: "at" });
-    const buttons = this.series.map((one) => {
+    const keys = this.series.map((one) => {
       const value = element("span", { class: "value" });
       this.values.set(one.name, value);
-      const button = element("button", { type: "button", "aria-pressed": this.shown.get(one.name) }, swatch(one), one.label, value);
-      button.addEventListener("click", () => this.toggle(one, button));
-      return button;
+      return element("span", { class: "key" }, swatch(one), one.label, value);
     });
-    this.legend.replaceChildren(...buttons, this.at);
-    this.say();
-  }
-
-  toggle(one, button) {
-    const shown = !this.shown.get(one.name);
-    this.shown.set(one.name, shown);
-    button.setAttribute("aria-pressed", shown);
-    this.plot.setSeries(1 + this.series.indexOf(one), { show: shown });
-    this.plot.redraw();
+    this.legend.replaceChildren(...keys, this.at);
     this.say();
   }
 
@@ -150,7 +138,7 @@ export class Chart {
     const k = under ?? steps.length - 1;
     if (!this.at || k < 0 || k >= steps.length) return;
     this.at.textContent = under === null || under === undefined ? "" : `step ${steps[k]}`;
-    for (const [name, cell] of this.values) cell.textContent = this.shown.get(name) ? this.options.value(this.columns[name]?.[k]) : "";
+    for (const [name, cell] of this.values) cell.textContent = this.options.value(this.columns[name]?.[k]);
   }
 
   resize() {
@@ -176,7 +164,6 @@ export class Chart {
   }
 
   spoken(k) {
-    const shown = this.series.filter((one) => this.shown.get(one.name));
-    return shown.map((one) => `${one.label} ${this.options.value(this.columns[one.name]?.[k])}`).join(", ");
+    return this.series.map((one) => `${one.label} ${this.options.value(this.columns[one.name]?.[k])}`).join(", ");
   }
 }
