@@ -57,13 +57,4 @@ def changes_of(assignments: Sequence[str]) -> dict[str, Any]:
             changes[key] = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
             changes[key] = value
-        if isinstance(changes[key], int) and not isinstance(changes[key], bool) and _is_real(key):
-            changes[key] = float(changes[key])
     return changes
-
-
-def _is_real(key: str) -> bool:
-    """Return whether the setting is a real number: then 1 means 1.0."""
-    from mesh_motion_server.numerics.method import KEYS
-
-    return key in KEYS and KEYS[key].kind is float

@@ -313,7 +313,6 @@ def test_what_cannot_be_replayed_says_why(folder: Path, tmp_path: Path) -> None:
 def test_assignments() -> None:
     changes = changes_of(["support_radius=1", "max_enrichment_points=3", "correction=none", "allow_invalid = true"])
     assert changes == {"support_radius": 1.0, "max_enrichment_points": 3, "correction": "none", "allow_invalid": True}
-    assert isinstance(changes["support_radius"], float)
     for wrong in ("support_radius", "=1", "basis="):
         with pytest.raises(InvalidInput, match="expected a setting as key=value"):
             changes_of([wrong])
