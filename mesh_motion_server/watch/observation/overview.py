@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from mesh_motion_server.watch.observation.sessions import Sessions, SessionView, rests
+from mesh_motion_server.watch.observation.sessions import Sessions, SessionView
 from mesh_motion_server.watch.observation.verdict import Latest, Recent, verdict
 
 __all__ = ["Overview"]
@@ -64,8 +64,8 @@ class Overview:
         if live is not None:
             worker = live[1]
             state, step = (live[2], max(step, live[3])) if worker == "alive" else (state, step)
-        if worker == "none" and rests(state, held=False):
-            state = "READY"
+        if worker == "none" and state in ("TRIAL", "COMMITTING"):
+            state = "READY"  # a trial ends with its worker
         minima = [None if math.isnan(commit.minimum) else round(commit.minimum, 6) for commit in recent.commits]
         return {
             "session": view.session,

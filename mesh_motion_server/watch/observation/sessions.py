@@ -11,7 +11,7 @@ from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.watch.observation.follow import last_event
 
-__all__ = ["SessionView", "Sessions", "rests"]
+__all__ = ["SessionView", "Sessions"]
 
 #: The state of a session after its last event.
 _STATES = {
@@ -28,13 +28,6 @@ _STATES = {
 }
 #: Events of the step after the committed one; the others name the committed one, or none.
 _AHEAD = ("moved", "rolled_back")
-#: In these states a session that no process holds can be resumed: a trial ends with its worker.
-_WITHOUT_WORKER = (State.READY, State.TRIAL, State.COMMITTING)
-
-
-def rests(state: str, held: bool | None) -> bool:
-    """Whether a session is at rest: no process holds it (``held`` False), and it is not suspended, closed or failed."""
-    return held is False and state in _WITHOUT_WORKER
 
 
 @dataclass(frozen=True)

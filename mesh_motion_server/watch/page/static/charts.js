@@ -16,6 +16,7 @@ export class Chart {
   constructor(host, options) {
     this.host = host;
     this.options = options;
+    this.series = options.series;
     this.columns = { step: [] };
     this.legend = element("div", { class: "chart-legend" });
     this.frame = element("div", { class: "plot", tabindex: "0", role: "img", "aria-label": options.title });
@@ -23,10 +24,6 @@ export class Chart {
     this.frame.addEventListener("keydown", (event) => this.key(event));
     new ResizeObserver(() => this.resize()).observe(host);
     this.build();
-  }
-
-  get series() {
-    return this.options.series;
   }
 
   build() {

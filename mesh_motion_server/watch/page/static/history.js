@@ -97,7 +97,6 @@ export class History {
   /** Show the latest steps, or all. */
   async turn(latest) {
     this.latest = latest;
-    this.mark();
     if (this.session) await this.load().catch((error) => this.failed(error));
   }
 
@@ -132,10 +131,6 @@ export class History {
     this.columns = columns;
     this.loaded = asking;
     for (const chart of this.charts) chart.show(columns);
-    this.mark();
-  }
-
-  mark() {
     byId("all-steps").setAttribute("aria-pressed", !this.latest);
     byId("latest-steps").setAttribute("aria-pressed", this.latest);
   }
