@@ -4,7 +4,7 @@ import { ask } from "./live.js";
 import { byId, write } from "./format.js";
 
 const SECONDS = 3;
-/** Pause as a multiple of the time to load, and its maximum: a slow connection is not overloaded. */
+/** Pause as a multiple of the time of the transfer, and its maximum: a slow connection is not overloaded. */
 const [REST, LONGEST_SECONDS] = [9, 60];
 /** Time after which a failed request is repeated. */
 const RETRY_SECONDS = 15;
@@ -58,9 +58,9 @@ export class MeshPanel {
     this.stale = false;
     let pause = SECONDS;
     const { session } = this.session;
-    const begun = performance.now();
     try {
       const reply = await ask(`api/sessions/${session}/mesh.png${this.dark.matches ? "?dark" : ""}`);
+      const begun = performance.now(); // of the transfer: the server has a pace of its own for drawing
       const address = await addressOf(await reply.blob());
       if (session === this.session.session) this.show(address);
       pause = Math.min(LONGEST_SECONDS, Math.max(SECONDS, (REST * (performance.now() - begun)) / 1000));
