@@ -1,6 +1,6 @@
 """Inspect the sessions of a running server, or those stored in a folder."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +67,7 @@ def inspect_folder(folder: Path) -> Found:
     """
     if (folder / SPEC).is_file():
         inspection, history = inspect_session(folder), digest_of_history(folder)
-        values = inspection.as_dict() | {"history": history.as_dict()}
+        values = asdict(inspection) | {"history": asdict(history)}
         return Found(values, _details(inspection, history), _damaged([inspection]))
     sessions = folder / "sessions"
     if not sessions.is_dir():
@@ -76,7 +76,7 @@ def inspect_folder(folder: Path) -> Found:
             hint="a state folder has a folder 'sessions'; serve --state DIR chooses it",
         )
     found = [inspect_session(path) for path in sorted(sessions.iterdir()) if (path / SPEC).is_file()]
-    values = {"folder": str(folder), "sessions": [inspection.as_dict() for inspection in found]}
+    values = {"folder": str(folder), "sessions": [asdict(inspection) for inspection in found]}
     return Found(values, _overview(folder, found), _damaged(found))
 
 
@@ -91,7 +91,8 @@ def inspect_step(folder: Path, step: int) -> Found:
     if not (folder / SPEC).is_file():
         raise InvalidInput(f"{folder}: not a session's folder", hint="give one of those below STATE FOLDER/sessions")
     story = tell_step(folder, step)
-    return Found({"session": folder.name} | story.as_dict(), Text("\n".join(story.lines)), [])
+    values = {"session": folder.name, "step": step, "outcome": story.outcome, "events": story.events}
+    return Found(values, Text("\n".join(story.lines)), [])
 
 
 def _damaged(found: list[Inspection]) -> list[str]:

@@ -36,10 +36,6 @@ class Story:
     lines: list[str]
     events: list[Event]
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values, as for JSON."""
-        return {"step": self.step, "outcome": self.outcome, "events": self.events}
-
 
 def tell_step(session_folder: Path, step: int) -> Story:
     """The story of a recorded step.

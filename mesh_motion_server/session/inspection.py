@@ -6,7 +6,7 @@ unfinished.
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -63,10 +63,6 @@ class Inspection:
     digest: str
     state: str
     checks: tuple[Check, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values, as for JSON."""
-        return asdict(self)
 
 
 def inspect_session(folder: Path | str) -> Inspection:

@@ -1,6 +1,7 @@
 """The story of a step: what an engineer asks is in it."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -153,7 +154,7 @@ def test_a_history_in_short(folder: Path) -> None:
     assert (digest.refusals, digest.rollbacks) == (11, 11)
     assert digest.corrected_steps == sum(lowest_quality(step) < 0.2 for step in range(1, 1101))
     assert digest.worst_quality == 0.205
-    json.dumps(digest.as_dict())
+    json.dumps(asdict(digest))
 
 
 def test_of_a_stored_session(tmp_path: Path) -> None:

@@ -76,11 +76,6 @@ class Sessions:
         self._store = SessionStore(state_folder)
         self._listing = Listing(PosixFileSystem())
 
-    @property
-    def folder(self) -> Path:
-        """The folder that has one folder per session."""
-        return self._store.root / "sessions"
-
     def views(self) -> list[SessionView]:
         """All built sessions, the last changed first."""
         held = _held_inodes()
@@ -88,7 +83,7 @@ class Sessions:
         return sorted((view for view in found if view is not None), key=lambda view: -view.changed_at)
 
     def _view(self, session: str, held: set[int] | None) -> SessionView | None:
-        folder = self.folder / session
+        folder = self._store.root / "sessions" / session
         try:
             stored, event = self._store.describe(session), last_event(folder, _STATES)
             changed_at = float(event["at"]) if event else folder.stat().st_mtime

@@ -1,6 +1,6 @@
 """Summarize the steps of a history, and list all events of one step."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -45,10 +45,6 @@ class HistoryDigest:
     refusals: int
     rollbacks: int
     boundary_steps: int
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values, as for JSON."""
-        return asdict(self)
 
     @property
     def recorded(self) -> str:
