@@ -1,8 +1,8 @@
 """What the monitor page costs a step: ``python -m benchmarks.monitor_page [--side N] [--browsers N] [--pairs N]``.
 
 One session of a real server steps on, each step a Move and a commit of a mesh of triangles. For blocks of some seconds
-browsers look at it, each as the page does: the stream, every two seconds the session and its series, every three its
-mesh; for blocks in between nobody looks. The medians of neighbouring blocks are compared pair by pair.
+browsers look at it, each as the page does: the list every second, every two seconds the session and its series, every
+three its mesh; for blocks in between nobody looks. The medians of neighbouring blocks are compared pair by pair.
 Beside it the processor time of the page's process: where other cores are free, nothing of it is the step's.
 """
 
@@ -30,8 +30,8 @@ from proofs.stand_in import grid_mesh
 __all__ = ["main"]
 
 _BLOCK_SECONDS = 8.0
-#: The page asks no more often than this.
-_LOOK_SECONDS, _MESH_SECONDS = 2.0, 3.0
+#: What the page asks for, and how often at most.
+_SECONDS = {"": 1.0, "/{}": 2.0, "/{}/series?points=1500": 2.0, "/{}/mesh.png": 3.0}
 _TICK = os.sysconf("SC_CLK_TCK")
 
 
@@ -44,28 +44,18 @@ class _Browser(threading.Thread):
         self._over = threading.Event()
 
     def run(self) -> None:
-        stream, asked = (http.client.HTTPConnection(self._address, timeout=60) for _ in range(2))
-        stream.request("GET", "/api/live")
-        lines, look_due, mesh_due = stream.getresponse(), 0.0, 0.0
-        while not self._over.is_set():
-            if not lines.readline().startswith(b"event: sessions"):
-                continue
-            lines.readline()
-            if time.monotonic() < look_due:
-                continue
-            look_due = time.monotonic() + _LOOK_SECONDS
-            paths = ["", "/series?points=1500"]
-            if time.monotonic() >= mesh_due:
-                mesh_due = time.monotonic() + _MESH_SECONDS
-                paths.append("/mesh?have=")
-            for path in paths:
-                asked.request("GET", f"/api/sessions/{self._session}{path}")
-                asked.getresponse().read()
-        stream.close()
+        asked = http.client.HTTPConnection(self._address, timeout=60)
+        due = dict.fromkeys(_SECONDS, 0.0)
+        while not self._over.wait(0.1):
+            for path, seconds in _SECONDS.items():
+                if time.monotonic() >= due[path]:
+                    due[path] = time.monotonic() + seconds
+                    asked.request("GET", "/api/sessions" + path.format(self._session))
+                    asked.getresponse().read()
         asked.close()
 
     def stop(self) -> None:
-        """At the next change."""
+        """At the next question."""
         self._over.set()
 
 

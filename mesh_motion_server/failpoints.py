@@ -2,78 +2,31 @@
 
 ``failpoint("journal.commit.slot-synced")`` stands where a crash, an error or a delay would hurt most; without
 :data:`VARIABLE` in the environment of the process it does nothing. The variable names a folder of the operator's own
-(0700), and nothing that comes over a socket reaches it. Its file ``plan`` says what happens where, and may be replaced
-while the server runs::
-
-    journal.commit.slot-synced=kill@3; worker.bound=sleep:0.4@1; journal.epoch.start=raise:EIO@1
-
-At the third passage of the first point, counted over all processes of the server, the process that passes is killed as
-by ``kill -9``. ``sleep`` takes seconds, ``raise`` the name of an errno (then it is an OSError), MemoryError or
-RuntimeError. Every passage of a point adds a byte to the folder's file of its name: so the count outlives the process
-that it ended, and whoever plans sees what was passed. Removing the files starts the count again.
-
-All names are in :data:`~mesh_motion_server.failpoint_table.POINTS`; a plan with another one is refused.
+(0700) with a plan of what happens where; nothing that comes over a socket reaches it. What happens at a point is not
+part of the package: ``proofs/failpoint_plan.py`` of a checkout does it.
 """
 
-from __future__ import annotations
-
-import errno
 import os
-import re
-import signal
-import stat
-import time
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.failpoint_table import POINTS
 
-__all__ = ["PLAN", "VARIABLE", "Fault", "activate", "deactivate", "failpoint", "read_plan"]
+__all__ = ["VARIABLE", "activate", "deactivate", "failpoint"]
 
 #: Environment variable with the folder of plan and counts.
 VARIABLE = "MESH_MOTION_FAILPOINTS"
-PLAN = "plan"
+_PLAN = "proofs.failpoint_plan"
 
-_ENTRY = re.compile(r"(?P<point>[^=\s]+)=(?P<action>kill|sleep|raise)(:(?P<value>[^@]+))?@(?P<hit>[1-9][0-9]*)")
-_ERRORS: Mapping[str, type[Exception]] = {"MemoryError": MemoryError, "RuntimeError": RuntimeError}
-_CODES = {name: code for code, name in errno.errorcode.items()}
-
-
-@dataclass(frozen=True)
-class Fault:
-    """What happens at one passage of a point.
-
-    Attributes
-    ----------
-    action : {"kill", "sleep", "raise"}
-    value : str
-        Seconds, or the error's name.
-    hit : int
-        At which passage, from 1.
-    """
-
-    action: str
-    value: str
-    hit: int
-
-    def strike(self) -> None:
-        """Cause the fault."""
-        if self.action == "kill":
-            os.kill(os.getpid(), signal.SIGKILL)
-        elif self.action == "sleep":
-            time.sleep(float(self.value))
-        elif self.value in _ERRORS:
-            raise _ERRORS[self.value]("a failpoint says so")
-        else:
-            raise OSError(_CODES[self.value], os.strerror(_CODES[self.value]))
+#: What is called at each point, if anything.
+_PASSED: list[Callable[[str], None]] = []
 
 
 def failpoint(name: str) -> None:
     """A point that a plan may name; nothing happens unless :func:`activate` was called."""
-    if _ACTIVE:
-        _ACTIVE[0].passed(name)
+    if _PASSED:
+        _PASSED[0](name)
 
 
 def activate(environment: Mapping[str, str] = os.environ) -> Path | None:
@@ -82,91 +35,20 @@ def activate(environment: Mapping[str, str] = os.environ) -> Path | None:
     Raises
     ------
     InvalidInput
-        If the folder is not a folder of this user, or its plan is invalid.
+        If the folder is not a folder of this user, its plan is invalid, or this is no checkout.
     """
     named = environment.get(VARIABLE)
     if not named:
         return None
+    try:
+        plan = import_module(_PLAN)
+    except ModuleNotFoundError:
+        raise InvalidInput(f"{VARIABLE}: only a checkout, with its proofs, has failpoints") from None
     folder = Path(named)
-    if not folder.is_dir() or stat.S_IMODE(folder.stat().st_mode) & 0o077:
-        raise InvalidInput(f"{VARIABLE}: {folder} is not a folder that only its owner may enter", hint="mkdir -m 700")
-    active = _Active(folder)
-    active.refresh()
-    _ACTIVE[:] = [active]
+    _PASSED[:] = [plan.of_folder(folder)]
     return folder
 
 
 def deactivate() -> None:
     """Disable all points in this process."""
-    _ACTIVE.clear()
-
-
-def read_plan(text: str) -> dict[str, Fault]:
-    """Return the faults of a plan by point.
-
-    Raises
-    ------
-    InvalidInput
-        With the invalid entry, or the point that does not exist.
-    """
-    faults = {}
-    for entry in filter(None, (part.strip() for part in text.split(";"))):
-        match = _ENTRY.fullmatch(entry)
-        if match is None or not _sound(match["action"], match["value"] or ""):
-            raise InvalidInput(
-                f"failpoints: expected POINT=kill@HIT, POINT=sleep:SECONDS@HIT or POINT=raise:ERROR@HIT, got {entry!r}",
-                hint=f"ERROR is an errno's name such as EIO, or {' or '.join(_ERRORS)}",
-            )
-        if match["point"] not in POINTS:
-            raise InvalidInput(f"there is no failpoint {match['point']!r}", hint="failpoint_table.py lists them")
-        faults[match["point"]] = Fault(match["action"], match["value"] or "", int(match["hit"]))
-    return faults
-
-
-def _sound(action: str, value: str) -> bool:
-    """Return whether the value is valid for the action."""
-    if action == "kill":
-        return not value
-    if action == "sleep":
-        return re.fullmatch(r"[0-9]+(\.[0-9]+)?", value) is not None
-    return value in _ERRORS or value in _CODES
-
-
-class _Active:
-    """A folder's plan, read again whenever it is replaced."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._version: tuple[int, int] | None = None
-        self._faults: dict[str, Fault] = {}
-
-    def refresh(self) -> None:
-        """Read the plan if it has changed."""
-        path = self._folder / PLAN
-        try:
-            found = path.stat()
-            version = (found.st_ino, found.st_mtime_ns)
-            if version != self._version:
-                self._faults, self._version = read_plan(path.read_text(encoding="ascii")), version
-        except FileNotFoundError:
-            self._faults, self._version = {}, None
-
-    def passed(self, name: str) -> None:
-        """Count a passage, and cause its fault."""
-        self.refresh()
-        number, fault = self._count(name), self._faults.get(name)
-        if fault is not None and fault.hit == number:
-            fault.strike()
-
-    def _count(self, name: str) -> int:
-        """Return the number of this passage: the position of the byte that was added for it."""
-        handle = os.open(self._folder / name, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        try:
-            os.write(handle, b".")
-            return os.lseek(handle, 0, os.SEEK_CUR)
-        finally:
-            os.close(handle)
-
-
-#: The folder in force, if any.
-_ACTIVE: list[_Active] = []
+    _PASSED.clear()

@@ -6,8 +6,9 @@ import signal
 from pathlib import Path
 from typing import Any
 
-from mesh_motion_server.failpoints import PLAN, VARIABLE
+from mesh_motion_server.failpoints import VARIABLE
 from proofs.check import BrokenPromise
+from proofs.failpoint_plan import PLAN
 from proofs.stand_in_server import StandInServer
 
 __all__ = ["FailingServer"]

@@ -18,11 +18,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 
-from mesh_motion_server.failpoint_table import POINTS
 from mesh_motion_server.session.journal.files import read_journal, verify_state
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from proofs.check import BrokenPromise, Budget, Check, Result, require
 from proofs.failing_server import FailingServer
+from proofs.failpoint_table import POINTS
 from proofs.persistent_holder import PARTITIONS
 from proofs.persistent_user import PersistentUser
 from proofs.stand_in import grid_mesh, split_mesh

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import settings
 
 from mesh_motion_server import failpoints
+from proofs.failpoint_plan import PLAN
 
 #: Examples that hypothesis draws for a test: `make test` takes the first, `make test-all` the second.
 settings.register_profile("few", max_examples=25, deadline=None)
@@ -59,7 +60,7 @@ def plan_fault(tmp_path: Path) -> Iterator[Callable[[str], None]]:
 
     def plan(text: str) -> None:
         (folder / "next").write_text(text)
-        (folder / "next").replace(folder / failpoints.PLAN)
+        (folder / "next").replace(folder / PLAN)
 
     yield plan
     failpoints.deactivate()

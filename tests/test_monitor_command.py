@@ -62,7 +62,7 @@ def test_a_pipe_gets_one_look_as_plain_text(state: Path) -> None:
         "no process holds a session",
         "wing �[31mred�",
         "at rest",
-        "of the last 120 steps",
+        "the lowest is",
         "refused MOVE",
     ):
         assert wanted in out, wanted
@@ -74,9 +74,9 @@ def test_json_has_what_a_program_needs(state: Path) -> None:
     assert status == 0
     values = json.loads(out)
     assert values["sessions"][0]["label"] == NASTY
-    assert values["chosen"]["steps"] == 120
+    assert values["chosen"]["read"] == 1
     assert values["chosen"]["last"]["step"] == 120
-    assert {message["kind"] for message in values["chosen"]["messages"]} == {"refused", "warning"}
+    assert {message["event"] for message in values["chosen"]["notable"]} == {"refused", "warning"}
 
 
 @pytest.mark.parametrize(
@@ -84,9 +84,6 @@ def test_json_has_what_a_program_needs(state: Path) -> None:
     [
         (["/no/such/folder", "--once"], 69, "/no/such/folder: the folder is not there (yet)"),
         (["{state}", "--session", "nobody"], 4, "no session 'nobody'; there are wing"),
-        (["--endpoint", "tcp://127.0.0.1:9", "--once"], 69, "no server answers at tcp://127.0.0.1:9"),
-        (["--endpoint", "nonsense", "--once"], 2, "endpoint must be tcp://HOST:PORT"),
-        (["{state}", "--endpoint", "tcp://127.0.0.1:9"], 2, "give either FOLDER or --endpoint"),
     ],
 )
 def test_what_cannot_be_shown_is_said(state: Path, arguments: list[str], status: int, said: str) -> None:

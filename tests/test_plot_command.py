@@ -1,7 +1,7 @@
 """``mesh-motion plot`` as people meet it."""
 
+import re
 from pathlib import Path
-from xml.etree import ElementTree as Xml
 
 import pytest
 from typer.testing import CliRunner
@@ -31,7 +31,7 @@ def plot(*arguments: object) -> tuple[int, str]:
 def test_a_picture_is_made_of_the_steps_asked_for(run_folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "new" / "a.svg"
     assert plot(run_folder, "--out", out, "--steps", "2:4", "--size", "90x60", "--title", "Flag") == (0, "")
-    texts = ["".join(text.itertext()) for text in Xml.parse(out).getroot().iter("{http://www.w3.org/2000/svg}text")]
+    texts = re.findall("<!-- (.*?) -->", out.read_text(encoding="utf-8"))  # of outlines
     assert {"Flag", "size-skew", "step", "minimum", "mean"} <= set(texts)
     assert {"2", "3", "4"} <= set(texts)
     assert "5" not in texts

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
-VENDOR = ROOT / "mesh_motion_server" / "monitor_page" / "static" / "vendor"
+VENDOR = ROOT / "mesh_motion_server" / "watch" / "page" / "static" / "vendor"
 TESTS = ROOT / "out" / "vendor"
 
 

@@ -28,7 +28,7 @@ PICTURE = ROOT / "docs" / "images" / "monitor.png"
 MOST_BYTES = 150_000
 _FLAGS = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader", "--hide-scrollbars")
 _SHOWN = (
-    "const m = globalThis.monitor; return !!(m && m.mesh.mesh && m.mesh.mesh.triangles "
+    "const m = globalThis.monitor; return !!(m && !m.mesh.picture.hidden "
     "&& m.history.columns.step.at(-1) >= arguments[0])"
 )
 #: A session may take this long to come so far, seconds.

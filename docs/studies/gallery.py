@@ -1,9 +1,12 @@
-"""``python -m docs.studies.gallery``: play three examples and draw the films of ``docs/gallery.md``."""
+"""``python -m docs.studies.gallery``: play three examples and draw the films of ``docs/gallery.md``.
+
+It also draws the front picture, ``docs/images/demo.png``, from what ``mesh-motion demo`` plays.
+"""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +15,18 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
+from mesh_motion_server.cases.demo import Outcome, play_demo
 from mesh_motion_server.cases.play import play
 from mesh_motion_server.watch.pictures.before_after import MeshPair
-from mesh_motion_server.watch.pictures.mesh_axes import Look, draw_mesh
-from mesh_motion_server.watch.pictures.meshes import played_pair
+from mesh_motion_server.watch.pictures.mesh_axes import draw_mesh
+from mesh_motion_server.watch.pictures.meshes import read_pair
+from mesh_motion_server.watch.pictures.page import Page, styled
 from mesh_motion_server.watch.pictures.snapshot import Plane, choose_window
 
-__all__ = ["FILMS", "draw"]
+__all__ = ["FILMS", "draw", "draw_front_picture"]
 
 ROOT = Path(__file__).resolve().parents[2]
-_LOOK = Look(notes=False, title_points=12.0)
+_PAGE = Page(points=12.0)
 #: How long a frame is shown, and the last one of a film that does not come back.
 _MILLISECONDS, _HELD = 120, 1200
 _PLAIN = {'correction = "optimised"': 'correction = "none"\nallow_invalid = true'}
@@ -65,7 +70,7 @@ def _played(example: str, folder: Path, changes: dict[str, str], steps: int) -> 
 
 def _frames(played: dict[str, Path], steps: int) -> Iterator[Any]:
     """One picture a step, or every second of a long film; the widest motion says which part of the mesh is shown."""
-    series = {name: [played_pair(out, None, 0, step) for step in range(steps + 1)] for name, out in played.items()}
+    series = {name: [read_pair(out, first=0, last=step) for step in range(steps + 1)] for name, out in played.items()}
     widest = max(next(iter(series.values())), key=_motion)
     plane = _across_chord(widest)
     window = choose_window(widest.before, widest.after, plane)
@@ -96,12 +101,36 @@ def _across_chord(pair: MeshPair) -> Plane | None:
 def _draw_step(axes: Any, name: str, now: MeshPair, plane: Plane | None, window: Any) -> None:
     """One mesh, or its cut, with its numbers."""
     mesh = now.after
-    draw_mesh(axes, mesh, plane, "", window, _LOOK)
+    draw_mesh(axes, mesh, plane, "", window, _PAGE)
     axes.set_axis_off()
     lowest, inverted = float(mesh.quality.min()), int(mesh.inverted.sum())
-    axes.set_title(f"{name}: lowest size-skew {lowest:.2f}, {inverted} inverted", fontsize=_LOOK.title_points)
+    axes.set_title(f"{name}: lowest size-skew {lowest:.2f}, {inverted} inverted", fontsize=_PAGE.points)
+
+
+def draw_front_picture(path: Path, outcomes: Sequence[Outcome]) -> None:
+    """Two rows, standard and corrected; one column per case. The file's description has the corrected numbers too."""
+    page = Page(width=127.0 * len(outcomes), points=12.0)
+    with styled(page):
+        figure = Figure(figsize=page.inches(270.0), dpi=100, layout="constrained")
+        axes = figure.subplots(2, len(outcomes), squeeze=False)
+        for column, outcome in enumerate(outcomes):
+            for row, (label, played) in enumerate(
+                (("standard RBF", outcome.standard), ("corrected", outcome.corrected))
+            ):
+                lowest, inverted = played.summary["min_size_skew"], played.summary["inverted_cells"]
+                title = f"{label}: lowest size-skew {lowest:.3f}, {inverted} inverted"
+                title = f"{outcome.title}\n{title}" if row == 0 else title
+                window = choose_window(played.before, played.worst, None)
+                colours = draw_mesh(axes[row, column], played.worst, None, title, window, page)
+                axes[row, column].set(xticks=[], yticks=[], title=title)
+        bar = figure.colorbar(colours, ax=axes.ravel().tolist(), shrink=0.7, pad=0.01, extend="min")
+        bar.set_label("size-skew of a cell (inverted: pink)")
+        reached = " ".join(f"{outcome.corrected.summary['min_size_skew']:.3f}" for outcome in outcomes)
+        figure.savefig(path, metadata={"Software": None, "Description": reached})
 
 
 if __name__ == "__main__":
     for film in FILMS:
         draw(film, ROOT / "docs" / "images" / f"{film}.webp")
+    with tempfile.TemporaryDirectory() as demo:
+        draw_front_picture(ROOT / "docs" / "images" / "demo.png", play_demo(Path(demo))[:3])

@@ -3,9 +3,8 @@
 ``case``             the case file, checked strictly
 ``motion_program``   the position of every moving node after each step
 ``play``             drive a session through the case as a coupling code would
-``records``          the results of each step: quality, predictions, seconds
+``results``, ``records``  the results while they are made; those of each step: quality, predictions, seconds
 ``outputs``          summary.json, points.npy, steps.csv and the VTU series, all or nothing
-``picture``          quality.png: the mesh before and after, and the history
 ``check``            warnings, estimates and predictions before a case is played
 ``demo``             the cases of the thesis, standard and corrected
 """

@@ -111,13 +111,12 @@ class MotionSection(_Section):
     rigid: RigidMotion | None = None
     oscillation: Oscillation | None = None
     table: str | None = None
-    function: Annotated[str, Field(pattern=r"^[^:]+\.py:[A-Za-z_]\w*$")] | None = None
 
     @model_validator(mode="after")
     def _has_one_kind(self) -> Self:
-        kinds = ("rigid", "oscillation", "table", "function")
+        kinds = ("rigid", "oscillation", "table")
         if sum(getattr(self, kind) is not None for kind in kinds) != 1:
-            raise ValueError("give exactly one of 'rigid', 'oscillation', 'table' and 'function'")
+            raise ValueError("give exactly one of 'rigid', 'oscillation' and 'table'")
         return self
 
 
@@ -184,7 +183,7 @@ class Case:
         _check_motions(self.path, self.content)
         for number, motion in enumerate(self.content.motion, start=1):
             _check_vectors(self.path, number, motion.rigid or motion.oscillation, mesh.dimension)
-        return mesh if "periodic" in roles.values() else mesh.with_halo()
+        return mesh
 
 
 def case_name(path: Path) -> str:

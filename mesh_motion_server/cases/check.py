@@ -1,8 +1,7 @@
 """Check a case or a mesh before it is played: the motion is only predicted, nothing is stored.
 
-Errors are the same as when a session is opened. What is unusual but allowed becomes a warning. The costs are
-estimates from the counts of nodes and control points, good to a factor of two or three on a machine like the one the
-rates were measured on (2 cores).
+Errors are the same as when a session is opened. What is unusual but allowed becomes a
+warning.
 """
 
 import time
@@ -11,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from mesh_motion_server.cases.case import Case, read_case
 from mesh_motion_server.cases.motion_program import MotionProgram
@@ -20,7 +18,6 @@ from mesh_motion_server.errors import InvalidInput, MeshMotionError, NumericalEr
 from mesh_motion_server.files import MeshFile, read_mesh
 from mesh_motion_server.files.reader import is_mesh
 from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.interpolation.two_scale.plans import AUTOMATIC_FROM
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
@@ -30,40 +27,12 @@ from mesh_motion_server.numerics.quality.metrics import cell_quality
 from mesh_motion_server.numerics.quality.orientation import oriented
 from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing
 
-__all__ = ["CheckReport", "Costs", "check"]
+__all__ = ["CheckReport", "check"]
 
 
-#: Rates: sums of basis functions per second, operations per second of the dense factorization, squared entries per
-#: second of the sparse one.
-_PAIR_RATE, _DENSE_RATE, _SPARSE_RATE = 1e9, 5e10, 1e8
-#: Control points and nodes per second in two scales.
-_CONTROL_RATE, _NODE_RATE = 3e5, 1e7
-#: "auto" chooses sparse from this order on with at most this many entries per row, otherwise dense or two scales.
-_SPARSE_ORDER, _SPARSE_ENTRIES = 1_500, 150.0
-#: Bytes of server memory for each node and each cell (all copies together), and for the process itself.
-_NODE_BYTES, _CELL_BYTES, _BASE_BYTES = 400, 300, 250 << 20
-_SAMPLE = 500
 #: As a share of the mesh's extent: a longer or a shorter motion than these is probably a mistake.
 _FARTHEST, _NEAREST = 5.0, 1e-5
 _KINDS = ("moving", "fixed", "sliding", "periodic")
-
-
-@dataclass(frozen=True)
-class Costs:
-    """Estimates for one step without a correction.
-
-    Attributes
-    ----------
-    solver : str
-        The method that will factorize the interpolation system.
-    memory_bytes : int
-        Memory of the server's worker.
-    """
-
-    solver: str
-    factorize_seconds: float
-    evaluate_seconds: float
-    memory_bytes: int
 
 
 @dataclass(frozen=True)
@@ -96,7 +65,6 @@ class CheckReport:
     quality: dict[str, float]
     support_radius: float | None
     suggested_radius: float
-    costs: Costs
     warnings: list[str]
     steps: int = 0
     refused: str = ""
@@ -210,30 +178,8 @@ def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] |
         quality={"minimum skew": float(quality.skew.min()), "mean skew": float(quality.skew.mean())},
         support_radius=radius,
         suggested_radius=suggested,
-        costs=estimate_costs(mesh.points, control, mesh.n_cells, radius or suggested),
         warnings=warnings + _radius_warnings(radius, control),
     )
-
-
-def estimate_costs(points: Floats, control: Floats, n_cells: int, radius: float) -> Costs:
-    """Estimate a step: points (n, d), control points (nc, d), cells, support radius."""
-    order = len(control)
-    entries = _mean_neighbours(control, control, radius)
-    sums = len(points) * _mean_neighbours(points, control, radius)
-    memory = _BASE_BYTES + _NODE_BYTES * len(points) + _CELL_BYTES * n_cells
-    if order > _SPARSE_ORDER and entries <= _SPARSE_ENTRIES:
-        solver, factorize, memory = "sparse", order * entries**2 / _SPARSE_RATE, memory + int(100 * order * entries)
-    elif order <= AUTOMATIC_FROM:
-        solver, factorize, memory = "dense", order**3 / 3 / _DENSE_RATE, memory + 4 * order**2
-    else:
-        return Costs("two-scale", order / _CONTROL_RATE, len(points) / _NODE_RATE, memory)
-    return Costs(solver, factorize, sums / _PAIR_RATE, memory)
-
-
-def _mean_neighbours(points: Floats, control: Floats, radius: float) -> float:
-    """Mean number of control points within the radius of a point, from an even sample."""
-    sample = points[:: max(1, len(points) // _SAMPLE)]
-    return float(cKDTree(control).query_ball_point(sample, radius, return_length=True).mean())
 
 
 def _radius_warnings(radius: float | None, control: Floats) -> list[str]:

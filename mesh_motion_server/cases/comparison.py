@@ -1,9 +1,8 @@
-"""Compare a recorded session with its replays: one column each, and whether the states are bitwise equal."""
+"""Compare a recorded session with its replay: one column each, and whether the states are bitwise equal."""
 
-import csv
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,40 +11,43 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from mesh_motion_server.cases.recorded import Recorded, StepFigures
+from mesh_motion_server.cases.recorded import Recorded
 from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.session.history.events import finite
 from mesh_motion_server.session.replay import maker
-from mesh_motion_server.watch.observation.series import PHASES
+from mesh_motion_server.watch.observation.series import PHASES, Columns
 
-__all__ = ["Agreement", "Comparison", "Replayed", "Summary", "summary_of", "table_of", "write_comparison"]
-
-
-#: Columns of comparison.csv beside ``run`` and ``step``.
-_COLUMNS = ("min_quality", "mean_quality", "standard_min", "predicted_min", "moves", "refusals", "corrected")
-_MORE_COLUMNS = ("enrichment_points", "freed_nodes", *(f"seconds_{phase}" for phase in PHASES), "seconds_total")
+__all__ = ["Agreement", "Comparison", "Replayed", "table_of", "write_comparison"]
 
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """One replay.
+    """A replay.
 
     Attributes
     ----------
     changes : dict
         The settings that differ from the recorded session.
-    figures : list of StepFigures
-        Figures of the computed steps, from step 1 on.
+    columns : dict of str to (s,) arrays
+        The computed steps, from step 1 on, as in :class:`Series`; quality is size-skew.
+    digests : dict of int to bytes
+        Of their states.
     refusal : str
         Why it ended before the last step; empty if it reached the last step.
     stored : (n, d) array or None
         Coordinates of the replay at the step for which the session has stored coordinates.
     """
 
-    name: str
     changes: dict[str, Any]
-    figures: list[StepFigures]
+    columns: Columns
+    digests: dict[int, bytes]
     refusal: str
     stored: Floats | None
+
+    @property
+    def name(self) -> str:
+        """A name that lists the changes."""
+        return ", ".join(f"{key} = {value}" for key, value in self.changes.items()) or "replayed"
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,8 @@ class Agreement:
         Numbers of steps with a known digest, and of those with an equal digest.
     first_difference : int
         The first step that differs; 0: none.
-    recorded_min, replayed_min : float or None
-        Lowest size-skew at the first step that differs.
+    recorded_min, replayed_min : float
+        Lowest size-skew at the first step that differs; NaN if not known.
     stored_step : int
         The step whose coordinates were compared; 0: none.
     distance : float or None
@@ -72,8 +74,8 @@ class Agreement:
     compared: int
     equal: int
     first_difference: int
-    recorded_min: float | None
-    replayed_min: float | None
+    recorded_min: float
+    replayed_min: float
     stored_step: int
     distance: float | None
 
@@ -91,52 +93,42 @@ class Agreement:
             return text
         if self.first_difference:
             text = f"equal in {self.equal} of {self.compared} steps, first different in step {self.first_difference}"
-        if self.recorded_min is not None and self.replayed_min is not None:
+        if math.isfinite(self.recorded_min + self.replayed_min):
             text += f" (minimum {self.recorded_min:.6g} recorded, {self.replayed_min:.6g} replayed)"
         if self.distance is not None:
             text += f"; nodes up to {self.distance:.3g} apart at step {self.stored_step}"
         return text
 
 
-@dataclass(frozen=True)
-class Summary:
-    """A run in one column; qualities are size-skew of the committed coordinates, None where they are not known."""
-
-    name: str
-    steps: int
-    min_quality: float | None
-    worst_step: int
-    mean_quality: float | None
-    corrections: int
-    enrichment_points: int
-    refusals: int
-    moves: int
-    seconds: dict[str, float]
-    seconds_total: float
-
-
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A recorded session and its replays.
+    """A recorded session and its replay.
 
     Attributes
     ----------
     last : int
         The last requested step.
     elsewhere : bool
-        Whether a running server made the replays; its version and machine may differ.
+        Whether a running server made the replay; its version and machine may differ.
     """
 
     recorded: Recorded
     last: int
-    runs: Sequence[Replayed]
+    run: Replayed
     elsewhere: bool = False
 
     @cached_property
-    def recorded_figures(self) -> list[StepFigures]:
-        """The recorded figures of the compared steps, where available."""
-        figures = self.recorded.figures
-        return [figures[step] for step in range(1, self.last + 1) if step in figures]
+    def recorded_steps(self) -> Columns:
+        """The recorded steps that are compared, where events are there."""
+        columns = self.recorded.columns
+        return {name: column[columns["step"] <= self.last] for name, column in columns.items()}
+
+    @property
+    def replayed_steps(self) -> Columns:
+        """The replay's steps that are recorded; all steps if none is."""
+        columns, known = self.run.columns, self.recorded_steps["step"]
+        kept = np.isin(columns["step"], known) if len(known) else np.ones(len(columns["step"]), dtype=bool)
+        return {name: column[kept] for name, column in columns.items()}
 
     @property
     def makers(self) -> list[str]:
@@ -157,139 +149,116 @@ class Comparison:
     @property
     def notes(self) -> list[str]:
         """Notes that a reader needs to understand the figures."""
-        notes, known = [*self.recorded.notes, self.unpromised], [found.step for found in self.recorded_figures]
+        notes, known = [*self.recorded.notes, self.unpromised], self.recorded_steps["step"]
         if len(known) < self.last:
-            span = f"steps {known[0]} to {known[-1]}" if known else "no step"
+            span = f"steps {known[0]:.0f} to {known[-1]:.0f}" if len(known) else "no step"
             notes.append(f"events are there of {len(known)} of {self.last} steps ({span}): only those are summed up")
         return [note for note in notes if note]
 
-    def compared_figures(self, run: Replayed) -> list[StepFigures]:
-        """The replay's steps that have recorded figures; all steps if no figures are recorded."""
-        known = {found.step for found in self.recorded_figures}
-        return [found for found in run.figures if found.step in known or not known]
-
-    def agreement(self, run: Replayed) -> Agreement:
-        """Whether a replay reached the recorded states; a missing step counts as different."""
+    @cached_property
+    def agreement(self) -> Agreement:
+        """Whether the replay reached the recorded states; a missing step counts as different."""
         known = {step: digest for step in range(1, self.last + 1) if (digest := self.recorded.digest(step))}
-        made = {found.step: found for found in run.figures}
-        differing = [step for step, digest in known.items() if step not in made or made[step].digest != digest]
+        differing = [step for step, digest in known.items() if self.run.digests.get(step) != digest]
         first = differing[0] if differing else 0
-        before, after = self.recorded.figures.get(first), made.get(first)
-        stored = self.recorded.stored
-        distance = None
-        if stored is not None and run.stored is not None:
-            distance = float(np.sqrt(((stored[1] - run.stored) ** 2).sum(axis=1)).max())
+        stored, distance = self.recorded.stored, None
+        if stored is not None and self.run.stored is not None:
+            distance = float(np.sqrt(((stored[1] - self.run.stored) ** 2).sum(axis=1)).max())
         return Agreement(
             steps=self.last,
             compared=len(known),
             equal=len(known) - len(differing),
             first_difference=first,
-            recorded_min=_known(before.min_quality) if before else None,
-            replayed_min=_known(after.min_quality) if after else None,
+            recorded_min=_minimum(self.recorded.columns, first),
+            replayed_min=_minimum(self.run.columns, first),
             stored_step=stored[0] if stored is not None and distance is not None else 0,
             distance=distance,
         )
 
     def broken_promise(self) -> str:
         """The error text if a replay without changes did not give the same bits; empty if there is no error."""
-        for run in self.runs:
-            agreement = self.agreement(run)
-            if not run.changes and not self.unpromised and agreement.compared and not agreement.exact:
-                return f"the replay with nothing changed differs: {run.refusal or agreement}"
-        return ""
+        if self.run.changes or self.unpromised or not self.agreement.compared or self.agreement.exact:
+            return ""
+        return f"the replay with nothing changed differs: {self.run.refusal or self.agreement}"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, as for JSON."""
-        runs = []
-        for run in self.runs:
-            agreement = self.agreement(run)
-            values = asdict(summary_of(run.name, self.compared_figures(run))) | {
-                "changes": run.changes,
-                "refusal": run.refusal,
-            }
-            runs.append(values | {"digests": asdict(agreement) | {"exact": agreement.exact, "says": str(agreement)}})
-        return {
-            "session": self.recorded.spec.session,
-            "label": self.recorded.spec.label,
-            "settings": self.recorded.spec.settings.model_dump(),
+        agreement, spec = self.agreement, self.recorded.spec
+        values: dict[str, Any] = {
+            "session": spec.session,
+            "label": spec.label,
+            "settings": spec.settings.model_dump(),
+            "changes": self.run.changes,
+            "refusal": self.run.refusal,
             "last_step": self.last,
             "recorded_by": "; ".join(self.makers),
             "replayed_by": "" if self.elsewhere else maker(),
             "notes": self.notes,
-            "recorded": asdict(summary_of("recorded", self.recorded_figures)),
-            "replayed": runs,
+            "recorded": _summary(self.recorded_steps),
+            "replayed": _summary(self.replayed_steps),
+            "digests": asdict(agreement) | {"exact": agreement.exact, "says": str(agreement)},
+            "recorded_steps": _rows(self.recorded_steps, self.recorded.digest),
+            "replayed_steps": _rows(self.run.columns, self.run.digests.__getitem__),
         }
+        plain: dict[str, Any] = finite(values)
+        return plain
 
 
-def summary_of(name: str, figures: Sequence[StepFigures]) -> Summary:
-    """Summarize the figures of a run."""
-    known = [found for found in figures if math.isfinite(found.min_quality)]
-    worst = min(known, key=lambda found: found.min_quality, default=None)
-    means = [found.mean_quality for found in known if math.isfinite(found.mean_quality)]
-    return Summary(
-        name=name,
-        steps=len(figures),
-        min_quality=worst.min_quality if worst else None,
-        worst_step=worst.step if worst else 0,
-        mean_quality=sum(means) / len(means) if means else None,
-        corrections=sum(found.corrected for found in figures),
-        enrichment_points=sum(found.enrichment_points for found in figures),
-        refusals=sum(found.refusals for found in figures),
-        moves=sum(found.moves for found in figures),
-        seconds={phase: sum(found.seconds[phase] for found in figures) for phase in PHASES},
-        seconds_total=sum(found.seconds_total for found in figures),
-    )
+def _rows(columns: Columns, digest: Callable[[int], bytes]) -> list[dict[str, Any]]:
+    """A dictionary for each step."""
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*(c.tolist() for c in columns.values()), strict=True)]
+    return [row | {"step": int(row["step"]), "digest": digest(int(row["step"])).hex()} for row in rows]
+
+
+def _minimum(columns: Columns, step: int) -> float:
+    """The minimum after a step; NaN if not known."""
+    found = columns["actual_min"][columns["step"] == step]
+    return float(found[0]) if len(found) else math.nan
+
+
+def _summary(columns: Columns) -> dict[str, Any]:
+    """A run in one column; qualities are size-skew of the committed coordinates, NaN where they are not known."""
+    minima, means = columns["actual_min"], columns["actual_mean"]
+    worst = int(np.nanargmin(minima)) if np.isfinite(minima).any() else -1
+    return {
+        "steps": len(minima),
+        "min_quality": float(minima[worst]) if worst >= 0 else math.nan,
+        "worst_step": int(columns["step"][worst]) if worst >= 0 else 0,
+        "mean_quality": float(np.nanmean(means)) if np.isfinite(means).any() else math.nan,
+        "corrections": int(np.count_nonzero((columns["enrichment_points"] > 0) | (columns["freed_nodes"] > 0))),
+        "enrichment_points": int(np.nansum(columns["enrichment_points"])),
+        "moves": int(columns["iterations"].sum()),
+        "refusals": int(columns["refusals"].sum()),
+        "seconds": {phase: float(columns[f"seconds_{phase}"].sum()) for phase in PHASES},
+        "seconds_total": float(columns["seconds_total"].sum()),
+    }
 
 
 def table_of(comparison: Comparison) -> Table:
-    """The printed table: the recorded session first, then each replay."""
-    runs = [("recorded", comparison.recorded_figures)]
-    runs += [(run.name, comparison.compared_figures(run)) for run in comparison.runs]
-    columns = [summary_of(name, figures) for name, figures in runs]
-    refused = ["", *(run.refusal for run in comparison.runs)]
-    table = Table("", *(column.name for column in columns), box=None, pad_edge=False)
-    rows: list[tuple[str, list[str]]] = [
-        ("steps", [str(c.steps) for c in columns]),
-        ("lowest size-skew", [f"{_text(c.min_quality)} (step {c.worst_step})" for c in columns]),
-        ("mean size-skew", [_text(c.mean_quality) for c in columns]),
-        ("steps corrected", [str(c.corrections) for c in columns]),
-        ("enrichment points", [str(c.enrichment_points) for c in columns]),
-        ("moves", [str(c.moves) for c in columns]),
-        (
-            "refusals",
-            [str(c.refusals + bool(end)) for c, end in zip(columns, refused, strict=True)],
-        ),
-        *((f"seconds to {phase}", [f"{c.seconds[phase]:.3f}" for c in columns]) for phase in PHASES),
-        ("seconds in all", [f"{c.seconds_total:.3f}" for c in columns]),
-        ("state digests", ["", *(str(comparison.agreement(run)) for run in comparison.runs)]),
-    ]
-    if any(refused):
-        rows.append(("ended", refused))
-    for name, cells in rows:
-        table.add_row(name, *cells)
+    """The printed table: the recorded session, then the replay."""
+    run, columns = comparison.run, [_summary(comparison.recorded_steps), _summary(comparison.replayed_steps)]
+    columns[1]["refusals"] += bool(run.refusal)
+    table = Table("", "recorded", run.name, box=None, pad_edge=False)
+    table.add_row("steps", *(str(c["steps"]) for c in columns))
+    table.add_row("lowest size-skew", *(f"{_text(c['min_quality'])} (step {c['worst_step']})" for c in columns))
+    table.add_row("mean size-skew", *(_text(c["mean_quality"]) for c in columns))
+    names = {"corrections": "steps corrected", "enrichment_points": "enrichment points"}
+    for name in ("corrections", "enrichment_points", "moves", "refusals"):
+        table.add_row(names.get(name, name), *(str(c[name]) for c in columns))
+    for phase in PHASES:
+        table.add_row(f"seconds to {phase}", *(f"{c['seconds'][phase]:.3f}" for c in columns))
+    table.add_row("seconds in all", *(f"{c['seconds_total']:.3f}" for c in columns))
+    table.add_row("state digests", "", str(comparison.agreement))
+    if run.refusal:
+        table.add_row("ended", "", run.refusal)
     return table
 
 
 def write_comparison(folder: Path, comparison: Comparison) -> None:
-    """Write comparison.json, and comparison.csv with a line for each run and step."""
+    """Write comparison.json: both columns, and the figures of each step."""
     text = json.dumps(comparison.as_dict(), indent=2, allow_nan=False, ensure_ascii=False)
     (folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
-    runs = [("recorded", comparison.recorded_figures), *((run.name, run.figures) for run in comparison.runs)]
-    with (folder / "comparison.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["run", "step", *_COLUMNS, *_MORE_COLUMNS, "digest"])
-        for name, figures in runs:
-            for found in figures:
-                seconds = {f"seconds_{phase}": value for phase, value in found.seconds.items()}
-                values = vars(found) | seconds
-                row = [values[column] for column in (*_COLUMNS, *_MORE_COLUMNS)]
-                digest = comparison.recorded.digest(found.step) if name == "recorded" else found.digest
-                writer.writerow([name, found.step, *row, digest.hex()])
 
 
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def _text(value: float | None) -> str:
-    return "not known" if value is None else f"{value:.4f}"
+def _text(value: float) -> str:
+    return f"{value:.4f}" if math.isfinite(value) else "not known"

@@ -92,7 +92,6 @@ file = {toml_text(os.path.relpath(mesh.path, folder))}{zoned}
 # oscillation = {{ amplitude = 5.0, frequency = 0.05, {about} }}  # degrees, periods a step
 # oscillation = {{ amplitude = {_number(length)}, frequency = 0.05, direction = {_vector(direction)} }}
 # table = "motion.npz"  # node_ids (n), displacement (steps, n, {mesh.dimension})
-# function = "motion.py:displacement"  # displacement(points, step) -> (n, {mesh.dimension})
 {motions}
 [steps]
 count = 10

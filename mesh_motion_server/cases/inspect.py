@@ -1,6 +1,6 @@
 """Inspect the sessions of a running server, or those stored in a folder."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,6 @@ from mesh_motion_server.session.spec import SPEC
 from mesh_motion_server.watch.observation.steps import HistoryDigest, digest_of_history
 
 __all__ = ["Found", "inspect_folder", "inspect_step", "list_sessions"]
-
-#: Number of journal records that are shown; a journal may have thousands.
-_LAST_RECORDS = 8
 
 
 @dataclass(frozen=True)
@@ -70,7 +67,7 @@ def inspect_folder(folder: Path) -> Found:
     """
     if (folder / SPEC).is_file():
         inspection, history = inspect_session(folder), digest_of_history(folder)
-        values = inspection.as_dict() | {"history": history.as_dict()}
+        values = asdict(inspection) | {"history": asdict(history)}
         return Found(values, _details(inspection, history), _damaged([inspection]))
     sessions = folder / "sessions"
     if not sessions.is_dir():
@@ -79,7 +76,7 @@ def inspect_folder(folder: Path) -> Found:
             hint="a state folder has a folder 'sessions'; serve --state DIR chooses it",
         )
     found = [inspect_session(path) for path in sorted(sessions.iterdir()) if (path / SPEC).is_file()]
-    values = {"folder": str(folder), "sessions": [inspection.as_dict() for inspection in found]}
+    values = {"folder": str(folder), "sessions": [asdict(inspection) for inspection in found]}
     return Found(values, _overview(folder, found), _damaged(found))
 
 
@@ -94,7 +91,8 @@ def inspect_step(folder: Path, step: int) -> Found:
     if not (folder / SPEC).is_file():
         raise InvalidInput(f"{folder}: not a session's folder", hint="give one of those below STATE FOLDER/sessions")
     story = tell_step(folder, step)
-    return Found({"session": folder.name} | story.as_dict(), Text("\n".join(story.lines)), [])
+    values = {"session": folder.name, "step": step, "outcome": story.outcome, "events": story.events}
+    return Found(values, Text("\n".join(story.lines)), [])
 
 
 def _damaged(found: list[Inspection]) -> list[str]:
@@ -121,26 +119,15 @@ def _details(inspection: Inspection, history: HistoryDigest) -> Table:
         table.add_row("check", f"{check.name}: {'verified' if check.passed else check.message}")
     for line in _history(history):
         table.add_row("history", line)
-    hidden = len(inspection.records) - _LAST_RECORDS
-    if hidden > 0:
-        table.add_row("records", f"{hidden} earlier ones")
-    for record in inspection.records[-_LAST_RECORDS:]:
-        table.add_row("record", f"{record.sequence} at {record.offset}: {record.kind}, {record.says}")
     return table
 
 
 def _history(history: HistoryDigest) -> list[str]:
     """Summary of the recorded history in a few lines."""
-    if not (history.last_step or history.open_step or history.refusals):
+    if not history.spans:
         return ["none"]
     lines = [f"{history.recorded}; replay possible up to step {history.boundary_steps}"]
     if history.worst_quality is not None:
         lines.append(f"worst step {history.worst_step}: minimum {history.metric} {history.worst_quality:.4f}")
-    counts = {
-        "steps corrected": history.corrected_steps,
-        "refusals": history.refusals,
-        "roll-backs": history.rollbacks,
-        "resumptions": history.resumptions,
-        "warnings": history.warnings,
-    }
+    counts = {"corrected": history.corrected_steps, "refusals": history.refusals, "roll-backs": history.rollbacks}
     return [*lines, ", ".join(f"{number} {word}" for word, number in counts.items())]

@@ -13,7 +13,6 @@ mesh would tear: the case is refused and the error names the node.
 
 from __future__ import annotations
 
-import runpy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,13 +20,13 @@ from typing import Protocol
 
 import numpy as np
 
-from mesh_motion_server.cases.case import Case, Oscillation, RigidMotion, meant
+from mesh_motion_server.cases.case import Case, Oscillation, RigidMotion
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile
 from mesh_motion_server.files.npz import read_archive
 from mesh_motion_server.numerics.arrays import Floats, Integers
 
-__all__ = ["FunctionProgram", "MotionProgram", "RigidProgram", "TableProgram"]
+__all__ = ["MotionProgram", "RigidProgram", "TableProgram"]
 
 
 #: Displacements of a shared node may differ by this fraction of the mesh's extent, because of rounding.
@@ -69,28 +68,6 @@ class TableProgram:
 
     def displacement(self, step: int) -> Floats:
         return self.table[step - 1] if step else np.zeros_like(self.table[0])
-
-
-@dataclass(frozen=True, eq=False)
-class FunctionProgram:
-    """A motion by a Python function: (points (p, d), step) → total displacement (p, d)."""
-
-    points: Floats
-    function: Callable[[Floats, int], Floats]
-    name: str
-
-    def displacement(self, step: int) -> Floats:
-        if not step:
-            return np.zeros_like(self.points)
-        try:
-            found = np.asarray(self.function(self.points.copy(), step), dtype=np.float64)
-        except Exception as error:
-            raise InvalidInput(f"{self.name}: in step {step}: {type(error).__name__}: {error}") from error
-        if found.shape != self.points.shape or not np.isfinite(found).all():
-            raise InvalidInput(
-                f"{self.name}: in step {step}: expected finite displacements {self.points.shape}, got {found.shape}"
-            )
-        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,8 +146,6 @@ def _programs(case: Case, mesh: MeshFile, patch: str) -> tuple[PatchProgram, ...
             programs.append(RigidProgram(mesh.points[nodes], motion.rigid, lambda step: step / count))
         elif motion.oscillation is not None:
             programs.append(RigidProgram(mesh.points[nodes], motion.oscillation.rigid, _swing(motion.oscillation)))
-        elif motion.function is not None:
-            programs.append(_load_function(case.path.parent, motion.function, mesh.points[nodes]))
         elif motion.table is not None:
             programs.append(_read_table(case.path.parent / motion.table, patch, nodes, (count, mesh.dimension)))
     return tuple(programs)
@@ -181,23 +156,6 @@ def _swing(oscillation: Oscillation) -> Callable[[int], float]:
     phase = np.deg2rad(oscillation.phase)
     turn = 2 * np.pi * oscillation.frequency
     return lambda step: float(np.sin(turn * step + phase) - np.sin(phase))
-
-
-def _load_function(folder: Path, named: str, points: Floats) -> FunctionProgram:
-    """Load the function FILE.py:NAME from the folder of the case file."""
-    file, _, name = named.partition(":")
-    try:
-        values = runpy.run_path(str(folder / file))
-    except OSError as error:
-        raise InvalidInput(
-            f"{folder / file}: no such motion function: {error.strerror}",
-            hint="paths in a case file are relative to the case file",
-        ) from None
-    except Exception as error:
-        raise InvalidInput(f"{folder / file}: {type(error).__name__}: {error}") from error
-    if not callable(values.get(name)):
-        raise InvalidInput(f"{folder / file}: it has no function {name!r}", hint=meant(name, values))
-    return FunctionProgram(points, values[name], f"{folder / file}: {name}")
 
 
 def _read_table(path: Path, patch: str, nodes: Integers, expected: tuple[int, int]) -> TableProgram:

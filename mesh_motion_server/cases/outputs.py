@@ -8,17 +8,14 @@ first, so a folder only has results of the last case.
 
 import csv
 import json
-import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
 
 from mesh_motion_server.cases.faces import FACES
-from mesh_motion_server.cases.kept import KEPT, Kept
 from mesh_motion_server.cases.records import StepRecord
 from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.numerics.arrays import Floats
@@ -26,9 +23,7 @@ from mesh_motion_server.session.history.events import finite
 
 __all__ = [
     "RESULTS",
-    "remove_ended",
     "remove_results",
-    "result_folder",
     "run_folder",
     "write_points",
     "write_steps",
@@ -47,47 +42,12 @@ RESULTS = (
     f"{SERIES}_[0-9]*.vtu",
     "quality.png",
     "comparison.json",
-    "comparison.csv",
 )
 
 
 @contextmanager
-def run_folder(folder: Path, *, resumed: bool) -> Iterator[Kept]:
-    """A folder that receives results during the run; it is removed if there is nothing to keep.
-
-    Yields
-    ------
-    Kept
-        The data to resume the run; removed when the block ends without an error.
-
-    Raises
-    ------
-    ResourceError
-        If the folder cannot be made or written.
-    """
-    kept, made = Kept(folder / KEPT), not folder.exists()
-    if not resumed:
-        remove_results(folder)
-        try:
-            kept.folder.mkdir(mode=0o700, parents=True)
-        except OSError as error:
-            raise _unwritable(folder, error) from None
-    try:
-        yield kept
-    except BaseException:
-        if not resumed and not (folder / "summary.json").exists():
-            remove_results(folder)
-            if made:
-                _remove_if_empty(folder)
-        elif kept.is_empty:
-            shutil.rmtree(kept.folder, ignore_errors=True)
-        raise
-    shutil.rmtree(kept.folder)
-
-
-@contextmanager
-def result_folder(folder: Path) -> Iterator[Path]:
-    """A folder to write results to; its content moves to ``folder`` when the block ends without an error.
+def run_folder(folder: Path) -> Iterator[None]:
+    """A folder that receives results during the block; it is removed if an error leaves nothing to keep.
 
     Raises
     ------
@@ -98,19 +58,16 @@ def result_folder(folder: Path) -> Iterator[Path]:
     remove_results(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        work = Path(mkdtemp(prefix=".play-", dir=folder))
     except OSError as error:
         raise _unwritable(folder, error) from None
     try:
-        yield work
-        for result in sorted(work.iterdir()):
-            result.replace(folder / result.name)
+        yield
     except BaseException:
-        shutil.rmtree(work, ignore_errors=True)
-        if made:
-            _remove_if_empty(folder)
+        if not (folder / "summary.json").exists():
+            remove_results(folder)
+            if made:
+                _remove_if_empty(folder)
         raise
-    work.rmdir()
 
 
 def remove_results(folder: Path) -> None:
@@ -125,16 +82,8 @@ def remove_results(folder: Path) -> None:
         for pattern in RESULTS:
             for file in folder.glob(pattern):
                 file.unlink()
-        if (folder / KEPT).exists():
-            shutil.rmtree(folder / KEPT)
     except OSError as error:
         raise _unwritable(folder, error) from None
-
-
-def remove_ended(folder: Path) -> None:
-    """Remove the files that only a run that ended early has."""
-    for name in ("accepted.npy", "refused.vtu"):
-        (folder / name).unlink(missing_ok=True)
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:

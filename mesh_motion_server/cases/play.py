@@ -13,36 +13,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mesh_motion_client import Keys
+from mesh_motion_client import Keys, Session
 from mesh_motion_client import MeshMotionError as ClientError
+from mesh_motion_client.moved import Moved
 from mesh_motion_client.session import Report
 
 from mesh_motion_server import __version__
 from mesh_motion_server.cases.case import Case, read_case
-from mesh_motion_server.cases.driver import Driver, Reply, open_session
-from mesh_motion_server.cases.faces import faces_numbers
-from mesh_motion_server.cases.kept import Kept
+from mesh_motion_server.cases.driver import open_session
 from mesh_motion_server.cases.motion_program import MotionProgram
-from mesh_motion_server.cases.outputs import (
-    SERIES,
-    remove_ended,
-    remove_results,
-    run_folder,
-    write_points,
-    write_steps,
-    write_summary,
-)
-from mesh_motion_server.cases.picture import write_picture
+from mesh_motion_server.cases.outputs import SERIES, remove_results, run_folder, write_points
 from mesh_motion_server.cases.prediction import Prediction, named
-from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, add_seconds, drawn, quality_numbers
+from mesh_motion_server.cases.records import StepRecord, add_seconds
 from mesh_motion_server.cases.refused import write_refused
-from mesh_motion_server.errors import InvalidInput, MeshMotionError, NumericalError
+from mesh_motion_server.cases.results import Results
+from mesh_motion_server.errors import MeshMotionError, NumericalError
 from mesh_motion_server.files import MeshFile, VtuSeries, patch_marks
-from mesh_motion_server.files.vtu import Data
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
-from mesh_motion_server.numerics.quality.metrics import cell_quality
-from mesh_motion_server.numerics.quality.orientation import oriented_at_rest
 from mesh_motion_server.watch.pictures.page import pictures_are_possible
 from mesh_motion_server.watch.pictures.snapshot import Snapshot
 
@@ -52,8 +40,6 @@ Progress = Callable[[int, int, StepRecord | None], None]
 
 #: An iteration halves the distance to the step's final displacement, as relaxation by 0.5 does.
 _RELAXATION = 0.5
-#: As a share of the mesh's extent: motions that differ by less than this are the same.
-_AGREEMENT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +75,6 @@ def play(
     every: int = 1,
     progress: Progress | None = None,
     keys: Keys | None = None,
-    resume: bool = False,
 ) -> Played:
     """Play a case and write its results after each step.
 
@@ -105,8 +90,6 @@ def play(
         Called with the steps done, the number of steps and the record of the step just done.
     keys : Keys, optional
         Keys for a server that requires them.
-    resume : bool
-        Continue after the last committed step of the run that ended early in this folder, for any reason.
 
     Raises
     ------
@@ -116,17 +99,14 @@ def play(
         If the server refuses a step. The folder then has the results of the steps before it, ``accepted.npy`` instead
         of ``points.npy``, and the refused mesh in ``refused.vtu`` and ``quality.png``.
     """
-    if folder.is_dir() and case_file.is_file() and not resume:  # after a misspelt name the earlier results stay
+    if folder.is_dir() and case_file.is_file():  # after a misspelt name the earlier results stay
         remove_results(folder)
     case = read_case(case_file)
     mesh = case.read_mesh()
     program = MotionProgram.of(case, mesh)
-    with run_folder(folder, resumed=resume) as kept:
-        opening = open_session(case, mesh, endpoint, kept, resumed=resume, keys=keys)
-        with opening as driver:
-            written = [0, *range(every, driver.step, every)] if driver.step else []
-            series = VtuSeries(folder, SERIES, list(map(float, written)))
-            run = _Run(case, mesh, program, driver, series, every, kept)
+    with run_folder(folder):
+        with open_session(case, mesh, endpoint, keys=keys) as session:
+            run = _Run(case, mesh, program, session, folder, every)
             try:
                 for step in run.steps():
                     if progress is not None:
@@ -135,19 +115,9 @@ def play(
                 run.keep(folder, error)
                 raise
             played = run.result()
-        remove_ended(folder)
         write_points(folder, played.points)
-        _write(folder, case, played)
+        run.write(folder, played.summary)
     return played
-
-
-def _write(folder: Path, case: Case, played: Played, refused: str = "") -> None:
-    """Write all results except coordinates and series."""
-    write_summary(folder, played.summary)
-    write_steps(folder, played.steps)
-    if pictures_are_possible():
-        metric = case.content.method.quality_metric
-        write_picture(folder / "quality.png", case.name, played.before, played.worst, played.steps, metric, refused)
 
 
 class _Run:
@@ -158,161 +128,99 @@ class _Run:
         case: Case,
         mesh: MeshFile,
         program: MotionProgram,
-        driver: Driver,
-        series: VtuSeries,
+        session: Session,
+        folder: Path,
         every: int,
-        kept: Kept,
     ) -> None:
-        self._case, self._mesh, self._program, self._driver = case, mesh, program, driver
-        self._series, self._every, self._kept = series, every, kept
-        self._cells, self._sizes = oriented_at_rest(mesh.points, mesh.cell_table)
-        roles = BoundaryRoles.from_patches(
-            {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
+        self._case, self._mesh, self._program, self._session = case, mesh, program, session
+        patches = {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
+        self._fixed = BoundaryRoles.from_patches(patches).fixed
+        self._results = Results(
+            mesh.points,
+            mesh.cell_table,
+            program.nodes,
+            case.content.method.quality_metric,
+            series=VtuSeries(folder, SERIES),
+            every=every,
+            last=program.count,
+            marks=patch_marks(mesh),
         )
-        self._fixed = roles.fixed
-        self._points = mesh.points
-        self._quality = cell_quality(mesh.points, self._cells, self._sizes)
-        self._drawn = drawn(case.content.method.quality_metric)
-        self._reference = self._worst = self._snapshot(0)
-        self._at_opening = _plain(self._quality.metric("size-skew"))
-        self._records: list[StepRecord] = []
-        self._warnings = [f"patch {name!r} is moving but has no motion: it stays" for name in program.still]
-        self._warnings += [*mesh.notes, *driver.mesh_warnings]
+        size_skew = self._results.judge(mesh.points).metric("size-skew")
+        self._at_opening = {"min_size_skew": float(size_skew.min()), "mean_size_skew": float(size_skew.mean())}
+        self._results.warn([f"patch {name!r} is moving but has no motion: it stays" for name in program.still])
+        self._results.warn([*mesh.notes, *session.mesh_report.get("warnings", ())])
         self._begin = time.perf_counter()
-        if driver.step:
-            self._go_on(driver.step)
-        else:
-            self._write(0)
-
-    def _go_on(self, step: int) -> None:
-        """Continue from the kept steps.
-
-        Raises
-        ------
-        InvalidInput
-            If the motion up to this step has changed.
-        """
-        self._records, self._warnings = self._kept.steps(step)
-        self._begin -= sum(record.seconds for record in self._records)
-        lowest = min(self._records, key=lambda record: record.shown(self._drawn)[0]).step
-        for at, points in ((lowest, self._kept.worst(lowest)), (step, self._driver.points())):
-            if points is not None:
-                self._points = points
-                self._quality = cell_quality(points, self._cells, self._sizes)
-            self._worst = self._snapshot(at) if at == lowest else self._worst
-        target = self._program.displacement(min(step, self._program.count))
-        extent = float(np.ptp(self._mesh.points, axis=0).max())
-        if not self._boundary_error(target) <= self._records[-1].boundary_error + _AGREEMENT * extent:
-            raise InvalidInput(
-                f"{self._case.path}: the motion up to step {step} is another than the one that was played",
-                hint="put it back, or play from the beginning without --resume",
-            )
-        if step % self._every == 0 or step == self._program.count:
-            self._write(step)  # again: the process may have been killed between the commit and the file
-
-    def _snapshot(self, step: int) -> Snapshot:
-        """The current mesh."""
-        return Snapshot(step, self._points, self._cells, self._quality.metric(self._drawn), self._program.nodes)
+        self._results.write_mesh(0)
 
     def steps(self) -> Iterator[StepRecord]:
         """Play all steps."""
-        for step in range(len(self._records) + 1, self._program.count + 1):
-            self._records.append(self._step(step))
-            if step == 1 or self._records[-1].shown(self._drawn)[0] < float(self._worst.quality.min()):
-                self._worst = self._snapshot(step)
-                self._kept.keep_worst(step, self._points)
-            if step % self._every == 0 or step == self._program.count:
-                self._write(step)
-            yield self._records[-1]
+        for step in range(1, self._program.count + 1):
+            yield self._step(step)
 
     def _step(self, step: int) -> StepRecord:
         """Iterate one step and commit it."""
         before, target = self._program.displacement(step - 1), self._program.displacement(step)
         iterations = self._case.content.steps.iterations
         begin = time.perf_counter()
-        seconds: dict[str, float] = {}
+        phases: dict[str, float] = {}
         for iteration in range(1, iterations + 1):
             fraction = 1.0 if iteration == iterations else 1.0 - (1.0 - _RELAXATION) ** iteration
             wanted = target if fraction == 1.0 else before + fraction * (target - before)
             moved = self._move(step, wanted, "faces" if iteration == iterations else "")
-            seconds = add_seconds(seconds, moved.seconds)
+            phases = add_seconds(phases, moved.seconds)
         elapsed = time.perf_counter() - begin
-        self._warnings += [w for w in moved.warnings if w not in self._warnings]
-        accepted = self._points, self._quality
-        self._points = self._mesh.points + moved.displacement
-        self._quality = cell_quality(self._points, self._cells, self._sizes)
-        record = StepRecord(
-            step=step,
-            **quality_numbers(self._quality),
-            predicted_min=moved.predicted,
-            predicted_standard=moved.predicted_standard,
-            enrichment_points=moved.enrichment_points,
-            freed_nodes=moved.freed_nodes,
-            iterations=iterations,
-            boundary_error=self._boundary_error(target),
-            seconds=elapsed,
-            seconds_solve=seconds["solve"],
-            seconds_predict=seconds["predict"],
-            seconds_correct=seconds["correct"],
-            seconds_displace=seconds["displace"],
-            sub_steps=moved.sub_steps,
-            faces=faces_numbers(moved.faces),
-        )
-        self._kept.add(record, self._warnings)  # before the commit, so that every committed step is known
+        self._results.warn(list(moved.warnings))
+        points = self._mesh.points + moved.displacement
+        quality, error = self._results.judge(points), self._boundary_error(points, target)
+        driven = {"iterations": iterations, "boundary_error": error, "seconds": elapsed}
+        record = StepRecord.of(step, quality, moved, phases, **driven)
         begin = time.perf_counter()
-        try:
-            self._driver.commit(self._program.count)
-        except BaseException:
-            self._points, self._quality = accepted
-            raise
-        return replace(record, seconds=elapsed + time.perf_counter() - begin)
+        self._session.commit(final_step=self._program.count)
+        record = replace(record, seconds=elapsed + time.perf_counter() - begin)
+        self._results.take(record, points, quality)
+        return record
 
-    def _move(self, step: int, displacement: Floats, report: Report) -> Reply:
+    def _move(self, step: int, displacement: Floats, report: Report) -> Moved:
         """One coupling iteration; an error names the step."""
         try:
-            return self._driver.move(displacement, report=report)
+            return self._session.move(displacement, report=report)
         except (MeshMotionError, ClientError) as error:
             error.message = f"step {step} of {self._program.count}: {error.message}"
             raise
 
-    def _boundary_error(self, target: Floats) -> float:
-        """Largest distance of a moving or fixed node from its prescribed position."""
-        moving = self._points[self._program.nodes] - (self._mesh.points[self._program.nodes] + target)
-        fixed = self._points[self._fixed] - self._mesh.points[self._fixed]
+    def _boundary_error(self, points: Floats, target: Floats) -> float:
+        """Largest distance of a moving or fixed node of ``points`` (n, d) from its prescribed position."""
+        moving = points[self._program.nodes] - (self._mesh.points[self._program.nodes] + target)
+        fixed = points[self._fixed] - self._mesh.points[self._fixed]
         return float(np.sqrt((np.concatenate([moving, fixed]) ** 2).sum(axis=1)).max())
 
-    def _write(self, step: int) -> None:
-        """Add the current mesh to the series."""
-        quality = {name.replace("-", "_"): self._quality.metric(name) for name in VTU_METRICS}
-        nodes: Data = {"displacement": self._points - self._mesh.points, **patch_marks(self._mesh)}
-        self._series.write(float(step), self._points, self._cells, point_data=nodes, cell_data=quality)
+    def write(self, folder: Path, summary: dict[str, Any], refused: str = "") -> None:
+        """Write all results except coordinates and series."""
+        self._results.write(folder, summary, self._case.name, refused)
 
     def keep(self, folder: Path, error: BaseException) -> None:
         """Write the results after an error: the steps before it, and a refused mesh with its worst cells."""
         refused = isinstance(error, MeshMotionError | ClientError) and error.code == NumericalError.default_code
-        if not (refused or self._records):
+        done = len(self._results.records)
+        if not (refused or done):
             return
-        step = len(self._records) + 1
+        step, title = done + 1, ""
         told: dict[str, Any] = {"step": step, "message": str(error) or type(error).__name__}
-        remove_ended(folder)
-        title = ""
         if refused:
             told |= self._refused(folder, step, error)
             title = f"the refused step {step}"
-        if self._records:
-            write_points(folder, self._points, "accepted.npy")
-            error.add_note(f"{step - 1} of {self._program.count} steps are kept in {folder}: play --resume goes on")
-        played = self.result()
-        _write(folder, self._case, replace(played, summary=played.summary | {"ended_early": told}), title)
+        if done:
+            write_points(folder, self._results.points, "accepted.npy")
+            error.add_note(f"{done} of {self._program.count} steps are kept in {folder}")
+        self.write(folder, self.result().summary | {"ended_early": told}, title)
 
     def _refused(self, folder: Path, step: int, error: Any) -> dict[str, Any]:
         """Write refused.vtu, name its worst cell in the error, and return the summary of it."""
-        prediction = Prediction.of(self._case, self._mesh, self._program)
+        results, prediction = self._results, Prediction.of(self._case, self._mesh, self._program)
         path = folder / "refused.vtu"
-        points, worst = write_refused(path, prediction, self._points, step, self._cells, self._sizes)
+        points, worst = write_refused(path, prediction, results.points, step, results.cells, results.sizes)
         if points is not None and worst:
-            quality = cell_quality(points, self._cells, self._sizes).metric(self._drawn)
-            self._worst = Snapshot(step, points, self._cells, quality, self._program.nodes)
+            results.worst = results.snapshot(step, points)
             error.message += f"; {named(worst[0])}"
         details = getattr(error, "details", {})
         told = {name: getattr(error, name, details.get(name)) for name in ("best", "fraction")}
@@ -320,45 +228,39 @@ class _Run:
 
     def result(self) -> Played:
         """The result of the case."""
+        results, records = self._results, self._results.records
         if not pictures_are_possible():
-            self._warnings.append("no quality.png without matplotlib: pip install 'mesh-motion-server[plot]'")
-        records = self._records
-        worst = min(records, key=lambda record: record.shown(self._drawn)[0], default=None)
+            results.warn(["no quality.png without matplotlib: pip install 'mesh-motion-server[plot]'"])
         summary = {
             "case": str(self._case.path),
             "version": __version__,
-            "method": self._driver.settings,
+            "method": self._session.settings,
             "mesh": {
                 "nodes": len(self._mesh.points),
                 "dimension": self._mesh.dimension,
-                "cells": {block.type.name: len(block) for block in self._cells},
+                "cells": {block.type.name: len(block) for block in results.cells},
                 "patches": {name: len(nodes) for name, nodes in self._mesh.patches.items()},
                 "moving_nodes": len(self._program.nodes),
                 "reference": self._at_opening,
             },
-            "worst_step": worst.step if worst else 0,
+            "worst_step": results.worst_step,
             "min_size_skew": min((record.min_size_skew for record in records), default=None),
             "min_relative_size_skew": min((record.min_relative_size_skew for record in records), default=None),
             "inverted_cells": max((record.inverted_cells for record in records), default=0),
             "boundary_error": max((record.boundary_error for record in records), default=0.0),
             "peak_memory_bytes": _own_peak_memory() + self._peak_memory_of_the_server(),
             "seconds": time.perf_counter() - self._begin,
-            "warnings": self._warnings,
+            "warnings": results.warnings,
             "steps": [record.as_dict() for record in records],
         }
-        return Played(self._mesh, self._points, records, self._warnings, summary, self._reference, self._worst)
+        return Played(self._mesh, results.points, records, results.warnings, summary, results.before, results.worst)
 
     def _peak_memory_of_the_server(self) -> int:
         """Peak memory in bytes; 0 if the server has ended."""
         try:
-            return self._driver.peak_memory_bytes()
+            return int(self._session.status().report.get("peak_memory_bytes", 0))
         except ClientError:
             return 0
-
-
-def _plain(quality: Floats) -> dict[str, float]:
-    """Minimum and mean size-skew."""
-    return {"min_size_skew": float(quality.min()), "mean_size_skew": float(quality.mean())}
 
 
 def _own_peak_memory() -> int:

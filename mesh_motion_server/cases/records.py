@@ -1,15 +1,20 @@
 """The results of each step of a played case: computed from coordinates, or reported by the server."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mesh_motion_server.cases.faces import FACES
+from mesh_motion_server.cases.faces import FACES, faces_numbers
 from mesh_motion_server.numerics.quality.metrics import CellQuality
 from mesh_motion_server.watch.observation.series import PHASES
 
-__all__ = ["VTU_METRICS", "StepRecord", "add_seconds", "drawn", "quality_numbers"]
+if TYPE_CHECKING:
+    from mesh_motion_client.moved import Moved
+
+__all__ = ["VTU_METRICS", "StepRecord", "add_seconds", "drawn"]
 
 VTU_METRICS = ("size", "skew", "size-skew", "relative-size-skew")
 """Of every cell of the mesh series."""
@@ -67,6 +72,44 @@ class StepRecord:
     sub_steps: int = 1
     faces: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
+    @classmethod
+    def of(
+        cls, step: int, quality: CellQuality, moved: Moved, phases: Mapping[str, float], **driven: Any
+    ) -> StepRecord:
+        """The record of a step.
+
+        Parameters
+        ----------
+        quality : CellQuality
+            Of the coordinates after it.
+        moved : Moved
+            The reply to its last Move.
+        phases : dict
+            Seconds of the server's phases, all iterations together.
+        driven
+            What the driver knows: ``iterations``, ``boundary_error`` and ``seconds``.
+        """
+        size_skew, relative = quality.metric("size-skew"), quality.metric("relative-size-skew")
+        seconds: dict[str, Any] = {f"seconds_{phase}": phases[phase] for phase in PHASES}
+        return cls(
+            step=step,
+            min_size=float(quality.size.min()),
+            min_skew=float(quality.skew.min()),
+            min_size_skew=float(size_skew.min()),
+            mean_size_skew=float(size_skew.mean()),
+            min_relative_size_skew=float(relative.min()),
+            mean_relative_size_skew=float(relative.mean()),
+            inverted_cells=int(quality.inverted.sum()),
+            predicted_min=float(moved.quality["corrected"]["metric"]["min"]),
+            predicted_standard=float(moved.quality["standard"]["metric"]["min"]),
+            enrichment_points=len(moved.enrichment_points),
+            freed_nodes=int(moved.correction.get("freed_nodes", 0)),
+            sub_steps=int(moved.correction.get("sub_steps", 1)),
+            faces=faces_numbers(moved.faces),
+            **seconds,
+            **driven,
+        )
+
     def shown(self, metric: str) -> tuple[float, float]:
         """Minimum and mean of the quality that :func:`drawn` names for a metric."""
         if drawn(metric) == "size-skew":
@@ -93,20 +136,6 @@ class StepRecord:
 def drawn(metric: str) -> str:
     """The quality that pictures show for a case with this metric."""
     return metric if metric == "relative-size-skew" else "size-skew"
-
-
-def quality_numbers(quality: CellQuality) -> dict[str, Any]:
-    """The quality fields of a :class:`StepRecord`."""
-    size_skew, relative = quality.metric("size-skew"), quality.metric("relative-size-skew")
-    return {
-        "min_size": float(quality.size.min()),
-        "min_skew": float(quality.skew.min()),
-        "min_size_skew": float(size_skew.min()),
-        "mean_size_skew": float(size_skew.mean()),
-        "min_relative_size_skew": float(relative.min()),
-        "mean_relative_size_skew": float(relative.mean()),
-        "inverted_cells": int(quality.inverted.sum()),
-    }
 
 
 def add_seconds(total: Mapping[str, float], more: Mapping[str, float]) -> dict[str, float]:

@@ -1,18 +1,15 @@
-"""Describe what happened at a step and why: turns the events of a history into lines of text."""
+"""Describe what happened at a step: turns the events of a history into lines of text."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mesh_motion_server.errors import JournalError
-from mesh_motion_server.session.history.events import read_events
-from mesh_motion_server.session.spec import StoredSpec, spec_bytes
 from mesh_motion_server.watch.observation.fold import is_corrected
 from mesh_motion_server.watch.observation.steps import events_of_step
 
-__all__ = ["Story", "reason_of_move", "tell_step"]
+__all__ = ["Story", "tell_step"]
 
 Event = dict[str, Any]
 
@@ -28,8 +25,6 @@ class Story:
     ----------
     outcome : {"committed", "lost", "open"}
         Lost: a crash reset the session to an earlier step (durability ``relaxed``), and the step was not begun again.
-    why : list of str
-        One sentence for each decision.
     lines : list of str
         All events as text, in time order.
     events : list of dict
@@ -38,13 +33,8 @@ class Story:
 
     step: int
     outcome: str
-    why: list[str]
     lines: list[str]
     events: list[Event]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values, as for JSON."""
-        return {"step": self.step, "outcome": self.outcome, "why": self.why, "events": self.events}
 
 
 def tell_step(session_folder: Path, step: int) -> Story:
@@ -57,43 +47,11 @@ def tell_step(session_folder: Path, step: int) -> Story:
     """
     events = events_of_step(session_folder, step)
     outcome = _outcome(events, step)
-    why = list(_reasons(events, step, _settings(session_folder)))
     lines = [_headline(events, step, outcome), ""]
     for number, event in enumerate(events):
         first, *rest = _told(event, _outcome(events[:number], step) == "committed")
         lines += [f"{_clock(event)}  {first}", *(f"{'':10}{line}" for line in rest)]
-    lines += ["", *(f"{'why: ' if not number else '     '}{line}" for number, line in enumerate(why))]
-    return Story(step, outcome, why, lines, events)
-
-
-def reason_of_move(event: Event, settings: dict[str, Any]) -> str:
-    """Why a motion was corrected or not, and the result."""
-    quality, correction = event["quality"], event["correction"]
-    metric, threshold = quality["metric"], quality["threshold"]
-    before, after = _lowest(quality["standard"]), _lowest(quality["corrected"])
-    predicted = f"the predicted minimum {metric} {_value(before)}"
-    if not is_corrected(correction):
-        if before is not None and before >= threshold:
-            return f"not corrected: {predicted} was not below the threshold {threshold:g}"
-        if settings.get("correction") == "none":
-            return f"not corrected, although {predicted} was below the threshold {threshold:g}: correction = none"
-        return f"not corrected: {predicted}, threshold {threshold:g}"
-    low = before is None or before < threshold
-    cause = f"was below the threshold {threshold:g}" if low else f"was to be raised above {threshold:g}"
-    came = (
-        f"reached {_value(after)}" if correction["reached"] else f"came to {_value(after)} only, below the threshold,"
-    )
-    return f"corrected because {predicted} {cause}; {came} with {_means(correction)}"
-
-
-def _settings(session_folder: Path) -> dict[str, Any]:
-    """The session's settings: as stored, because the BUILT event may be deleted; otherwise from BUILT."""
-    try:
-        return dict(StoredSpec.from_bytes(spec_bytes(session_folder)).settings.model_dump())
-    except JournalError:
-        built = (event for event in read_events(session_folder) if event["event"] == "built")
-        settings: dict[str, Any] = next(built, {}).get("settings", {})
-        return settings
+    return Story(step, outcome, lines, events)
 
 
 # --- the parts --------------------------------------------------------------------------------------------------------
@@ -189,30 +147,6 @@ def _told_refusal(event: Event) -> list[str]:
 def _told_resumption(event: Event, was_committed: bool) -> list[str]:
     lost = ": the crash took this step back" if was_committed else ""
     return [f"resumed at step {event['step']}, epoch {event['epoch']}, by version {event['version']}{lost}"]
-
-
-def _reasons(events: Sequence[Event], step: int, settings: dict[str, Any]) -> Iterator[str]:
-    """The decisions: the last motion that counted, each refusal, the steps lost in a crash, and the outcome."""
-    for number, event in enumerate(events):
-        if event["event"] == "refused":
-            yield f"refused: {event['code']}: {event['message']}"
-        if event["event"] == "resumed" and _outcome(events[:number], step) == "committed":
-            yield f"lost: it was committed, and a crash took the session back to step {event['step']}"
-        elif event["event"] == "resumed":
-            yield f"resumed in between: a trial that was not committed by then was dropped (epoch {event['epoch']})"
-    made = [event for event in events if event["event"] in ("moved", "committed") and event["step"] == step]
-    moves = [event for event in made if event["event"] == "moved"]
-    if moves:
-        yield reason_of_move(moves[-1], settings)
-    predicted = _lowest(moves[-1]["quality"]["corrected"]) if moves else None
-    is_last = bool(made) and made[-1]["event"] == "committed"  # otherwise it is made again after a crash
-    if is_last and predicted is not None and (found := _lowest(made[-1]["quality"])) is not None:
-        gap = found - predicted
-        yield "committed as predicted" if abs(gap) < 1e-6 else f"committed {abs(gap):.2g} {_side(gap)} than predicted"
-
-
-def _side(gap: float) -> str:
-    return "better" if gap > 0 else "worse"
 
 
 def _means(correction: dict[str, Any]) -> str:

@@ -87,10 +87,10 @@ def check(
     seconds: Annotated[float, typer.Option(min=0.0, metavar="S", help="Predict a case's motion for so long.")] = 20.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
-    """Say what is wrong or odd about a case or a mesh, what will be refused, and what it will cost.
+    """Say what is wrong or odd about a case or a mesh, and what will be refused.
 
-    Roles of the patches, degenerate and inverted cells, duplicated and orphan nodes, a suggested support radius, an
-    estimate of memory and time, and which step of a case's motion will be refused, why and where: status 3.
+    Roles of the patches, degenerate and inverted cells, duplicated and orphan nodes, a suggested support radius, and
+    which step of a case's motion will be refused, why and where: status 3.
 
     \b
     mesh-motion check case.toml
@@ -113,7 +113,7 @@ def check(
 
 def _check_values(report: CheckReport) -> dict[str, Any]:
     """The report as plain values."""
-    mesh, costs = report.mesh, report.costs
+    mesh = report.mesh
     return {
         "path": str(report.path),
         "nodes": len(mesh.points),
@@ -125,10 +125,6 @@ def _check_values(report: CheckReport) -> dict[str, Any]:
         "quality": report.quality,
         "support_radius": report.support_radius,
         "suggested_support_radius": report.suggested_radius,
-        "solver": costs.solver,
-        "estimated_seconds_factorize": costs.factorize_seconds,
-        "estimated_seconds_evaluate": costs.evaluate_seconds,
-        "estimated_memory_bytes": costs.memory_bytes,
         "steps_accepted": report.steps,
         "refused": report.refused,
         "warnings": report.warnings,
@@ -139,7 +135,7 @@ def _print_check(report: CheckReport) -> None:
     """The report as a table."""
     from rich.table import Table
 
-    mesh, costs = report.mesh, report.costs
+    mesh = report.mesh
     cells = ", ".join(f"{len(nodes)} {name}" for name, nodes in mesh.cells.items())
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     box = " × ".join(f"[{a:g}, {b:g}]" for a, b in zip(low, high, strict=True))
@@ -155,21 +151,11 @@ def _print_check(report: CheckReport) -> None:
     table.add_row("quality", ", ".join(f"{name} {value:.3f}" for name, value in report.quality.items()))
     chosen = f"{report.support_radius:g} in the case, " if report.support_radius is not None else ""
     table.add_row("support radius", f"{chosen}{report.suggested_radius:g} suggested")
-    table.add_row(
-        "estimate",
-        f"{costs.memory_bytes / 2**20:.0f} MB; {costs.solver} factorization {_about(costs.factorize_seconds)}, then "
-        f"{_about(costs.evaluate_seconds)} a move, and what a correction needs",
-    )
     if report.steps:
         table.add_row("motion", f"{report.steps} steps are accepted")
     _show(table)
     if not report.refused:
         typer.echo(f"usable{' as a case' if report.roles else ' as a mesh'}")
-
-
-def _about(seconds: float) -> str:
-    """Format an estimate with its two significant digits."""
-    return "under 1 ms" if seconds < 1e-3 else f"{seconds:.2g} s"
 
 
 # --- inspect ---------------------------------------------------------------------------------------------------------
@@ -187,7 +173,7 @@ def inspect(
         ),
     ] = None,
     step: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="What happened at step N of a session's folder, and why.")
+        int | None, typer.Option(min=1, metavar="N", help="What happened at step N of a session's folder.")
     ] = None,
     endpoint: EndpointOption = None,
     key: KeyOption = None,
@@ -289,7 +275,7 @@ def demo(
 ) -> None:
     """Play the thesis' three cases and a flag in a channel, standard against corrected.
 
-    Prints a table and leaves overview.png, flag.png and each case's results in DIR. It takes about a minute.
+    Prints a table and leaves a picture of each case and its results in DIR. It takes about a minute.
 
     \b
     mesh-motion demo --out out/demo

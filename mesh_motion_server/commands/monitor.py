@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mesh_motion_server.commands.cli import ExitStatus, complain, status_of
-from mesh_motion_server.commands.options import EndpointOption, KeyOption, ServerKeyOption, keys_of_options
 
 if TYPE_CHECKING:
-    from mesh_motion_server.watch.terminal.sources import Source
+    from mesh_motion_server.watch.terminal.sources import FolderSource
 
 __all__ = ["monitor"]
 
@@ -28,9 +27,6 @@ def monitor(
         Path | None,
         typer.Argument(metavar="FOLDER", help="A state folder or a session's; serve's own.", show_default=False),
     ] = None,
-    endpoint: EndpointOption = None,
-    key: KeyOption = None,
-    server_key: ServerKeyOption = None,
     session: Annotated[
         str | None,
         typer.Option(metavar="ID|LABEL", help="Its details; the id may be shortened.", show_default=False),
@@ -41,50 +37,34 @@ def monitor(
 ) -> None:
     """Watch sessions in a table: state, step, quality; of one also iterations, worst cells, warnings, refusals.
 
-    A folder shows a server that has died as well; a server that is asked (--endpoint, with a monitor's key where it
-    has keys) sends no history. The key q quits. Without a terminal, one look is printed.
+    Everything is read from the folder, so that a server that has died is shown as well. The key q quits. Without a
+    terminal, one look is printed.
 
     \b
     mesh-motion monitor
     mesh-motion monitor ~/.local/state/mesh-motion --session 0123…
-    mesh-motion monitor --endpoint tcp://127.0.0.1:7440
     mesh-motion monitor --once --json
     """
-    if folder is not None and endpoint is not None:
-        raise typer.BadParameter("give either FOLDER or --endpoint", param_hint="FOLDER")
-    from mesh_motion_client import MeshMotionError as ClientError
-
     from mesh_motion_server.errors import MeshMotionError
-    from mesh_motion_server.watch.terminal.sources import Unreadable
+    from mesh_motion_server.settings import ServerSettings
+    from mesh_motion_server.watch.terminal.sources import FolderSource, Unreadable
 
+    source = FolderSource((folder or ServerSettings().state_folder).expanduser())
     try:
-        source = _source(folder, endpoint, key, server_key)
         if as_json or once or not _is_terminal():
             _print_once(source, session, as_json=as_json)
         else:
             from mesh_motion_server.watch.terminal.live import watch
 
             raise typer.Exit(watch(source, session, every))
-    except (MeshMotionError, ClientError) as error:
+    except MeshMotionError as error:
         complain(str(error))
         raise typer.Exit(status_of(error.code)) from None
     except Unreadable as error:
         complain(f"{source.where}: {error}")
-        raise typer.Exit(status_of(error.code)) from None
+        raise typer.Exit(status_of("UNAVAILABLE")) from None
     except KeyboardInterrupt:
         raise typer.Exit(ExitStatus.INTERRUPTED) from None
-
-
-def _source(folder: Path | None, endpoint: str | None, key: Path | None, server_key: str | None) -> Source:
-    """Select the source of the sessions: a folder or an endpoint."""
-    if endpoint is not None:
-        from mesh_motion_server.watch.terminal.sources import EndpointSource
-
-        return EndpointSource(endpoint, keys_of_options(endpoint, key, server_key))
-    from mesh_motion_server.settings import ServerSettings
-    from mesh_motion_server.watch.terminal.sources import FolderSource
-
-    return FolderSource((folder or ServerSettings().state_folder).expanduser())
 
 
 def _is_terminal() -> bool:
@@ -92,16 +72,13 @@ def _is_terminal() -> bool:
     return sys.stdin.isatty() and sys.stdout.isatty() and os.environ.get("TERM", "dumb") != "dumb"
 
 
-def _print_once(source: Source, session: str | None, *, as_json: bool) -> None:
+def _print_once(source: FolderSource, session: str | None, *, as_json: bool) -> None:
     """Print one look."""
     from rich.console import Console
 
     from mesh_motion_server.watch.terminal.table import look_at, rendered, values_of
 
-    try:
-        look = look_at(source, session)
-    finally:
-        source.close()
+    look = look_at(source, session)
     if as_json:
         # a terminal gets escaped text: a label may hold an escape sequence
         values = values_of(source.where, look)

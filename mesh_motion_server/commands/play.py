@@ -20,7 +20,7 @@ from mesh_motion_server.commands.options import (
     ServerKeyOption,
     keys_of_options,
 )
-from mesh_motion_server.commands.replay import replay_session, tell_comparison
+from mesh_motion_server.commands.replay import changes_of, tell_comparison
 
 if TYPE_CHECKING:
     from mesh_motion_server.cases.records import StepRecord
@@ -43,31 +43,26 @@ def play(
     assignments: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Replay with this setting; repeatable.")
     ] = None,
-    variants: Annotated[
-        list[str] | None,
-        typer.Option("--variant", metavar="K=V,K=V…", help="Replay once with these settings; repeatable."),
-    ] = None,
     until: Annotated[int | None, typer.Option(min=1, metavar="N", help="Replay the steps up to N.")] = None,
     endpoint: EndpointOption = None,
     key: KeyOption = None,
     server_key: ServerKeyOption = None,
     every: Annotated[int, typer.Option(min=1, metavar="N", help="Write every N-th step to the series.")] = 1,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on behind the last step that is kept in DIR.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print warnings and errors only.")] = False,
 ) -> None:
     """Drive a session through a case, as a coupling code would.
 
     Without --endpoint a private server is started and stopped again. DIR receives summary.json, points.npy, steps.csv,
-    mesh.pvd with its VTU files for ParaView, and quality.png. A run that is refused, interrupted or
-    killed keeps the steps it has made: accepted.npy instead of points.npy, the refused mesh in refused.vtu and
-    quality.png. Change what comes after them, or nothing, and --resume.
+    mesh.pvd with its VTU files for ParaView, and quality.png. A run that is refused or
+    interrupted keeps the steps it has made: accepted.npy instead of points.npy, the refused mesh in refused.vtu and
+    quality.png.
 
     \b
     mesh-motion play examples/thesis_rotation/case.toml --out out/rotation
     mesh-motion play case.toml -o out --endpoint tcp://127.0.0.1:7440
 
     With --from-journal the boundary of a stored session, or of a copy of its folder, moves again as it was recorded,
-    with the session's own settings or others, and a table compares what came out; DIR receives comparison.json and .csv
+    with the session's own settings or others, and a table compares what came out; DIR receives comparison.json
     too. Status 1 if nothing was changed and the states differ all the same.
 
     \b
@@ -78,24 +73,22 @@ def play(
     from mesh_motion_server.cases.faces import faces_line
     from mesh_motion_server.cases.play import play as play_case
     from mesh_motion_server.cases.records import drawn
+    from mesh_motion_server.cases.replay import replay
 
     if (case is None) == (from_journal is None):
         raise typer.BadParameter("give either CASE.toml or --from-journal", param_hint="CASE.toml")
-    if from_journal is None and (assignments or variants or until):
-        raise typer.BadParameter("--set, --variant and --until need --from-journal; a case has its own settings")
-    if resume and case is None:
-        raise typer.BadParameter("a replay is not resumed; it begins again", param_hint="--resume")
+    if from_journal is None and (assignments or until):
+        raise typer.BadParameter("--set and --until need --from-journal; a case has its own settings")
     if out is None:
         if case is None:
             raise typer.BadParameter("a replay needs a folder for its results", param_hint="--out")
         out = case.parent / "out" / case_name(case)
     if case is None:
         with expected_errors(), _progress(quiet) as advance:
-            comparison = replay_session(
+            comparison = replay(
                 Path(str(from_journal)),
                 out,
-                assignments=assignments or (),
-                variants=variants or (),
+                changes_of(assignments or ()),
                 until=until,
                 endpoint=endpoint,
                 keys=keys_of_options(endpoint, key, server_key),
@@ -113,7 +106,6 @@ def play(
             every=every,
             progress=advance,
             keys=keys,
-            resume=resume,
         )
     for warning in played.warnings:
         complain(f"warning: {warning}")

@@ -58,8 +58,8 @@ def plot(
 ) -> None:
     """Draw the history of runs, or a mesh before and after, for a paper, a page or a slide.
 
-    Several runs are drawn over each other. Text stays text in SVG and PDF, with its fonts inside; the same run gives
-    the same file.
+    Several runs are drawn over each other. Text stays text in PDF, with its fonts inside; the same run gives the same
+    file.
 
     \b
     mesh-motion plot out/flag --out flag.pdf --size column
@@ -116,7 +116,7 @@ def _history(
 ) -> None:
     from mesh_motion_server.watch.pictures.history import PANELS, draw_history
     from mesh_motion_server.watch.pictures.page import save, styled
-    from mesh_motion_server.watch.pictures.reading import read_runs
+    from mesh_motion_server.watch.pictures.runs import read_runs
 
     unknown = [name for name in panels or () if name not in PANELS]
     if unknown:
@@ -135,8 +135,8 @@ def _mesh(
     title: str | None,
 ) -> None:
     from mesh_motion_server.watch.pictures.before_after import draw_before_after
+    from mesh_motion_server.watch.pictures.meshes import read_pair
     from mesh_motion_server.watch.pictures.page import save, styled
-    from mesh_motion_server.watch.pictures.reading import read_pair
 
     if len(folders) > 1:
         raise InvalidInput(f"--show mesh draws one run, got {len(folders)}", hint="name one of them")

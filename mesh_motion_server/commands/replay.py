@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -17,32 +16,7 @@ from mesh_motion_server.errors import InvalidInput
 if TYPE_CHECKING:
     from mesh_motion_server.cases.comparison import Comparison
 
-__all__ = ["changes_of", "replay_session", "tell_comparison"]
-
-
-def replay_session(
-    session_folder: Path, out: Path, *, assignments: Sequence[str], variants: Sequence[str], **options: Any
-) -> Comparison:
-    """Replay a stored session once, or once for each variant; the assignments hold for all.
-
-    Parameters
-    ----------
-    session_folder, out : Path
-    assignments, variants : sequence of str
-        ``key=value`` of ``[method]``; a variant has several, separated by commas.
-    options
-        Of :func:`mesh_motion_server.cases.replay.replay`.
-
-    Raises
-    ------
-    InvalidInput
-        If one of them is no assignment; and as :func:`~mesh_motion_server.cases.replay.replay`.
-    """
-    from mesh_motion_server.cases.replay import replay, variant_of
-
-    common = changes_of(assignments)
-    each = [changes_of(text.split(",")) for text in variants] or [{}]
-    return replay(session_folder, out, [variant_of(common | changes) for changes in each], **options)
+__all__ = ["changes_of", "tell_comparison"]
 
 
 def tell_comparison(comparison: Comparison, *, quiet: bool) -> None:
@@ -83,13 +57,4 @@ def changes_of(assignments: Sequence[str]) -> dict[str, Any]:
             changes[key] = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
             changes[key] = value
-        if isinstance(changes[key], int) and not isinstance(changes[key], bool) and _is_real(key):
-            changes[key] = float(changes[key])
     return changes
-
-
-def _is_real(key: str) -> bool:
-    """Return whether the setting is a real number: then 1 means 1.0."""
-    from mesh_motion_server.numerics.method import KEYS
-
-    return key in KEYS and KEYS[key].kind is float

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -35,8 +35,6 @@ class MeshFile:
         The zone of the file; "" in formats without zones.
     notes : tuple of str
         One line for each thing that the reader left out or named.
-    halo : dict of str to (h, k) int64 arrays
-        Cells beyond periodic sides (images of other cells), which are left out of the mesh.
     global_ids : (n,) int64 array or None
         Of a partition: the nodes' numbers in the whole mesh.
     """
@@ -48,7 +46,6 @@ class MeshFile:
     periodic: tuple[str, ...] = ()
     zone: str = ""
     notes: tuple[str, ...] = ()
-    halo: dict[str, Integers] = field(default_factory=dict)
     global_ids: Integers | None = None
 
     @property
@@ -65,14 +62,6 @@ class MeshFile:
     def cell_table(self) -> CellTable:
         """The cells as a table for the numerics."""
         return CellTable.from_arrays(self.cells)
-
-    def with_halo(self) -> MeshFile:
-        """The mesh with its halo as normal cells; the sides are then fixed, not periodic."""
-        cells = {
-            name: np.concatenate([of[name] for of in (self.cells, self.halo) if name in of])
-            for name in {**self.cells, **self.halo}
-        }
-        return replace(self, cells=cells, halo={})
 
     def __post_init__(self) -> None:
         _check_points(self.points, self.path)

@@ -11,7 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import MeshFile
@@ -26,7 +25,7 @@ def partitions(mesh: MeshFile, count: int) -> Iterator[MeshFile]:
     """Cut a mesh into ``count`` partitions; one after the other is made.
 
     Nodes are ascending by number in the mesh, cells are in its order. A patch has those of its nodes that the
-    partition has; it is left out where there are none. A node of no cell is in the partition of its share.
+    partition has; it is left out where there are none. Nodes of no cell are left out.
 
     Raises
     ------
@@ -46,12 +45,9 @@ def partitions(mesh: MeshFile, count: int) -> Iterator[MeshFile]:
             f"partition {int(np.argmin(filled))} without a cell",
             hint="take fewer partitions",
         )
-    alone = np.ones(len(mesh.points), dtype=bool)
-    for nodes in mesh.cells.values():
-        alone[nodes] = False
     for number in range(count):
         cells = {name: mesh.cells[name][owner == number] for name, owner in owners.items()}
-        yield _partition(mesh, {name: nodes for name, nodes in cells.items() if len(nodes)}, alone & (share == number))
+        yield _partition(mesh, {name: nodes for name, nodes in cells.items() if len(nodes)})
 
 
 def write_partitions(folder: Path, mesh: MeshFile, count: int) -> list[Path]:
@@ -76,9 +72,9 @@ def _first_on_curve(nodes: Integers, place: Integers) -> Integers:
     return first
 
 
-def _partition(mesh: MeshFile, cells: dict[str, Integers], more: NDArray[np.bool_]) -> MeshFile:
-    """The part of a mesh that has some cells, their nodes and ``more`` (n,) nodes."""
-    held = more
+def _partition(mesh: MeshFile, cells: dict[str, Integers]) -> MeshFile:
+    """The part of a mesh that has some cells, and their nodes."""
+    held = np.zeros(len(mesh.points), dtype=np.bool_)
     for nodes in cells.values():
         held[nodes] = True
     ids = np.flatnonzero(held)
@@ -90,6 +86,5 @@ def _partition(mesh: MeshFile, cells: dict[str, Integers], more: NDArray[np.bool
         cells={name: local[nodes] for name, nodes in cells.items()},
         patches={name: nodes for name, nodes in patches.items() if len(nodes)},
         global_ids=ids if mesh.global_ids is None else mesh.global_ids[ids],
-        halo={},
         notes=(),
     )

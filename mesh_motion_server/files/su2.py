@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, chosen_zone
-from mesh_motion_server.numerics.arrays import Integers, Marks
+from mesh_motion_server.numerics.arrays import Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["read_su2"]
@@ -26,7 +26,7 @@ __all__ = ["read_su2"]
 #: Name and number of nodes of each SU2 type number (the same as in VTK); a marker may also have vertices.
 _CELLS = {cell_type.vtk: (cell_type.name, cell_type.n_nodes) for cell_type in CELL_TYPES.values()}
 _FACETS = {1: ("", 1), **_CELLS}
-#: Markers of nodes that belong to another processor or a periodic side; old releases write them.
+#: A marker of releases before 7: nodes of another processor's part, or of images beyond a periodic side.
 _HALO = "SEND_RECEIVE"
 _UNNAMED = "unnamed"
 
@@ -37,12 +37,10 @@ _Rows = list[str]
 class _Zone:
     """The content of the sections of one zone read so far.
 
-    physical : number of points outside the halo
     markers : {name: {type: [(m, k) nodes]}}, vertices with the type ""
     """
 
     dimension: int = 0
-    physical: int = 0
     points: _Rows = field(default_factory=list)
     cells: dict[str, Integers] = field(default_factory=dict)
     markers: dict[str, dict[str, list[Integers]]] = field(default_factory=dict)
@@ -54,56 +52,18 @@ class _Zone:
             marker[kind].append(nodes)
 
     def mesh(self, path: Path, zone: str) -> MeshFile:
-        """The mesh, with the halo kept separately, without markers that have no elements."""
+        """The mesh, without markers that have no elements."""
         points = _columns(self.points, range(self.dimension), np.float64)
         markers = {
             name or _UNNAMED: {kind: np.concatenate(parts) for kind, parts in of.items()}
             for name, of in self.markers.items()
         }
-        cells, halo, markers = _without_halo(self.cells, markers, self.physical, len(points))
         none = np.empty(0, dtype=np.int64)
         nodes = {name: np.concatenate([none, *(part.ravel() for part in of.values())]) for name, of in markers.items()}
         notes = [f"marker {name!r} has no elements: it is no patch" for name in nodes if not len(nodes[name])]
         notes += [f"a marker without a name is the patch {_UNNAMED!r}"] if "" in self.markers else []
-        left = sum(len(of) for of in halo.values())
-        notes += [f"cells of the halo ({_HALO}) that are left out where a patch is periodic: {left}"] if left else []
         patches = {name: of for name, of in nodes.items() if len(of)}
-        mesh = assemble(path, points, cells, patches)
-        return replace(mesh, zone=zone, notes=tuple(notes), halo=halo)
-
-
-_Markers = dict[str, dict[str, Integers]]
-
-
-def _without_halo(
-    cells: dict[str, Integers], markers: _Markers, physical: int, count: int
-) -> tuple[dict[str, Integers], dict[str, Integers], _Markers]:
-    """Cells outside the halo, cells of the halo, and markers without the halo.
-
-    Of ``count`` nodes, those after the first ``physical`` ones are the halo nodes. A halo cell has a halo node that is
-    in no marker; a periodic marker has the nodes on its side.
-    """
-    halo = np.arange(count) >= physical
-    for of in markers.values():
-        for nodes in of.values():
-            halo[nodes[(nodes >= 0) & (nodes < count)]] = False
-    kept = {name: nodes[~_touching(nodes, halo)] for name, nodes in cells.items()}
-    left = {name: nodes[_touching(nodes, halo)] for name, nodes in cells.items() if len(nodes) > len(kept[name])}
-    if not left:
-        return cells, {}, markers
-    beyond = np.arange(count) >= physical
-    for nodes in kept.values():
-        beyond[nodes] = False
-    markers = {
-        name: {kind: part[~_touching(part, beyond)] for kind, part in of.items()} for name, of in markers.items()
-    }
-    return kept, left, markers
-
-
-def _touching(nodes: Integers, marked: Marks) -> Marks:
-    """(m,) whether a row of nodes (m, k) has a marked node; the mesh's own check refuses invalid node numbers."""
-    known = (nodes >= 0) & (nodes < len(marked))
-    return np.asarray((known & marked[np.where(known, nodes, 0)]).any(axis=1))
+        return replace(assemble(path, points, self.cells, patches), zone=zone, notes=tuple(notes))
 
 
 def read_su2(path: Path, zone: str = "") -> MeshFile:
@@ -140,8 +100,7 @@ def _read_zones(text: str) -> dict[str, _Zone]:
                 if not 1 <= zone.dimension <= 3:
                     raise ValueError(f"NDIME= {value}, expected 2 or 3")
             case "NPOIN":
-                counts = [int(word) for word in value.split()]
-                zone.points, zone.physical = _counted(rows, counts[0], key), counts[-1]
+                zone.points = _counted(rows, int(value.split()[0]), key)
             case "NELEM":
                 zone.cells = _elements(_counted(rows, int(value.split()[0]), key), _CELLS)
             case "MARKERTAG":

@@ -6,7 +6,7 @@ for this order, also for wedges (older VTK documents say otherwise; a test check
 https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from html import escape  # xml.sax.saxutils has the same and imports the web
 from pathlib import Path
 from typing import BinaryIO
@@ -72,14 +72,12 @@ class VtuSeries:
         Exists.
     name : str
         Stem of all files.
-    written : sequence of float
-        Times whose files exist; the series continues after them.
     """
 
-    def __init__(self, folder: Path, name: str, written: Sequence[float] = ()) -> None:
+    def __init__(self, folder: Path, name: str) -> None:
         self._folder = folder
         self._name = name
-        self._entries = [(time, f"{name}_{k:04d}.vtu") for k, time in enumerate(written)]
+        self._entries: list[tuple[float, str]] = []
 
     def write(
         self,

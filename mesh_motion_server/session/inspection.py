@@ -6,7 +6,7 @@ unfinished.
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,22 +14,10 @@ from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.journal.files import read_journal, verify_state
 from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileSystem
 from mesh_motion_server.session.journal.mesh_store import read_mesh
-from mesh_motion_server.session.journal.records import Record
 from mesh_motion_server.session.journal.recovery import Findings
 from mesh_motion_server.session.spec import StoredSpec, spec_bytes
 
-__all__ = ["Check", "Inspection", "RecordLine", "inspect_session"]
-
-
-@dataclass(frozen=True)
-class RecordLine:
-    """One record of the manifest: its place, its content in words, its checksum (hexadecimal)."""
-
-    offset: int
-    sequence: int
-    kind: str
-    says: str
-    checksum: str
+__all__ = ["Check", "Inspection", "inspect_session"]
 
 
 @dataclass(frozen=True)
@@ -74,12 +62,7 @@ class Inspection:
     epoch: int
     digest: str
     state: str
-    records: tuple[RecordLine, ...]
     checks: tuple[Check, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values, as for JSON."""
-        return asdict(self)
 
 
 def inspect_session(folder: Path | str) -> Inspection:
@@ -117,7 +100,6 @@ def inspect_session(folder: Path | str) -> Inspection:
         epoch=found.ledger.epoch if found else -1,
         digest=last.digest.hex() if last else "",
         state=_judge(path, found, checks),
-        records=_lines(found.records) if found else (),
         checks=tuple(checks),
     )
 
@@ -153,22 +135,3 @@ def _judge(path: Path, found: Findings | None, checks: list[Check]) -> str:
     if found is None or not all(check.passed for check in checks):
         return "damaged"
     return "unfinished" if found.torn or found.completion or found.dirty_slots else "whole"
-
-
-def _lines(records: tuple[Record, ...]) -> tuple[RecordLine, ...]:
-    lines, offset = [], 0
-    for record in records:
-        lines.append(RecordLine(offset, record.sequence, record.kind, _said(record), record.checksum.hex()))
-        offset += record.length
-    return tuple(lines)
-
-
-def _said(record: Record) -> str:
-    """Describe a record in a few words."""
-    body = record.body
-    if record.kind == "snapshot":
-        return f"step {body['step']}, stored"
-    if record.kind == "commit":
-        return f"step {body['step']}" + (", logged" if "rows" in body else "")
-    commits = body.get("commits")
-    return f"epoch {body['epoch']}" + (f", step {commits[-1]['step']}" if commits else "")

@@ -65,7 +65,7 @@ def serve(
     -------
     int
         Exit status: 0 after a drain, 69 if the endpoint is taken, 70 if the gateway or the workers keep falling, 78
-        if the endpoint is wrong or unsafe, the keys do not protect it, or there is no such failpoint.
+        if the endpoint is wrong or unsafe, the keys do not protect it, or a plan of failpoints is wrong.
     """
     configure("supervisor", level)
     if ready_file is not None:

@@ -4,13 +4,15 @@ It forks a worker for each line that the supervisor hands over. The worker gets 
 one from its journal; then it listens and serves (:mod:`.worker`).
 """
 
+from __future__ import annotations
+
 import gc
 import importlib
 import os
 import signal
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgpack
 import zmq
@@ -24,7 +26,7 @@ from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, bind_first, router
-from mesh_motion_server.transport.hosting import Hosting, SessionHost
+from mesh_motion_server.transport.hosting import Hosting
 from mesh_motion_server.transport.processes import (
     fork_from_template,
     limit_address_space,
@@ -41,6 +43,9 @@ from mesh_motion_server.transport.protection import (
 from mesh_motion_server.transport.self_test import check_refuses
 from mesh_motion_server.transport.telemetry import configure, log, name_session
 from mesh_motion_server.transport.worker import Worker
+
+if TYPE_CHECKING:
+    from mesh_motion_server.service.dispatch import SessionHost
 
 __all__ = ["main"]
 

@@ -7,10 +7,12 @@ The lease holds while any connection is open. ``lease_seconds`` after the last o
 ``idle_seconds`` the process ends; the session stays resumable. A session without a mesh ends with its lease.
 """
 
+from __future__ import annotations
+
 import math
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import zmq
 from mesh_motion_protocol.arrays import Buffer
@@ -27,10 +29,12 @@ from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.endpoints import connection_event
-from mesh_motion_server.transport.hosting import SessionHost
 from mesh_motion_server.transport.protection import Rights
 from mesh_motion_server.transport.replies import encoded, undecodable, unexpected
 from mesh_motion_server.transport.telemetry import log, tell_suppressed
+
+if TYPE_CHECKING:
+    from mesh_motion_server.service.dispatch import SessionHost
 
 __all__ = ["Lease", "Worker"]
 

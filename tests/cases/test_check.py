@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mesh_motion_client import QualityRefused
 
-from mesh_motion_server.cases.check import check, estimate_costs
+from mesh_motion_server.cases.check import check
 from mesh_motion_server.cases.play import play
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile, read_mesh, write_npz
@@ -117,20 +117,6 @@ def test_nodes_at_the_same_place_are_refused_where_only_distinct_ones_will_do(ma
     write_npz(mesh.path, replace(mesh, points=points, patches=patches))
     with pytest.raises(InvalidInput, match=r"are at the same place, \[.*\]: reduction = 'greedy' needs distinct ones"):
         check(path)
-
-
-def test_costs_follow_the_solver_that_would_be_chosen() -> None:
-    rng = np.random.default_rng(0)
-    points = rng.random((2000, 3))
-    few = estimate_costs(points, points[:500], 10_000, 1.0)
-    sparse = estimate_costs(points, points, 10_000, 0.1)
-    dense = estimate_costs(points, points[:900], 10_000, 1.0)
-    assert (few.solver, sparse.solver, dense.solver) == ("dense", "sparse", "dense")
-    assert few.factorize_seconds < dense.factorize_seconds
-    assert sparse.evaluate_seconds < dense.evaluate_seconds
-    many = estimate_costs(points, rng.random((12_000, 3)), 10_000, 1.0)
-    assert many.solver == "two-scale"
-    assert many.memory_bytes < dense.memory_bytes
 
 
 # --- the motion ------------------------------------------------------------------------------------------------------

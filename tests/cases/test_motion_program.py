@@ -148,32 +148,3 @@ def test_an_oscillation_about_an_axis_turns(make_case) -> None:
     for step, degrees in ((0, 0.0), (1, 20.0), (2, 0.0)):
         turned = (points - 0.5) @ rotation(degrees).T + 0.5
         np.testing.assert_allclose(points + motion.displacement(step), turned, atol=1e-15)
-
-
-def function_case(make_case, body: str, named: str = "motion.py:bend") -> Path:
-    path = make_case((RIGID, f'function = "{named}"'))
-    (path.parent / "motion.py").write_text(f"def bend(points, step):\n    {body}\n", encoding="utf-8")
-    return path
-
-
-def test_a_function_says_where_its_patch_goes(make_case) -> None:
-    motion = program(function_case(make_case, "return [[0.0, 0.01 * step * x**2] for x, _ in points]"))
-    points = read_mesh(make_case().parent / "mesh.npz").points[motion.nodes]
-    np.testing.assert_array_equal(motion.displacement(0), 0.0)
-    np.testing.assert_allclose(motion.displacement(2)[:, 1], 0.02 * points[:, 0] ** 2)
-
-
-@pytest.mark.parametrize(
-    ("body", "named", "message"),
-    [
-        ("return points[1:]", "motion.py:bend", "motion.py: bend: in step 1: expected finite displacements"),
-        ("return points * float('nan')", "motion.py:bend", "expected finite displacements"),
-        ("return points.missing", "motion.py:bend", "in step 1: AttributeError"),
-        ("return points", "motion.py:bends", "no function 'bends' .did you mean 'bend'"),
-        ("return (", "motion.py:bend", "motion.py: SyntaxError"),
-        ("return points", "other.py:bend", "other.py: no such motion function"),
-    ],
-)
-def test_a_function_that_does_not_fit_is_named(make_case, body: str, named: str, message: str) -> None:
-    with pytest.raises(InvalidInput, match=message):
-        program(function_case(make_case, body, named)).displacement(1)

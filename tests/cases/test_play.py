@@ -2,11 +2,11 @@
 
 import csv
 import json
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import meshio
@@ -18,8 +18,8 @@ from raising import raising
 
 from mesh_motion_server import __version__
 from mesh_motion_server.cases import play as play_module
+from mesh_motion_server.cases import results as results_module
 from mesh_motion_server.cases.case import Case, read_case
-from mesh_motion_server.cases.driver import Reply
 from mesh_motion_server.cases.faces import FACES, faces_line
 from mesh_motion_server.cases.motion_program import MotionProgram
 from mesh_motion_server.cases.outputs import RESULTS
@@ -48,10 +48,10 @@ class StandIn:
         self.moves: list[np.ndarray] = []
         self.reports: list[str] = []
         self.commits: list[int] = []
-        self.mesh_warnings = ["odd mesh"]
+        self.mesh_report = {"warnings": ["odd mesh"]}
         self.settings: dict[str, Any] = case.content.method.model_dump()
 
-    def move(self, displacement: np.ndarray, *, report: str = "") -> Reply:
+    def move(self, displacement: np.ndarray, *, report: str = "") -> SimpleNamespace:
         self.moves.append(displacement)
         self.reports.append(report)
         if len(self.moves) == self.refuse_at:
@@ -62,18 +62,21 @@ class StandIn:
         moved[self.control] = values
         seconds = {"solve": 1.0, "predict": 2.0, "correct": 3.0, "displace": 4.0, "total": 10.0}
         faces = {"before": told_faces(20.0), "after": told_faces(60.0 + len(self.moves))} if report else {}
-        return Reply(moved, 0.5, 0.25, 3, 7, seconds, [f"warning {len(self.moves)}", "always"], faces=faces)
-
-    step = 0
-
-    def points(self) -> np.ndarray:
-        raise AssertionError("nothing is resumed")
+        return SimpleNamespace(
+            displacement=moved,
+            quality={"corrected": {"metric": {"min": 0.5}}, "standard": {"metric": {"min": 0.25}}},
+            enrichment_points=np.zeros((3, 2)),
+            correction={"freed_nodes": 7, "sub_steps": 1},
+            seconds=seconds,
+            warnings=[f"warning {len(self.moves)}", "always"],
+            faces=faces,
+        )
 
     def commit(self, final_step: int) -> None:
         self.commits.append(len(self.moves))
 
-    def peak_memory_bytes(self) -> int:
-        return 1 << 40
+    def status(self) -> SimpleNamespace:
+        return SimpleNamespace(report={"peak_memory_bytes": 1 << 40})
 
 
 def told_faces(angle: float) -> dict[str, Any]:
@@ -247,7 +250,7 @@ def test_a_refused_step_keeps_the_steps_before_it(make_case, stand_in: Plays, tm
     assert refused.value.message == (
         f"step 2 of 2: no valid mesh was found; the worst cell is triangle {worst['cell']} near ({near})"
     )
-    assert refused.value.__notes__ == [f"1 of 2 steps are kept in {out}: play --resume goes on"]
+    assert refused.value.__notes__ == [f"1 of 2 steps are kept in {out}"]
     accepted = np.load(out / "accepted.npy")
     first = MotionProgram.of(read_case(make_case()), mesh)
     np.testing.assert_allclose(accepted[first.nodes], mesh.points[first.nodes] + first.displacement(1), atol=1e-12)
@@ -305,7 +308,8 @@ def test_without_matplotlib_all_but_the_picture(
     make_case, stand_in: Plays, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stand_in()
-    monkeypatch.setattr(play_module, "pictures_are_possible", lambda: False)
+    for module in (play_module, results_module):
+        monkeypatch.setattr(module, "pictures_are_possible", lambda: False)
     played = play(make_case(), tmp_path / "out")
     assert not (tmp_path / "out" / "quality.png").exists()
     assert (tmp_path / "out" / "points.npy").exists()
@@ -366,90 +370,3 @@ def test_a_valid_motion_below_the_threshold_is_kept_with_a_warning(make_case, se
     played = play(make_case(('"none"', '"none"\nquality_threshold = 0.99')), tmp_path / "out", endpoint=server.endpoint)
     assert played.warnings
     assert (tmp_path / "out" / "points.npy").exists()
-
-
-# --- resumed ---------------------------------------------------------------------------------------------------------
-
-
-RUN = (("count = 2", "count = 4\niterations = 2"), ('"none"', '"optimised"\nquality_threshold = 0.6'))
-
-
-def stopped_at(step: int) -> Any:
-    """A progress function that interrupts the run."""
-
-    def advance(done: int, total: int, record: object) -> None:
-        del total, record
-        if done == step:
-            raise KeyboardInterrupt
-
-    return advance
-
-
-@pytest.fixture(scope="module")
-def stopped_run(make_module_case, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The results of a run that was interrupted behind its second of four steps; of a private server."""
-    out = tmp_path_factory.mktemp("stopped") / "out"
-    with pytest.raises(KeyboardInterrupt):
-        play(make_module_case(*RUN), out, progress=stopped_at(2))
-    return out
-
-
-@pytest.fixture
-def stopped(stopped_run: Path, tmp_path: Path) -> Path:
-    """A copy of them."""
-    return shutil.copytree(stopped_run, tmp_path / "out")
-
-
-def test_a_resumed_run_has_the_bits_of_one_that_was_never_stopped(make_case, stopped: Path, tmp_path: Path) -> None:
-    case_file = make_case(*RUN)
-    assert not (stopped / "points.npy").exists()
-    with pytest.raises(KeyboardInterrupt):
-        play(case_file, stopped, progress=stopped_at(3), resume=True)
-    resumed = play(case_file, stopped, resume=True)
-    whole = play(case_file, tmp_path / "whole")
-    assert results(stopped) == results(tmp_path / "whole")
-    assert not list(stopped.glob(".*"))
-    for name in results(stopped):
-        if name.endswith((".npy", ".vtu", ".pvd")):
-            assert (stopped / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
-    told = [
-        [{k: v for k, v in s.as_dict().items() if "seconds" not in k} for s in run.steps] for run in (resumed, whole)
-    ]
-    assert told[0] == told[1]
-    assert resumed.warnings == whole.warnings
-    assert resumed.worst.step == whole.worst.step
-    np.testing.assert_array_equal(resumed.worst.points, whole.worst.points)
-    assert {*resumed.summary} == {*whole.summary}
-
-
-def test_a_killed_run_is_resumed(make_case, stopped: Path) -> None:
-    """As a kill leaves it: no summary, a step that is not in the series, one that was kept and not committed."""
-    (stopped / "summary.json").unlink()
-    (stopped / "mesh_0002.vtu").unlink()
-    lines = (stopped / ".session" / "steps.jsonl").read_text().splitlines(keepends=True)
-    (stopped / ".session" / "steps.jsonl").write_text("".join([*lines, lines[-1]]))
-    assert [step.step for step in play(make_case(*RUN), stopped, resume=True).steps] == [1, 2, 3, 4]
-    assert len(list(stopped.glob("mesh_*.vtu"))) == 5
-
-
-def test_what_comes_later_may_change_but_not_what_was_played(make_case, stopped: Path) -> None:
-    before = results(stopped)
-    for changes, named in (
-        (("rotation = 10.0", "rotation = 11.0"), "motion up to step 2 is another"),
-        (("support_radius = 0.6", "support_radius = 0.7"), "another method"),
-        (("count = 4", "count = 1"), "motion up to step 2 is another"),
-    ):
-        with pytest.raises(InvalidInput, match=named):
-            play(make_case(*RUN, changes), stopped, resume=True)
-    assert results(stopped) == before
-    with pytest.raises(InvalidInput, match="no unfinished run is kept there"):
-        play(make_case(*RUN), stopped.parent / "elsewhere", resume=True)
-    assert play(make_case(*RUN), stopped).steps[0].step == 1  # anew
-
-
-def test_a_run_on_another_server_is_resumed(make_case, server: Server, tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt):
-        play(make_case(*RUN), tmp_path / "out", endpoint=server.endpoint, progress=stopped_at(2))
-    played = play(make_case(*RUN), tmp_path / "out", endpoint=server.endpoint, resume=True)
-    np.testing.assert_array_equal(played.points, play(make_case(*RUN), tmp_path / "whole").points)
-    assert nothing_is_left(server)

@@ -15,8 +15,8 @@ from real_sessions import boxed, bulge, new_session
 
 from mesh_motion_server.cases.comparison import Comparison, table_of, write_comparison
 from mesh_motion_server.cases.recorded import Recorded, read_recorded
-from mesh_motion_server.cases.replay import replay, replay_variant, variant_of
-from mesh_motion_server.commands.replay import changes_of, replay_session
+from mesh_motion_server.cases.replay import replay, replay_steps
+from mesh_motion_server.commands.replay import changes_of
 from mesh_motion_server.errors import InvalidInput, JournalError, SessionError
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.history.boundary import BoundaryLog, BoundaryStep
@@ -108,9 +108,8 @@ def nobody(*_: Any) -> None:
 
 
 def replayed(recorded: Recorded, root: Path, last: int = STEPS, **changes: Any) -> Comparison:
-    variant = variant_of(changes)
-    run = replay_variant(recorded, variant, InProcess(recorded, root, changes), last, nobody)
-    return Comparison(recorded, last, [run])
+    run = replay_steps(recorded, changes, InProcess(recorded, root, changes), last, nobody)
+    return Comparison(recorded, last, run)
 
 
 CASES = [("relative", "full", 1), ("relative", "replay", 3), ("relative", "relaxed", 1)]
@@ -121,18 +120,16 @@ CASES += [("absolute", "replay", 1), ("reanchored", "full", 3), ("reanchored", "
 def test_the_same_settings_give_the_same_bits_at_every_step(mode: str, level: str, parts: int, tmp_path: Path) -> None:
     recorded = read_recorded(record(tmp_path / "recorded", level, parts, displacement=mode))
     comparison = replayed(recorded, tmp_path / "replayed")
-    (run,) = comparison.runs
-    agreement = comparison.agreement(run)
+    run, agreement = comparison.run, comparison.agreement
     assert agreement.exact
     assert (agreement.compared, agreement.first_difference, agreement.distance) == (STEPS, 0, 0.0)
     assert comparison.broken_promise() == ""
-    for step, found in enumerate(run.figures, start=1):
-        before = recorded.figures[step]
-        assert (found.step, found.digest, found.min_quality) == (step, before.digest, before.min_quality)
-        assert (found.predicted_min, found.enrichment_points) == (before.predicted_min, before.enrichment_points)
-    assert any(found.corrected for found in run.figures)
-    assert [recorded.figures[step].refusals for step in range(1, STEPS + 1)] == [0, 0, 1, 0, 0, 0]
-    assert recorded.figures[1].moves == 3
+    assert run.digests == {step: recorded.digest(step) for step in range(1, STEPS + 1)}
+    for name in ("step", "actual_min", "actual_mean", "predicted_min", "enrichment_points", "freed_nodes"):
+        np.testing.assert_array_equal(run.columns[name], recorded.columns[name])
+    assert (run.columns["freed_nodes"] > 0).any()
+    assert recorded.columns["refusals"].tolist() == [0, 0, 1, 0, 0, 0]
+    assert recorded.columns["iterations"][0] == 3
 
 
 @pytest.fixture(scope="module")
@@ -162,7 +159,7 @@ class Dropping(BoundaryLog):
 def test_a_replay_that_drops_a_step_is_told(recorded: Recorded, folder: Path, tmp_path: Path) -> None:
     seeded = replace(recorded, log=Dropping(folder))
     comparison = replace(replayed(seeded, tmp_path, STEPS - 1), recorded=recorded, last=STEPS)
-    agreement = comparison.agreement(comparison.runs[0])
+    agreement = comparison.agreement
     assert not agreement.exact
     assert (agreement.first_difference, agreement.equal, agreement.compared) == (Dropping.dropped, 3, STEPS)
     assert "first different in step 4 (minimum 0." in comparison.broken_promise()
@@ -179,7 +176,7 @@ def test_a_replay_that_is_off_by_next_to_nothing_is_told(
 
     monkeypatch.setattr(BoundaryLog, "read", off)
     comparison = replayed(recorded, tmp_path)
-    agreement = comparison.agreement(comparison.runs[0])
+    agreement = comparison.agreement
     assert agreement.first_difference == 2
     assert agreement.stored_step == STEPS
     assert agreement.distance is not None
@@ -189,26 +186,25 @@ def test_a_replay_that_is_off_by_next_to_nothing_is_told(
 
 def test_other_settings_are_compared_and_no_promise_is_broken(recorded: Recorded, tmp_path: Path) -> None:
     comparison = replayed(recorded, tmp_path, correction="none", quality_threshold=0.0)
-    agreement = comparison.agreement(comparison.runs[0])
+    agreement = comparison.agreement
     assert not agreement.exact
     assert comparison.broken_promise() == ""
-    assert comparison.runs[0].name == "correction = none, quality_threshold = 0.0"
+    assert comparison.run.name == "correction = none, quality_threshold = 0.0"
     assert table_of(comparison).row_count == 13
     write_comparison(tmp_path, comparison)
     values = json.loads((tmp_path / "comparison.json").read_text())
-    assert values["recorded"]["corrections"] > values["replayed"][0]["corrections"] == 0
-    assert values["replayed"][0]["digests"]["exact"] is False
-    rows = list(csv.DictReader((tmp_path / "comparison.csv").read_text().splitlines()))
-    assert [row["run"] for row in rows] == ["recorded"] * STEPS + [comparison.runs[0].name] * STEPS
-    assert rows[0]["digest"] == recorded.digest(1).hex()
+    assert values["recorded"]["corrections"] > values["replayed"]["corrections"] == 0
+    assert values["digests"]["exact"] is False
+    assert [len(values[f"{which}_steps"]) for which in ("recorded", "replayed")] == [STEPS, STEPS]
+    assert values["recorded_steps"][0]["digest"] == recorded.digest(1).hex()
 
 
 def test_a_refused_step_is_the_end_and_is_told(recorded: Recorded, tmp_path: Path) -> None:
     comparison = replayed(recorded, tmp_path, correction="none", quality_threshold=0.6, refuse_below_threshold=True)
-    (run,) = comparison.runs
-    assert len(run.figures) < STEPS
-    assert f"step {len(run.figures) + 1} refused: FAILED_PRECONDITION.QUALITY" in run.refusal
-    assert not comparison.agreement(run).exact
+    run = comparison.run
+    assert len(run.digests) < STEPS
+    assert f"step {len(run.digests) + 1} refused: FAILED_PRECONDITION.QUALITY" in run.refusal
+    assert not comparison.agreement.exact
     assert table_of(comparison).row_count == 14
 
 
@@ -230,9 +226,9 @@ def test_another_machine_or_version_makes_no_promise(recorded: Recorded, folder:
 
 def test_equal_digests_and_other_stored_coordinates_are_not_equal(recorded: Recorded, tmp_path: Path) -> None:
     comparison = replayed(recorded, tmp_path)
-    (run,) = comparison.runs
+    run = comparison.run
     assert run.stored is not None
-    agreement = comparison.agreement(replace(run, stored=run.stored + 0.25))
+    agreement = replace(comparison, run=replace(run, stored=run.stored + 0.25)).agreement
     assert not agreement.exact
     assert str(agreement).startswith(f"equal in all {STEPS} steps; nodes up to 0.354 apart at step {STEPS}")
 
@@ -269,13 +265,13 @@ def test_what_does_not_verify_ends_the_replay_before_it_begins(folder: Path, tmp
 
 
 def test_only_steps_whose_events_are_there_are_summed_up(recorded: Recorded, tmp_path: Path) -> None:
-    figures = {step: found for step, found in recorded.figures.items() if step > 3}
-    comparison = replayed(replace(recorded, figures=figures), tmp_path)
+    columns = {name: column[recorded.columns["step"] > 3] for name, column in recorded.columns.items()}
+    comparison = replayed(replace(recorded, columns=columns), tmp_path)
     values = comparison.as_dict()
-    assert values["recorded"]["steps"] == values["replayed"][0]["steps"] == STEPS - 3
-    assert values["recorded"]["mean_quality"] == values["replayed"][0]["mean_quality"]
+    assert values["recorded"]["steps"] == values["replayed"]["steps"] == STEPS - 3
+    assert values["recorded"]["mean_quality"] == values["replayed"]["mean_quality"]
     assert comparison.notes == ["events are there of 3 of 6 steps (steps 4 to 6): only those are summed up"]
-    assert comparison.agreement(comparison.runs[0]).compared == STEPS
+    assert comparison.agreement.compared == STEPS
 
 
 def test_a_copy_taken_while_the_session_lives_is_replayed(tmp_path: Path) -> None:
@@ -291,7 +287,7 @@ def test_a_copy_taken_while_the_session_lives_is_replayed(tmp_path: Path) -> Non
     recorded = read_recorded(tmp_path / "copy")
     assert recorded.log.steps == 2
     comparison = replayed(recorded, tmp_path / "replayed", 2)
-    assert comparison.agreement(comparison.runs[0]).exact
+    assert comparison.agreement.exact
 
 
 def test_what_cannot_be_replayed_says_why(folder: Path, tmp_path: Path) -> None:
@@ -308,16 +304,15 @@ def test_what_cannot_be_replayed_says_why(folder: Path, tmp_path: Path) -> None:
         with pytest.raises((InvalidInput, JournalError), match=pattern):
             read_recorded(copy)
     with pytest.raises(InvalidInput, match=f"recorded up to step {STEPS}, not 99"):
-        replay(folder, tmp_path / "out", [variant_of({})], until=99)
+        replay(folder, tmp_path / "out", {}, until=99)
     with pytest.raises(InvalidInput, match="setting 'correction': expected one of none"):
-        replay(folder, tmp_path / "out", [variant_of({"correction": "best"})])
+        replay(folder, tmp_path / "out", {"correction": "best"})
     assert not (tmp_path / "out").exists()
 
 
 def test_assignments() -> None:
     changes = changes_of(["support_radius=1", "max_enrichment_points=3", "correction=none", "allow_invalid = true"])
     assert changes == {"support_radius": 1.0, "max_enrichment_points": 3, "correction": "none", "allow_invalid": True}
-    assert isinstance(changes["support_radius"], float)
     for wrong in ("support_radius", "=1", "basis="):
         with pytest.raises(InvalidInput, match="expected a setting as key=value"):
             changes_of([wrong])
@@ -326,10 +321,10 @@ def test_assignments() -> None:
 @pytest.mark.nightly
 def test_over_the_wire_with_all_results(server: Server, folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    comparison = replay_session(folder, out, assignments=(), variants=(), endpoint=server.endpoint, until=3)
-    assert comparison.agreement(comparison.runs[0]).exact
+    comparison = replay(folder, out, {}, endpoint=server.endpoint, until=3)
+    assert comparison.agreement.exact
     assert comparison.unpromised == "equal bits are not promised: another server made the replay"
-    assert {"comparison.json", "comparison.csv", "summary.json", "steps.csv", "points.npy", "mesh.pvd"} <= {
+    assert {"comparison.json", "summary.json", "steps.csv", "points.npy", "mesh.pvd"} <= {
         path.name for path in out.iterdir()
     }
     points = np.load(out / "points.npy")
@@ -337,28 +332,11 @@ def test_over_the_wire_with_all_results(server: Server, folder: Path, tmp_path: 
     rows = list(csv.DictReader((out / "steps.csv").read_text().splitlines()))
     assert [row["step"] for row in rows] == ["1", "2", "3"]
     assert all(float(row["boundary_error"]) < 1e-15 for row in rows)
-    variants = ["support_radius=0.6", "support_radius=1, correction=none"]
-    comparison = replay_session(
-        folder,
-        out,
-        assignments=["quality_threshold=0.1"],
-        variants=variants,
-        endpoint=server.endpoint,
-        until=2,
-        every=2,
-    )
-    assert [run.changes for run in comparison.runs] == [
-        {"quality_threshold": 0.1, "support_radius": 0.6},
-        {"quality_threshold": 0.1, "support_radius": 1.0, "correction": "none"},
-    ]
-    assert {path.name for path in out.iterdir() if path.is_dir()} == {"variant-1", "variant-2"}
-    assert json.loads((out / "variant-2" / "summary.json").read_text())["changes"]["correction"] == "none"
-    assert len(json.loads((out / "comparison.json").read_text())["replayed"]) == 2
-    assert {path.name for path in out.iterdir()} == {"variant-1", "variant-2", "comparison.json", "comparison.csv"}
-    (out / "variant-2" / "mine.txt").touch()
-    replay_session(folder, out, assignments=(), variants=variants[:1], endpoint=server.endpoint, until=1)
-    assert not (out / "variant-1").exists()
-    assert [path.name for path in (out / "variant-2").iterdir()] == ["mine.txt"]
+    changes = {"quality_threshold": 0.1, "support_radius": 1.0, "correction": "none"}
+    comparison = replay(folder, out, changes, endpoint=server.endpoint, until=2, every=2)
+    assert comparison.run.changes == json.loads((out / "summary.json").read_text())["changes"] == changes
+    assert json.loads((out / "comparison.json").read_text())["changes"] == changes
+    assert [path.name for path in sorted(out.glob("*.vtu"))] == ["mesh_0000.vtu", "mesh_0001.vtu"]
 
 
 @pytest.mark.nightly
@@ -373,15 +351,13 @@ def test_a_picture_shows_one_metric(
     driver.all(Commit, step=1)
     driver.ask(Close, 0, outcome="keep")
     shown: list[Any] = []
-    monkeypatch.setattr("mesh_motion_server.cases.replay.write_picture", lambda *given: shown.append(given))
-    monkeypatch.setattr("mesh_motion_server.cases.replay.pictures_are_possible", lambda: True)
-    replay(
-        tmp_path / "sessions" / SESSION,
-        tmp_path / "out",
-        [variant_of({"quality_metric": metric})],
-        endpoint=server.endpoint,
-    )
-    [(_, _, before, worst, [record], named)] = shown
-    assert named == metric
-    assert before.quality == pytest.approx(at_rest)
-    assert worst.quality.min() == record.shown(metric)[0] < at_rest
+    monkeypatch.setattr("mesh_motion_server.cases.results.draw_before_after", lambda pair, *_, **__: shown.append(pair))
+    monkeypatch.setattr("mesh_motion_server.cases.results.save", lambda *_: None)
+    folder, out = tmp_path / "sessions" / SESSION, tmp_path / "out"
+    replay(folder, out, {"quality_metric": metric}, endpoint=server.endpoint)
+    [record] = json.loads((out / "summary.json").read_text())["steps"]
+    [pair] = shown
+    assert pair.metric == metric
+    assert pair.before.quality == pytest.approx(at_rest)
+    assert pair.after.quality.min() == pytest.approx(record[f"min_{metric}".replace("-", "_")])
+    assert pair.after.quality.min() < at_rest

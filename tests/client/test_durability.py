@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from mesh_motion_client import InvalidInput, StepsLost, connect
 
-from mesh_motion_server.failpoints import PLAN, VARIABLE
+from mesh_motion_server.failpoints import VARIABLE
+from proofs.failpoint_plan import PLAN
 from proofs.waiting import wait_until
 
 UP = np.array([[0.0, 1 / 64]] * 4)

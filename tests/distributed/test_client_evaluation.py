@@ -13,7 +13,7 @@ from own_ranks import CORRECTED, SETTINGS, assert_same_quality, bend, cut, whole
 from mesh_motion_server.cases.recorded import read_recorded
 from mesh_motion_server.errors import InvalidInput as Unusable
 from mesh_motion_server.session.inspection import inspect_session
-from mesh_motion_server.watch.observation.mesh_view import StoredMesh
+from mesh_motion_server.watch.pictures.meshes import read_pair
 from proofs.server_process import ServerProcess
 from proofs.waiting import PATIENCE
 
@@ -323,7 +323,7 @@ def test_what_draws_or_repeats_a_session_says_that_its_cells_are_elsewhere(tmp_p
     with connect(state=tmp_path) as client, client.open(mesh, SETTINGS, evaluation="client") as session:
         drive(session, mesh, 1)
     folder = tmp_path / "sessions" / session.credentials.session
-    for look in (StoredMesh, read_recorded):
+    for look in (read_pair, read_recorded):
         with pytest.raises(Unusable, match="its cells are with the client"):
             look(folder)
     assert inspect_session(folder).state == "whole"

@@ -143,26 +143,11 @@ def test_what_solvers_do_not_mind(tmp_path: Path) -> None:
     )
 
 
-def test_a_halo_of_older_releases_is_left_out(tmp_path: Path) -> None:
-    """Nodes 6 and 7 are images of 0 and 3, and the second quadrilateral is one of the first."""
-    text = with_rows(
-        SQUARE,
-        ("NELEM= 3", "NELEM= 4"),
-        ("9 1 2 5 4 2\n", "9 1 2 5 4 2\n9 2 6 7 5 3\n"),
-        ("NPOIN= 6 6", "NPOIN= 8\t6"),
-        ("1.0 1.0 5\n", "1.0 1.0 5\n1.5 0.0 6\n1.5 1.0 7\n"),
-        ("NMARK= 3", "NMARK= 5"),
-    )
+def test_markers_of_older_releases_are_no_patches(tmp_path: Path) -> None:
+    text = with_rows(SQUARE, ("NPOIN= 6 6", "NPOIN= 6\t5"), ("NMARK= 3", "NMARK= 4"))
     text += "MARKER_TAG= SEND_RECEIVE\nMARKER_ELEMS= 1\nSEND_TO= 1\n1 2 1\n"
-    text += "MARKER_TAG= SEND_RECEIVE\nMARKER_ELEMS= 2\nSEND_TO= -1\n1 6 1\n1 7 1\n"
     mesh = read_mesh(su2(tmp_path, text))
-    assert (len(mesh.points), len(mesh.cells["quad"]), list(mesh.patches)) == (8, 1, ["lower wall", "far", "pin"])
-    assert mesh.notes == ("cells of the halo (SEND_RECEIVE) that are left out where a patch is periodic: 1",)
-    whole = mesh.with_halo()
-    assert whole.cells["quad"].tolist() == [*mesh.cells["quad"].tolist(), *mesh.halo["quad"].tolist()]
-    assert mesh.halo["quad"].tolist() == [[2, 6, 7, 5]]
-    images_on_a_marker = with_rows(text, ("MARKER_ELEMS= 1\n1 3", "MARKER_ELEMS= 2\n1 3\n3 6 7"))
-    assert len(read_mesh(su2(tmp_path, images_on_a_marker)).cells["quad"]) == 2
+    assert (len(mesh.points), list(mesh.patches)) == (6, ["lower wall", "far", "pin"])
 
 
 def zones(tmp_path: Path) -> Path:

@@ -53,7 +53,7 @@ def test_the_wheel_tells_its_licence_version_and_commands(wheel: Path) -> None:
         metadata = Parser().parsestr(archive.read(f"{about}/METADATA").decode())
         entries = archive.read(f"{about}/entry_points.txt").decode()
         vendored = sorted(ROOT.glob("mesh_motion_server/watch/page/static/vendor/*/LICENSE"))
-        assert [path.parent.name for path in vendored] == ["three", "uplot"]
+        assert [path.parent.name for path in vendored] == ["uplot"]
         for path in (ROOT / "LICENSE", *vendored):
             assert archive.read(f"{about}/licenses/{path.relative_to(ROOT)}") == path.read_bytes()
     assert metadata["Version"] == __version__

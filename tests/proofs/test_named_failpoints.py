@@ -6,9 +6,9 @@ from contextlib import suppress
 
 import pytest
 
-from mesh_motion_server.failpoint_table import POINTS
 from proofs import named_failpoints, persistent_holder, waiting
 from proofs.check import BrokenPromise, Budget
+from proofs.failpoint_table import POINTS
 from proofs.named_failpoints import CHECK, TASKS, NotPassed, Rig, let_fail, passages, rig
 
 pytestmark = pytest.mark.slow

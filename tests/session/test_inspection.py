@@ -1,6 +1,7 @@
 """Inspection: what is there, what verifies, and not a byte changed."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -31,11 +32,10 @@ def test_a_whole_session(folder: Path) -> None:
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     found = inspect_session(folder)
     assert (found.state, found.step, found.epoch, found.label, found.nodes) == ("whole", 2, 2, "wing", 25)
-    assert [line.says for line in found.records] == ["epoch 1", "step 1", "epoch 2", "step 2"]
     assert [check.name for check in found.checks if check.passed] == ["journal", "spec", "mesh", "state"]
     assert found.digest == (folder.parents[1] / "digest").read_text()
     assert found.settings["correction"] == "optimised"
-    json.dumps(found.as_dict())
+    json.dumps(asdict(found))
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 

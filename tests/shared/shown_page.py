@@ -14,23 +14,6 @@ from proofs.driver import make_driver
 from proofs.server_process import ServerProcess
 from proofs.stand_in import grid_mesh
 
-#: How many pixels of the mesh have which colour, "red,green,blue".
-PAINTED = """
-const { scene, camera, canvas } = globalThis.monitor.mesh;
-scene.draw(camera, true);
-const copy = document.createElement('canvas');
-[copy.width, copy.height] = [canvas.width, canvas.height];
-const pen = copy.getContext('2d');
-pen.drawImage(canvas, 0, 0);
-const pixels = pen.getImageData(0, 0, copy.width, copy.height).data;
-const seen = {};
-for (let k = 0; k < pixels.length; k += 4) {
-  const colour = `${pixels[k]},${pixels[k + 1]},${pixels[k + 2]}`;
-  if (pixels[k + 3]) seen[colour] = (seen[colour] ?? 0) + 1;
-}
-return seen;
-"""
-
 
 def stored(folder: Path, session: str, label: str, history: int, **options: Any) -> None:
     """A session with two committed steps, and a made-up history."""
@@ -65,6 +48,6 @@ def await_session(tab: Browser, session: str, *, mesh: bool = True) -> None:
     """Wait until the page shows a session's charts, and its mesh."""
     ready = (
         "const m = globalThis.monitor; return !!(m && m.key && m.key.startsWith(arguments[0]) "
-        "&& (m.mesh.mesh || !arguments[1]) && m.history.columns.step.length)"
+        "&& (m.mesh.picture.naturalWidth && !m.mesh.picture.hidden || !arguments[1]) && m.history.columns.step.length)"
     )
     tab.wait(lambda: tab.run(ready, session, mesh), "the session is shown")

@@ -4,7 +4,6 @@
 
     uploads.py           the mesh while it comes in
     meshes.py            a partition's mesh, the merged mesh, and the way back from one to the other
-    merging.py, joining.py, ordering.py
-                         n partitions as one mesh in canonical order
+    merging.py           n partitions as one mesh in canonical order
     numbering.py         the mesh in the numbering of its senders, for messages
 """

@@ -1,9 +1,11 @@
 """One mesh from n partitions.
 
-Nodes are united by global id, a patch's nodes over all partitions, and everything is put in the canonical order of
-:mod:`.ordering` (cells of one type by their node tuple, patches by name). A node that
-several partitions hold must have the same coordinates in each to 1e-10 of the diagonal of the mesh's bounding box; the
-lowest partition's are taken.
+Nodes are united by global id, a patch's nodes over all partitions, and everything is put in canonical order: nodes
+along the Morton (Z-order) curve of their reference coordinates, cells of one type by their node tuple, patches by name.
+It depends on the coordinates and global ids alone, not on who sent which node: a mesh in one partition or in many
+becomes the same arrays, hence bitwise the same answers; and near nodes are near in memory, which the kernels need. A
+node that several partitions hold must have the same coordinates in each to 1e-10 of the diagonal of the mesh's bounding
+box; the lowest partition's are taken.
 """
 
 from collections.abc import Sequence
@@ -15,18 +17,22 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.mesh.coincidence import coincident_nodes
+from mesh_motion_server.numerics.mesh.morton import morton_codes
 from mesh_motion_server.numerics.mesh.roles import Patch, nodes_with
 from mesh_motion_server.session.partitions.cell_order import sorted_cells
-from mesh_motion_server.session.partitions.joining import joined
-from mesh_motion_server.session.partitions.meshes import CellCount, CellOrigin, MergedMesh, PartitionMesh
-from mesh_motion_server.session.partitions.ordering import canonical_order
+from mesh_motion_server.session.partitions.meshes import CellCount, CellOrigin, MergedMesh, PartitionMesh, joined
 
-__all__ = ["check_boundary", "merge"]
+__all__ = ["canonical_order", "check_boundary", "merge"]
 
 
 #: Admitted difference of one node's coordinates between partitions, relative to the bounding box's diagonal: above
 #: the rounding of 12-digit text files, far below any edge.
 _COORDINATE_TOLERANCE = 1e-10
+
+
+def canonical_order(points: Floats, global_ids: Integers) -> Integers:
+    """(n,) indices that sort nodes, points (n, d), by Morton code, ties by global id (n,)."""
+    return np.lexsort((global_ids, morton_codes(points)))
 
 
 def merge(partitions: Sequence[PartitionMesh]) -> MergedMesh:

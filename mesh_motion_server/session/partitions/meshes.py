@@ -8,6 +8,7 @@ displacement by each to 1e-12 of the largest one; the lowest partition's value i
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.motion.exact_displacements import differences_of
 
-__all__ = ["CellCount", "CellOrigin", "MergedMesh", "PartitionMesh"]
+__all__ = ["CellCount", "CellOrigin", "MergedMesh", "PartitionMesh", "joined"]
 
 
 #: Admitted difference of one node's displacement between partitions, relative to the largest displacement.
@@ -261,3 +262,8 @@ class MergedMesh:
     def _first_mover(self, node: int) -> int:
         """Lowest partition that moves a canonical node."""
         return next(p for p, (m, local) in enumerate(self._moving_pairs()) if np.any(m[local] == node))
+
+
+def joined(pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Concatenate the pieces (k, …) by rows; a single piece is returned without a copy."""
+    return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)

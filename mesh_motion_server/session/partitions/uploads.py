@@ -10,8 +10,7 @@ from mesh_motion_server.errors import InvalidInput, ResourceError
 from mesh_motion_server.numerics.arrays import Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 from mesh_motion_server.numerics.mesh.roles import ROLES, Patch
-from mesh_motion_server.session.partitions.joining import joined
-from mesh_motion_server.session.partitions.meshes import PartitionMesh
+from mesh_motion_server.session.partitions.meshes import PartitionMesh, joined
 
 __all__ = ["ITEMS", "MeshUpload", "Part"]
 

@@ -9,7 +9,7 @@ from typing import Any
 from mesh_motion_server.session.history.events import EVENTS, FOLDER, lines_backwards, parse_line
 from mesh_motion_server.session.history.segments import list_segments
 
-__all__ = ["EventTail", "events_in_brief", "events_naming", "last_event"]
+__all__ = ["EventTail", "events_in_brief", "last_event"]
 
 #: A line begins with its time and kind.
 _HEAD = 80
@@ -144,21 +144,18 @@ def events_in_brief(session_folder: Path) -> Iterator[dict[str, Any]]:
         yield from events
 
 
-def events_naming(session_folder: Path, step: int) -> Iterator[dict[str, Any]]:
-    """The events of this step, oldest first: found in the raw bytes, because parsing a long history takes a minute."""
-    wanted = re.compile(rb'^.*"step": ?%d[,}].*$' % step, re.MULTILINE)
-    for path in list_segments(session_folder / FOLDER, EVENTS):
-        with suppress(FileNotFoundError):
-            found = (parse_line(line.group()) for line in wanted.finditer(path.read_bytes()))
-            yield from (event for event in found if event is not None and event.get("step") == step)
-
-
-def last_event(session_folder: Path, kinds: Container[str] | None = None) -> dict[str, Any] | None:
-    """The latest complete event, optionally only of these kinds; None if there is none."""
+def last_event(
+    session_folder: Path, kinds: Container[str] | None = None, step: int | None = None
+) -> dict[str, Any] | None:
+    """The latest complete event, optionally only of these kinds, and of this step; None if there is none."""
     for path in reversed(list_segments(session_folder / FOLDER, EVENTS)):
         with suppress(FileNotFoundError), path.open("rb") as file:
             for line in lines_backwards(file):
                 event = parse_line(line)
-                if event is not None and (kinds is None or event["event"] in kinds):
+                if event is None:
+                    continue
+                if step is not None and event.get("step", step) < step:
+                    return None  # all others are older
+                if (kinds is None or event["event"] in kinds) and step in (None, event.get("step")):
                     return event
     return None

@@ -11,14 +11,14 @@ import numpy as np
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.watch.observation.fold import Place, StepFold, number_of
 
-__all__ = ["PHASES", "QUALITY", "Series"]
+__all__ = ["COLUMNS", "PHASES", "QUALITY", "Columns", "Series", "of_metric", "thinned"]
 
 #: Statistics of a distribution.
 QUALITY = ("min", "p1", "p5", "p50", "mean")
 #: The phases of a Move.
 PHASES = ("solve", "predict", "correct", "displace")
 
-_COLUMNS = (
+COLUMNS = (
     "step",
     "at",
     *(f"predicted_{name}" for name in QUALITY),
@@ -68,7 +68,7 @@ class Series:
     def __init__(self, events: Iterable[Mapping[str, Any]] = ()) -> None:
         self.metric = ""
         self.enrichment_points: list[list[float]] = []
-        self._table = np.empty((64, len(_COLUMNS)))
+        self._table = np.empty((64, len(COLUMNS)))
         self._count = 0
         self._open = _empty_step()
         self._fold = StepFold()
@@ -94,25 +94,21 @@ class Series:
         if take is not None:
             take(event)
 
-    def columns(self, most: int | None = None, *, first: int | None = None, last: int | None = None) -> Columns:
+    def columns(self, most: int | None = None, *, first: int | None = None) -> Columns:
         """Columns of one length, by name.
 
         Parameters
         ----------
-        first, last : int, optional
-            Steps outside this range are left out.
+        first : int, optional
+            Steps before it are left out.
         most : int, optional
-            If there are more steps, they form ``most`` groups of consecutive steps. The step with the lowest
-            actual (else predicted) minimum represents its group; refusals and rollbacks are summed over the group;
-            iterations, seconds and inverted cells are its maxima, predicted minima its lowest. Extremes stay visible.
+            See :func:`thinned`.
         """
         steps = self._table[: self._count, 0]
         begin = 0 if first is None else int(np.searchsorted(steps, first))
-        end = self._count if last is None else int(np.searchsorted(steps, last, side="right"))
-        table = self._table[begin:end].copy()
-        if most is not None and len(table) > most > 0:
-            table = _thinned(table, most)
-        return {name: table[:, number] for number, name in enumerate(_COLUMNS)}
+        table = self._table[begin : self._count].copy()
+        columns = {name: table[:, number] for number, name in enumerate(COLUMNS)}
+        return columns if most is None else thinned(columns, most)
 
     # --- events ----------------------------------------------------------------------------------------------------
 
@@ -149,7 +145,7 @@ class Series:
         row["seconds_total"] += event.get("seconds_total", 0.0)
         if self._count == len(self._table):
             self._table = np.concatenate([self._table, np.empty_like(self._table)])
-        self._table[self._count] = [float(row[name]) for name in _COLUMNS]
+        self._table[self._count] = [float(row[name]) for name in COLUMNS]
         self._count += 1
         self._open = _empty_step()
 
@@ -164,18 +160,38 @@ class Series:
 def _empty_step() -> dict[str, float]:
     """A step without data: qualities are NaN, counts 0."""
     counted = ("iterations", "refusals", "rollbacks")
-    return {name: 0.0 if name in counted or name.startswith("seconds_") else math.nan for name in _COLUMNS}
+    return {name: 0.0 if name in counted or name.startswith("seconds_") else math.nan for name in COLUMNS}
 
 
-def _thinned(table: Floats, most: int) -> Floats:
-    """(most, columns): for each group of rows the one with the lowest minimum, with the extremes of the others."""
-    actual, predicted = (table[:, _COLUMNS.index(f"{kind}_min")] for kind in ("actual", "predicted"))
-    lowest = np.where(np.isnan(actual), predicted, actual)
+def thinned(columns: Columns, most: int) -> Columns:
+    """Of more than ``most`` steps, that many groups of consecutive steps.
+
+    The step with the lowest actual (else predicted) minimum represents its group; refusals and rollbacks are summed
+    over the group; iterations, seconds and inverted cells are its maxima, predicted minima its lowest. Extremes stay
+    visible.
+    """
+    count = len(columns["step"])
+    if count <= most:
+        return columns
+    lowest = np.where(np.isnan(columns["actual_min"]), columns["predicted_min"], columns["actual_min"])
     lowest = np.where(np.isnan(lowest), np.inf, lowest)
-    edges = np.linspace(0, len(table), most + 1).astype(int)
+    edges = np.linspace(0, count, most + 1).astype(int)
     kept = np.array([a + int(np.argmin(lowest[a:b])) for a, b in pairwise(edges)])
-    thin: Floats = table[kept]
+    thin = {name: column[kept] for name, column in columns.items()}
     for names, over in ((_SUMS, np.add), (_LARGEST, np.fmax), (_LEAST, np.fmin)):
-        columns = [_COLUMNS.index(name) for name in names]
-        thin[:, columns] = over.reduceat(table[:, columns], edges[:-1])
+        thin |= {name: over.reduceat(columns[name], edges[:-1]) for name in names}
     return thin
+
+
+def of_metric(event: Mapping[str, Any], metric: str) -> Mapping[str, Any]:
+    """The event with another metric's numbers instead of those of the session's metric."""
+    key = metric.replace("-", "_")
+    if event["event"] == "committed":
+        return {**event, "quality": {**event["quality"], "metric": event["quality"].get(key, {})}}
+    if event["event"] == "moved":
+        quality = event["quality"]
+        others = {
+            which: {**quality[which], "metric": quality[which].get(key, {})} for which in ("standard", "corrected")
+        }
+        return {**event, "quality": {**quality, **others}}
+    return event

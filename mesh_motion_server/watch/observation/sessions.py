@@ -1,8 +1,7 @@
 """The sessions of a state folder and their states, from their folders alone."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.session.history.events import FOLDER
@@ -12,7 +11,7 @@ from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.watch.observation.follow import last_event
 
-__all__ = ["SessionView", "Sessions", "rests"]
+__all__ = ["SessionView", "Sessions"]
 
 #: The state of a session after its last event.
 _STATES = {
@@ -29,13 +28,6 @@ _STATES = {
 }
 #: Events of the step after the committed one; the others name the committed one, or none.
 _AHEAD = ("moved", "rolled_back")
-#: In these states a session that no process holds can be resumed: a trial ends with its worker.
-_WITHOUT_WORKER = (State.READY, State.TRIAL, State.COMMITTING)
-
-
-def rests(state: str, held: bool | None) -> bool:
-    """Whether a session is at rest: no process holds it (``held`` False), and it is not suspended, closed or failed."""
-    return held is False and state in _WITHOUT_WORKER
 
 
 @dataclass(frozen=True)
@@ -56,8 +48,6 @@ class SessionView:
         Unix time of the last event, or of the folder's last change if there is no event.
     recorded : bool
         Whether it has a history.
-    owner : str
-        Public key of the client that opened it; empty without keys.
     """
 
     session: str
@@ -71,11 +61,6 @@ class SessionView:
     held: bool | None
     changed_at: float
     recorded: bool
-    owner: str
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values, as for JSON."""
-        return asdict(self)
 
 
 class Sessions:
@@ -91,25 +76,14 @@ class Sessions:
         self._store = SessionStore(state_folder)
         self._listing = Listing(PosixFileSystem())
 
-    @property
-    def folder(self) -> Path:
-        """The folder that has one folder per session."""
-        return self._store.root / "sessions"
-
     def views(self) -> list[SessionView]:
         """All built sessions, the last changed first."""
         held = _held_inodes()
         found = [self._view(stored.session, held) for stored in self._store.sessions()]
         return sorted((view for view in found if view is not None), key=lambda view: -view.changed_at)
 
-    def view(self, session: str) -> SessionView | None:
-        """One session; None if there is none."""
-        if session not in self._store.names():
-            return None
-        return self._view(session, _held_inodes())
-
     def _view(self, session: str, held: set[int] | None) -> SessionView | None:
-        folder = self.folder / session
+        folder = self._store.root / "sessions" / session
         try:
             stored, event = self._store.describe(session), last_event(folder, _STATES)
             changed_at = float(event["at"]) if event else folder.stat().st_mtime
@@ -130,7 +104,6 @@ class Sessions:
             held=is_held,
             changed_at=changed_at,
             recorded=(folder / FOLDER).is_dir(),
-            owner=stored.owner,
         )
 
     def _durability(self, folder: Path) -> str:

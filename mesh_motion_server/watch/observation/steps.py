@@ -1,14 +1,16 @@
 """Summarize the steps of a history, and list all events of one step."""
 
-import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.session.history.boundary import BoundaryLog
 from mesh_motion_server.session.history.events import read_events
-from mesh_motion_server.watch.observation.fold import StepFold, is_corrected
+from mesh_motion_server.watch.observation.fold import StepFold
+from mesh_motion_server.watch.observation.series import Series
 
 __all__ = ["HistoryDigest", "digest_of_history", "events_of_step"]
 
@@ -17,106 +19,56 @@ Event = dict[str, Any]
 
 @dataclass(frozen=True)
 class HistoryDigest:
-    """Summary of a history.
+    """Summary of the committed steps of a history.
 
     Attributes
     ----------
-    first_step, last_step : int
-        First and last recorded committed step; 0 and 0: none.
     spans : list of (int, int)
         First and last step of each range without a gap.
-    open_step : int
-        The step that has requests after the last commit; 0: none.
     worst_step : int
         The recorded step with the lowest committed minimum; 0: none.
     worst_quality : float or None
         The minimum of that step, in the session's quality metric.
     corrected_steps : int
-        Number of recorded steps whose committed motion was corrected.
-    refusals, rollbacks, resumptions, warnings : int
-        Counts over the whole history, including steps that were lost in a crash.
+        Number of recorded steps with enrichment points or freed nodes.
+    refusals, rollbacks : int
+        Refused Moves and roll-backs in these steps.
     boundary_steps : int
         A replay is possible from step 1 up to this one.
     """
 
-    first_step: int
-    last_step: int
     spans: list[tuple[int, int]]
-    open_step: int
     worst_step: int
     worst_quality: float | None
     metric: str
     corrected_steps: int
     refusals: int
     rollbacks: int
-    resumptions: int
-    warnings: int
     boundary_steps: int
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values, as for JSON."""
-        return asdict(self)
 
     @property
     def recorded(self) -> str:
         """A text that names the recorded steps."""
         spans = ", ".join(f"{first} to {last}" if last > first else f"{first}" for first, last in self.spans)
-        committed = f"steps {spans}" if spans else "no committed step"
-        return committed + (f", and step {self.open_step} that is not committed" if self.open_step else "")
+        return f"steps {spans}" if spans else "no committed step"
 
 
 def digest_of_history(session_folder: Path) -> HistoryDigest:
     """Summarize a history; all zeros if there is none."""
-    tally = _Tally()
-    for event in read_events(session_folder):
-        tally.take(event)
-    lowest = tally.lowest
-    worst = min(lowest, key=lambda step: lowest[step], default=0)
+    series = Series(read_events(session_folder))
+    columns = series.columns()
+    steps, minima = columns["step"].astype(int).tolist(), columns["actual_min"]
+    worst = int(np.nanargmin(minima)) if np.isfinite(minima).any() else -1
     return HistoryDigest(
-        first_step=min(lowest, default=0),
-        last_step=max(lowest, default=0),
-        spans=_spans(list(lowest)),
-        open_step=tally.opened,
-        worst_step=worst,
-        worst_quality=lowest[worst] if worst and math.isfinite(lowest[worst]) else None,
-        metric=tally.metric,
-        corrected_steps=len(tally.corrected),
-        refusals=tally.counts["refused"],
-        rollbacks=tally.counts["rolled_back"],
-        resumptions=tally.counts["resumed"],
-        warnings=tally.warnings,
+        spans=_spans(steps),
+        worst_step=steps[worst] if worst >= 0 else 0,
+        worst_quality=float(minima[worst]) if worst >= 0 else None,
+        metric=series.metric,
+        corrected_steps=int(np.count_nonzero((columns["enrichment_points"] > 0) | (columns["freed_nodes"] > 0))),
+        refusals=int(columns["refusals"].sum()),
+        rollbacks=int(columns["rollbacks"].sum()),
         boundary_steps=BoundaryLog(session_folder).committed,
     )
-
-
-class _Tally:
-    """Totals of the events so far; ``lowest`` is ascending by step."""
-
-    def __init__(self) -> None:
-        self.lowest: dict[int, float] = {}
-        self.corrected: set[int] = set()
-        self.counts = dict.fromkeys(("refused", "rolled_back", "resumed"), 0)
-        self.metric, self.warnings, self.opened = "", 0, 0
-        self._fold, self._is_corrected = StepFold(), False
-
-    def take(self, event: Event) -> None:
-        name, place = event["event"], self._fold.take(event)
-        if place.is_fresh:
-            self.opened, self._is_corrected = 0, False
-        while place.undone and self.lowest and next(reversed(self.lowest)) >= place.undone:
-            self.corrected.discard(self.lowest.popitem()[0])
-        if name in self.counts:
-            self.counts[name] += 1
-        self.warnings += len(event.get("warnings", ()))
-        if name in ("moved", "refused"):
-            self.opened = place.step
-        if name == "moved":
-            self.metric, self._is_corrected = event["quality"]["metric"], is_corrected(event["correction"])
-        elif name == "committed":
-            value = event["quality"].get("metric", {}).get("min")
-            self.lowest[place.step] = math.inf if value is None else value
-            self.corrected |= {place.step} if self._is_corrected else set()
-            self.opened, self._is_corrected = 0, False
 
 
 def _spans(steps: list[int]) -> list[tuple[int, int]]:
@@ -160,9 +112,9 @@ def _not_recorded(session_folder: Path, step: int) -> InvalidInput:
             hint="the server's setting history_bytes must not be 0, and its log tells whether the disk refused it",
         )
     recorded = digest_of_history(session_folder)
-    hint = ""
-    if recorded.first_step <= step <= recorded.last_step:
+    hint, first, last = "", min(recorded.spans, default=(0, 0))[0], max(recorded.spans, default=(0, 0))[1]
+    if first <= step <= last:
         hint = "the history had ended for a while: the server's log has the warning, and why"
-    elif 0 < step < recorded.first_step:
+    elif 0 < step < first:
         hint = "of the events the oldest go first: the server's setting history_bytes says how many are kept"
     return InvalidInput(f"{session_folder}: step {step} is not recorded; recorded are {recorded.recorded}", hint=hint)

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from statistics import fmean, median
+from statistics import median
 from typing import Any, Literal
 
 from mesh_motion_server.watch.observation.fold import number_of
@@ -18,12 +18,8 @@ __all__ = ["Latest", "Recent", "Verdict", "duration", "server_gone", "verdict"]
 
 Tone = Literal["good", "warn", "bad", ""]
 
-#: Number of commits that are kept for a trend, and for the line of minima in a list.
-_TREND, _KEPT = 16, 32
-#: A trend needs this many commits; it is reported if it reaches the threshold within this many steps.
-_FEWEST, _HORIZON = 6, 100
-#: The trend must explain this share of the minimum's variation (squared correlation); the rest is noise.
-_SHARE = 0.5
+#: Number of commits that are kept, for the usual pause and for the line of minima in a list.
+_KEPT = 32
 #: A session is stalled after this many usual pauses between commits, but not before this many seconds.
 _PAUSES, _PATIENCE = 10.0, 30.0
 #: Bytes at the end of a history that are read first.
@@ -66,7 +62,6 @@ class Recent:
         self.changed_at = self.begun_at = 0.0
         self.threshold: float | None = None
         self.commits: deque[_Commit] = deque(maxlen=_KEPT)
-        self.lowest_before = math.inf
         self.refusals, self.refused_at, self.refusal = 0, 0.0, ""
         self.below: _Commit | None = None
         self.rests: dict[str, Any] = {}
@@ -124,8 +119,6 @@ class Recent:
             self._commit(_Commit(at, event["step"], number_of(event["quality"].get("metric", {}).get("min"))))
 
     def _commit(self, commit: _Commit) -> None:
-        if len(self.commits) >= _TREND and not math.isnan(out := self.commits[-_TREND].minimum):
-            self.lowest_before = min(self.lowest_before, out)
         self.commits.append(commit)
         is_below = self.threshold is not None and commit.minimum < self.threshold
         self.below = (self.below or commit) if is_below else None
@@ -257,35 +250,12 @@ def _stalled(recent: Recent, now: float) -> Verdict | None:
 
 
 def _degrading(recent: Recent) -> Verdict | None:
-    """The verdict if the minimum is below the threshold, or at a new low with a trend that soon reaches it."""
-    if recent.threshold is None or not recent.commits:
+    """The verdict if the minimum is below the threshold."""
+    if recent.below is None:
         return None
     latest = recent.commits[-1]
-    if recent.below is not None:
-        why = f"minimum {latest.minimum:.3f} is below the threshold {recent.threshold:g} since step {recent.below.step}"
-        return Verdict("degrading", "warn", why, recent.below.at)
-    last = [commit for commit in list(recent.commits)[-_TREND:] if not math.isnan(commit.minimum)]
-    # In a periodic motion, the second decrease does not reach a new low.
-    if len(last) < _FEWEST or min(recent.lowest_before, *(c.minimum for c in last[:-1])) <= last[-1].minimum:
-        return None
-    slope, share = _line([commit.step for commit in last], [commit.minimum for commit in last])
-    if share < _SHARE or (left := (last[-1].minimum - recent.threshold) / -slope) > _HORIZON:
-        return None
-    steps = max(1, math.ceil(left - 1e-9))
-    soon = f" or {duration(steps * recent.pause)}" if 0.0 < recent.pause < math.inf else ""
-    why = (
-        f"minimum {latest.minimum:.3f} falls by {-slope:.2g} a step and meets the threshold {recent.threshold:g} in "
-        f"about {steps} step{'s' if steps > 1 else ''}{soon}"
-    )
-    return Verdict("degrading", "warn", why, last[0].at)
-
-
-def _line(steps: list[int], values: list[float]) -> tuple[float, float]:
-    """Slope of the least-squares line, and its squared correlation."""
-    step, value = fmean(steps), fmean(values)
-    both = sum((s - step) * (v - value) for s, v in zip(steps, values, strict=True))
-    spread = sum((s - step) ** 2 for s in steps)
-    return both / spread, both * both / (spread * sum((v - value) ** 2 for v in values))
+    why = f"minimum {latest.minimum:.3f} is below the threshold {recent.threshold:g} since step {recent.below.step}"
+    return Verdict("degrading", "warn", why, recent.below.at)
 
 
 def duration(seconds: float) -> str:

@@ -1,14 +1,15 @@
-"""The web application: the page and its files, its data requests, and the stream of changes."""
+"""The web application: the page and its files, and its data requests."""
 
 import asyncio
 import gzip
+import math
 import mimetypes
+import time
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Executor
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
@@ -16,24 +17,26 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
-from starlette.types import Receive, Scope, Send
+from starlette.types import Scope
 
 from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.transport.telemetry import log
 from mesh_motion_server.watch.page.archive import Archive, as_json, integer
 from mesh_motion_server.watch.page.guard import Guard
-from mesh_motion_server.watch.page.live import Live
 
 __all__ = ["STATIC", "Page"]
 
 STATIC = Path(__file__).with_name("static")
 _JSON = "application/json"
 _POINTS = 1500
+#: Minimum seconds between two readings of the list, and the maximum share of the time: many folders take long to read.
+_LIST_SECONDS, _LIST_SHARE = 1.0, 0.05
 #: Longer answers are compressed at the cheapest level: a long history shrinks to a quarter, which helps remote users
-#: behind a tunnel. A mesh is not compressed: its coordinates hardly get smaller.
+#: behind a tunnel.
 _COMPRESSED_BYTES = 16 << 10
 #: Maximum number of pending answers of one kind; each kind has one thread.
 _WAITING = 24
+Answer = TypeVar("Answer")
 _STATUS = {"NOT_FOUND": 404, "INVALID_ARGUMENT": 400}
 
 
@@ -56,16 +59,14 @@ class Page:
         self._news: dict[str, Any] = {"missing": "", "sessions": []}
         self._waiting: Counter[Executor] = Counter()
         self._trouble = ""
-        self._listed: list[dict[str, Any]] = []
-        self.live = Live(self._overview, self._unlisted)
+        self._told: dict[str, Any] = {}
+        self._due = 0.0
         routes = [
             Route("/", self._index),
-            Route("/api/live", _Stream(self.live)),
             Route("/api/sessions", self._sessions),
             Route("/api/sessions/{session}", self._detail),
-            Route("/api/sessions/{session}/steps/{step:int}", self._step),
             Route("/api/sessions/{session}/series", self._series),
-            Route("/api/sessions/{session}/mesh", self._mesh),
+            Route("/api/sessions/{session}/mesh.png", self._mesh),
             Mount("/static", _Files(directory=STATIC)),
         ]
         handlers: dict[Any, Any] = {MeshMotionError: _refused, HTTPException: _missing}
@@ -79,45 +80,45 @@ class Page:
         return FileResponse(STATIC / "index.html", headers={"cache-control": "no-cache"})
 
     async def _sessions(self, request: Request) -> Response:
-        news = self._news
-        make = partial(self._archive.overview, news["sessions"])
-        told = {"build": self._build, "missing": news["missing"]}
-        return await self._json(request, self._archive.lists, lambda: as_json(told | {"sessions": make()}))
+        return await self._json(request, self._archive.lists, self._list)
 
     async def _detail(self, request: Request) -> Response:
         archive, session = self._archive, request.path_params["session"]
         return await self._json(request, archive.histories, lambda: archive.detail(session))
 
-    async def _step(self, request: Request) -> Response:
-        archive, asked = self._archive, request.path_params
-        make = partial(archive.step, asked["session"], asked["step"])
-        return await self._json(request, archive.histories, make)
-
     async def _series(self, request: Request) -> Response:
         archive, session, asked = self._archive, request.path_params["session"], request.query_params
-        first, last = (integer(asked.get(name), lambda: None) for name in ("first", "last"))
+        first = integer(asked.get("first"), lambda: None)
         points = max(1, integer(asked.get("points"), lambda: _POINTS))
-        return await self._json(request, archive.histories, lambda: archive.series(session, first, last, points))
+        return await self._json(request, archive.histories, lambda: archive.series(session, first, points))
 
     async def _mesh(self, request: Request) -> Response:
-        archive, session, asked = self._archive, request.path_params["session"], request.query_params
-        have, seen = asked.get("have", ""), asked.get("seen", "")
-        packed = await self._made(archive.meshes, lambda: archive.mesh(session, have, seen))
-        return Response(packed, media_type="application/octet-stream", headers={"cache-control": "no-store"})
+        archive, session, dark = self._archive, request.path_params["session"], "dark" in request.query_params
+        picture, newer = await self._made(archive.meshes, lambda: archive.mesh(session, dark=dark))
+        headers = {"cache-control": "no-store"} | ({"retry-after": f"{math.ceil(newer)}"} if newer else {})
+        return Response(picture, media_type="image/png", headers=headers)
 
-    async def _overview(self) -> dict[str, Any]:
-        archive, live = self._archive, self._news["sessions"]
-        listed = await asyncio.get_running_loop().run_in_executor(archive.lists, lambda: archive.overview(live))
-        self._listed, self._trouble = listed, ""
-        return {"build": self._build, "missing": self._news["missing"], "sessions": listed}
+    def _list(self) -> bytes:
+        """The list, JSON; in the thread ``lists``. It is made anew every second at most, for any number of pages."""
+        started = time.monotonic()
+        if started >= self._due:
+            self._told = self._listed()
+            ended = time.monotonic()
+            self._due = max(started + _LIST_SECONDS, ended + (ended - started) / _LIST_SHARE)
+        return as_json({"at": time.time()} | self._told)
 
-    def _unlisted(self, error: Exception) -> dict[str, Any]:
-        """The previous list, with a note that reading failed; logged once, because the read is repeated."""
-        said = f"the list cannot be read: {str(error) or type(error).__name__}"
-        if said != self._trouble:
-            self._trouble = said
-            log().warning("page_list_failed", error=repr(error))
-        return {"build": self._build, "missing": said, "sessions": self._listed}
+    def _listed(self) -> dict[str, Any]:
+        news = self._news
+        missing, sessions = news["missing"], self._told.get("sessions", [])
+        try:
+            sessions, self._trouble = self._archive.overview(news["sessions"]), ""
+        # any error: the page shows the previous list and says so, and the read is repeated
+        except Exception as error:
+            missing = f"the list cannot be read: {str(error) or type(error).__name__}"
+            if missing != self._trouble:
+                self._trouble = missing
+                log().warning("page_list_failed", error=repr(error))
+        return {"build": self._build, "missing": missing, "sessions": sessions}
 
     async def _json(self, request: Request, thread: Executor, make: Callable[[], bytes]) -> Response:
         """A JSON answer, compressed if it is long and the browser accepts that."""
@@ -128,7 +129,7 @@ class Page:
             headers["content-encoding"] = "gzip"
         return Response(content, media_type=_JSON, headers=headers)
 
-    async def _made(self, thread: Executor, make: Callable[[], bytes]) -> bytes:
+    async def _made(self, thread: Executor, make: Callable[[], Answer]) -> Answer:
         """An answer, computed in its thread."""
         if self._waiting[thread] >= _WAITING:
             raise HTTPException(503, "too many questions at a time")
@@ -137,24 +138,6 @@ class Page:
             return await asyncio.get_running_loop().run_in_executor(thread, make)
         finally:
             self._waiting[thread] -= 1
-
-
-class _Stream:
-    """The stream as an ASGI application."""
-
-    def __init__(self, live: Live) -> None:
-        self._live = live
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if self._live.full:
-            raise HTTPException(503, "too many pages listen")
-        headers = [(b"content-type", b"text/event-stream"), (b"cache-control", b"no-store")]
-        await send({"type": "http.response.start", "status": 200, "headers": headers})
-        if scope["method"] == "HEAD":
-            await send({"type": "http.response.body", "body": b""})
-            return
-        await self._live.stream(receive, send)
-        await send({"type": "http.response.body", "body": b""})
 
 
 class _Files(StaticFiles):

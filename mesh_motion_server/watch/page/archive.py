@@ -1,6 +1,6 @@
 """Answers to the page's requests, with one thread for each kind, so that a long history does not delay the list.
 
-The archive reads only what a page shows, and caches it: the series of the last few sessions, three meshes, and the
+The archive reads only what a page shows, and caches it: the series of the last few sessions, some pictures, and the
 answers as long as they are valid. So many pages cost the same as one.
 """
 
@@ -14,10 +14,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from mesh_motion_server.errors import InvalidInput, SessionError
-from mesh_motion_server.watch.observation.follow import events_naming
-from mesh_motion_server.watch.page.followed import Followed
-from mesh_motion_server.watch.page.overview import Overview
-from mesh_motion_server.watch.page.reading import Reading
+from mesh_motion_server.watch.observation.overview import Overview
+from mesh_motion_server.watch.observation.reading import Reading
 
 __all__ = ["Archive", "as_json"]
 
@@ -25,16 +23,12 @@ __all__ = ["Archive", "as_json"]
 _FOLLOWED = 16
 #: Number of series answers that are cached until new events come.
 _ANSWERS = 12
-#: Number of sessions whose meshes are cached.
-_DRAWN = 3
-#: Minimum seconds between two evaluations of a mesh, for any number of readers and any step rate.
+#: Number of sessions whose pictures are cached.
+_DRAWN = 8
+#: Minimum seconds between two pictures of a mesh, for any number of readers and any step rate.
 _MESH_SECONDS = 3.0
-#: Maximum share of the time for evaluations: after one that takes a second, the next waits twenty seconds.
+#: Maximum share of the time for pictures: after one that takes a second, the next waits twenty seconds.
 _MESH_SHARE = 0.05
-#: Number of reader keys for which packed bytes are cached.
-_KEYS = 3
-#: A larger mesh file is not read: it would exceed the memory of the process.
-_MESH_BYTES = 192 << 20
 _SESSION = re.compile(r"[0-9a-f]{32}")
 
 Value = TypeVar("Value")
@@ -66,36 +60,26 @@ class Archive:
         followed = self._follow(session)
         return self._answer(followed, (session,), followed.detail)
 
-    def step(self, session: str, step: int) -> bytes:
-        """The same as :meth:`detail` for one past step; in the thread ``histories``."""
-        folder, then = self._found(session), Followed()
-        then.take(events_naming(folder, step))
-        if not then.events:
-            raise SessionError(f"step {step} is not recorded", code="NOT_FOUND", hint="the oldest events go first")
-        return as_json(then.detail())
-
-    def series(self, session: str, first: int | None, last: int | None, points: int) -> bytes:
+    def series(self, session: str, first: int | None, points: int) -> bytes:
         """Its series, JSON; in the thread ``histories``."""
         followed = self._follow(session)
-        asked = (session, first, last, points)
-        return self._answer(followed, asked, lambda: followed.series(first, last, points))
+        asked = (session, first, points)
+        return self._answer(followed, asked, lambda: followed.series(first, points))
 
-    def mesh(self, session: str, have: str, seen: str = "") -> bytes:
-        """Its committed mesh for drawing; in the thread ``meshes``."""
+    def mesh(self, session: str, *, dark: bool) -> tuple[bytes, float]:
+        """Its stored mesh as PNG, and the seconds until a newer one is drawn; in the thread ``meshes``."""
         folder = self._found(session)
-        for _ in range(2):
-            try:
-                return self._draw(session, folder, (have, seen))
-            except MemoryError:
-                self._drawn.clear()  # frees the memory of other sessions' meshes
-        raise InvalidInput("the mesh is too large to be drawn here")
-
-    def _draw(self, session: str, folder: Path, has: tuple[str, str]) -> bytes:
         drawn = self._drawn.pop(session, None) or _Drawn(folder)
         self._drawn[session] = drawn
         while len(self._drawn) > _DRAWN:
             self._drawn.popitem(last=False)
-        return drawn.view(has)
+        try:
+            return drawn.picture(dark=dark)
+        except MemoryError:
+            raise InvalidInput("the mesh is too large to be drawn here") from None
+        except ModuleNotFoundError as error:
+            missing = f"the server has no {error.name} (the extra monitor)"
+            raise InvalidInput(f"the mesh cannot be drawn: {missing}") from None
 
     def _follow(self, session: str) -> Reading:
         folder = self._found(session)
@@ -124,37 +108,26 @@ class Archive:
 
 
 class _Drawn:
-    """The mesh of a session."""
+    """The pictures of a session's mesh."""
 
     def __init__(self, folder: Path) -> None:
-        # imported here: the compiled kernels take a second to load, and only the mesh view needs them
-        from mesh_motion_server.watch.observation.mesh_view import StoredMesh  # noqa: PLC0415
-        from mesh_motion_server.watch.page.drawing import Packer  # noqa: PLC0415
-
-        self._mesh, self._packer = StoredMesh(folder, _MESH_BYTES), Packer()
-        self._view: Any = None
-        self._answers: dict[tuple[str, str], bytes] = {}
+        self._folder = folder
+        self._pictures: dict[bool, bytes] = {}
         self._due = 0.0
 
-    def view(self, has: tuple[str, str]) -> bytes:
-        """The currently stored state, or a recent one."""
-        if self._view is None or time.monotonic() >= self._due:
-            self._look()
-        return self._packed(has)
+    def picture(self, *, dark: bool) -> tuple[bytes, float]:
+        """PNG of the currently stored state, or of a recent one and the seconds until a newer one is drawn."""
+        from mesh_motion_server.watch.page.drawing import draw  # noqa: PLC0415  (kernels and matplotlib: seconds to load)
 
-    def _packed(self, has: tuple[str, str]) -> bytes:
-        """Bytes for readers that have everything, the constant part, or nothing: key and stamp as for the packer."""
-        known = has in self._answers
-        packed: bytes = self._answers[has] if known else self._packer.pack(self._view, *has)
-        if not known and len(self._answers) < _KEYS:
-            self._answers[has] = packed
-        return packed
-
-    def _look(self) -> None:
-        started = time.monotonic()
-        self._view, self._answers = self._mesh.look(), {}
-        took = time.monotonic() - started
-        self._due = started + took + max(_MESH_SECONDS, took / _MESH_SHARE)
+        now = time.monotonic()
+        if now >= self._due:
+            self._pictures = {}
+        if dark in self._pictures:
+            return self._pictures[dark], self._due - now
+        self._pictures[dark] = draw(self._folder, dark=dark)
+        ended = time.monotonic()
+        self._due = ended + max(_MESH_SECONDS, (ended - now) / _MESH_SHARE)
+        return self._pictures[dark], 0.0
 
 
 def as_json(value: Any) -> bytes:

@@ -97,7 +97,6 @@ async def _serve(channel: Channel, order: dict[str, Any]) -> int:
             tell_suppressed()
             return
         asyncio.get_running_loop().remove_reader(channel.fileno())
-        page.live.close()
         server.should_exit = True
 
     asyncio.get_running_loop().add_reader(channel.fileno(), heard)

@@ -1,28 +1,33 @@
 """A mesh before and after a motion, coloured by quality: both meshes, a close-up of the worst cell, the distribution.
 
-A 2D mesh is drawn as it is, a 3D mesh clipped by a plane through its worst cell (:mod:`.clipped`); the close-up of a 3D
-mesh is a cut through that cell.
+A 2D mesh is drawn as it is, a 3D mesh cut by a plane through what moves, the close-up through its worst cell. Of a mesh
+of one dimension only the distribution is drawn.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.watch.pictures.clipped import cells_behind, draw_clipped
-from mesh_motion_server.watch.pictures.mesh_axes import Look, draw_closeup, draw_mesh
+from mesh_motion_server.watch.pictures.history import draw_quality
+from mesh_motion_server.watch.pictures.mesh_axes import draw_closeup, draw_mesh
 from mesh_motion_server.watch.pictures.page import Page, blank
-from mesh_motion_server.watch.pictures.palette import INVERTED_COLOUR, Theme
-from mesh_motion_server.watch.pictures.snapshot import Plane, Snapshot, choose_box, choose_plane, choose_window
+from mesh_motion_server.watch.pictures.palette import INVERTED_COLOUR
+from mesh_motion_server.watch.pictures.runs import Run
+from mesh_motion_server.watch.pictures.snapshot import Plane, Snapshot, choose_plane, choose_window
 
-__all__ = ["MeshPair", "draw_before_after"]
+__all__ = ["MeshPair", "draw_after", "draw_before_after"]
 
 
 #: From this width on, mm, the close-up stands beside both meshes.
 _WIDE_PAGE = 130.0
 #: A picture lower than this share of its width takes the page's whole width.
 _LONG = 0.4
+#: Of the picture of one mesh: the mesh's share of the width, and the heights of title and colour bar.
+_LEFT, _HEAD_MM, _FOOT_MM = 0.6, 7.0, 14.0
+#: Height of the history, as a share of the page's width.
+_HISTORY = 0.22
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,108 +38,110 @@ class MeshPair:
     ----------
     metric : str
         The quality metric of the snapshots.
+    titles : (str, str)
+        What each of them is.
     enrichment_points : (k, d) array
         Where enrichment functions were added in the step of ``after``; empty if unknown.
-    note : str
-        A remark on the step of ``after``, such as "the worst".
     """
 
     label: str
     metric: str
     before: Snapshot
     after: Snapshot
-    enrichment_points: Floats
-    note: str = ""
+    titles: tuple[str, str]
+    enrichment_points: Floats = field(default_factory=lambda: np.empty((0, 1)))
 
 
-def draw_before_after(pair: MeshPair, page: Page, *, title: str | None = None) -> Any:
+def draw_before_after(pair: MeshPair, page: Page, *, title: str | None = None, run: Run | None = None) -> Any:
     """A matplotlib figure of both meshes; make and save it within :func:`~.page.styled`.
 
     Parameters
     ----------
-    pair : MeshPair
-        Of a mesh in 2D or 3D.
     title : str, optional
         None: the label; "": none.
+    run : Run, optional
+        Its history is drawn below.
     """
     before, after = pair.before, pair.after
     plane = choose_plane(before, after)
     window = choose_window(before, after, plane)
-    rows, widths, height = _arrangement(window, page, is_3d=plane is not None)
+    rows, widths, height = _arrangement(before.points.shape[1], window, page)
+    ratios = [1.0] * len(rows)
+    if run is not None:
+        below = _HISTORY * page.width
+        rows, ratios = [*rows, "h" * len(rows[0])], [*ratios, below * len(rows) / height]
+        height += below
     figure = blank(page, height, fixed_aspect=True)
-    axes = figure.subplot_mosaic([list(row) for row in rows], width_ratios=widths)
-    look = Look(page.theme, page.points, page.points - 1.0, page.points, notes=False)
-    colours = _draw_meshes(axes, pair, plane, window, look)
-    _mark_enrichment(axes["b"], pair, plane, look)
-    near = draw_closeup(axes["c"], after, plane, look)
-    if plane is None:
-        box = (*near[0], *(near[1] - near[0]))
-        axes["b"].indicate_inset(box, edgecolor=page.theme.ink, linewidth=0.6, alpha=0.9)
+    axes = figure.subplot_mosaic([list(row) for row in rows], width_ratios=widths, height_ratios=ratios)
+    if "a" in axes:
+        _draw_meshes(figure, axes, pair, plane, window, page)
     if "d" in axes:
-        _draw_distribution(axes["d"], pair, page.theme)
-        axes["d"].set_box_aspect(1.0)
-    for name in set(axes) - {"d"}:
-        axes[name].spines[["top", "right"]].set_visible(True)
-    _add_bar(figure, list(axes.values()), colours, pair)
+        _draw_distribution(axes["d"], pair, page)
+    if run is not None:
+        draw_quality(axes["h"], [run], page)
+        axes["h"].grid(visible=True, axis="y")
+        axes["h"].set_xlabel("step")
+        axes["h"].xaxis.get_major_locator().set_params(integer=True)
     title = pair.label if title is None else title
     if title:
         figure.suptitle(title)
     return figure
 
 
-def _draw_meshes(axes: Any, pair: MeshPair, plane: Plane | None, window: Floats, look: Look) -> Any:
-    """Draw both meshes; return the data for a colour bar."""
-    titles = _titles(pair)
-    box = choose_box(pair.before, pair.after)
-    shown = None if plane is None else cells_behind(pair.before, _through_worst(plane, pair), box)
-    for name, mesh in (("a", pair.before), ("b", pair.after)):
-        if plane is None or shown is None:
-            colours = draw_mesh(axes[name], mesh, None, titles[name], window, look)
-        else:
-            colours = draw_clipped(axes[name], mesh, shown, plane.axis, look)
-            axes[name].set_title(titles[name].replace(", m", "\nm"))
-    return colours
+def draw_after(pair: MeshPair, page: Page) -> Any:
+    """A matplotlib figure of the mesh after, and its worst cell: made in a second, because nothing is laid out."""
+    mesh, plane = pair.after, choose_plane(pair.before, pair.after)
+    window = choose_window(pair.before, mesh, plane)
+    wide, high = window[1] - window[0]
+    meshes = float(np.clip(_LEFT * high / wide, 1 - _LEFT, 1.0)) * page.width
+    height = meshes + _HEAD_MM + _FOOT_MM
+    figure = blank(page, height)
+    figure.set_layout_engine("none")
+    low, share = _FOOT_MM / height, meshes / height
+    whole = figure.add_axes((0.0, low, _LEFT - 0.01, share))
+    near = figure.add_axes((_LEFT + 0.01, low, 0.99 - _LEFT, share))
+    below = figure.add_axes((0.25, 0.7 * low, 0.5, 0.15 * low))
+    colours = draw_mesh(whole, mesh, plane, f"{pair.titles[1]}, {mesh.extreme}", window, page)
+    draw_closeup(near, mesh, plane, page)
+    whole.set_axis_off()
+    near.set_axis_off()
+    figure.colorbar(colours, cax=below, orientation="horizontal", label=_bar_label(pair)).outline.set_linewidth(0.5)
+    return figure
 
 
-def _through_worst(plane: Plane, pair: MeshPair) -> Plane:
-    """The plane across the same axis through the worst cell in the mesh before, so that this cell is visible."""
-    return Plane(plane.axis, float(pair.before.centre(pair.after.worst)[plane.axis]))
-
-
-def _add_bar(figure: Any, axes: list[Any], colours: Any, pair: MeshPair) -> None:
-    """The colour bar below everything; it has a pink end only where a cell is inverted."""
+def _draw_meshes(figure: Any, axes: Any, pair: MeshPair, plane: Plane | None, window: Floats, page: Page) -> None:
+    """Both meshes, the close-up, and the colour bar; it has a pink end only where a cell is inverted."""
+    for name, mesh, what in zip("ab", (pair.before, pair.after), pair.titles, strict=True):
+        colours = draw_mesh(axes[name], mesh, plane, f"{what}, {mesh.extreme}".replace(", m", "\nm"), window, page)
+    _mark_enrichment(axes["b"], pair, plane, page)
+    near = draw_closeup(axes["c"], pair.after, plane, page)
+    if plane is None:
+        box = (*near[0], *(near[1] - near[0]))
+        axes["b"].indicate_inset(box, edgecolor=page.theme.ink, linewidth=0.6, alpha=0.9)
+    meshes = [axes[name] for name in "abc"]
+    for each in meshes:
+        each.spines[["top", "right"]].set_visible(True)
     inverted = any(bool(mesh.inverted.any()) for mesh in (pair.before, pair.after))
     end = "min" if inverted else "neither"
-    bar = figure.colorbar(
-        colours,
-        ax=axes,
-        location="bottom",
-        shrink=0.6,
-        pad=0.02,
-        aspect=45,
-        extend=end,
-    )
-    bar.set_label(f"{pair.metric} of a cell" + (" (pink: inverted)" if inverted else ""))
+    bar = figure.colorbar(colours, ax=meshes, location="bottom", shrink=0.6, pad=0.02, aspect=45, extend=end)
+    bar.set_label(_bar_label(pair))
     bar.outline.set_linewidth(0.5)
     if inverted:
         bar.cmap = bar.cmap.with_extremes(under=INVERTED_COLOUR)
         colours.set_cmap(bar.cmap)
 
 
-def _titles(pair: MeshPair) -> dict[str, str]:
-    """Titles of the two meshes."""
-    note = f" ({pair.note})" if pair.note else ""
-    before = "at opening" if pair.before.step == 0 else f"after step {pair.before.step}"
-    return {
-        "a": f"{before}, {pair.before.extreme}",
-        "b": f"after step {pair.after.step}{note}, {pair.after.extreme}",
-    }
+def _bar_label(pair: MeshPair) -> str:
+    inverted = any(bool(mesh.inverted.any()) for mesh in (pair.before, pair.after))
+    return f"{pair.metric} of a cell" + (" (pink: inverted)" if inverted else "")
 
 
-def _arrangement(window: Floats, page: Page, *, is_3d: bool) -> tuple[list[str], list[float], float]:
+def _arrangement(dimension: int, window: Floats, page: Page) -> tuple[list[str], list[float], float]:
     """Rows of panels (a, b the meshes, c close-up, d distribution), shares of columns, the suitable height, mm."""
-    ratio = 0.85 if is_3d else float((window[1, 1] - window[0, 1]) / (window[1, 0] - window[0, 0]))
-    head, text = 34.0 if is_3d else 22.0, 11.0
+    ratio = float((window[1, 1] - window[0, 1]) / (window[1, 0] - window[0, 0]))
+    head, text = 26.0, 11.0
+    if dimension == 1:
+        return ["d"], [1.0], 0.4 * page.width + text
     if ratio < _LONG:  # one below the other
         return ["aa", "bb", "cd"], [1.0, 1.0], 2 * (ratio * page.width + text) + 0.4 * page.width + text + head
     if page.width >= _WIDE_PAGE:
@@ -143,29 +150,26 @@ def _arrangement(window: Floats, page: Page, *, is_3d: bool) -> tuple[list[str],
     return ["ab", "cd"], [1.0, 1.0], (1.0 + ratio) * (page.width - 2 * text) / 2.0 + 2 * text + head
 
 
-def _mark_enrichment(axes: Any, pair: MeshPair, plane: Plane | None, look: Look) -> None:
+def _mark_enrichment(axes: Any, pair: MeshPair, plane: Plane | None, page: Page) -> None:
     """Crosses where enrichment functions were added, in 2D; in 3D they lie inside, and only their number is shown."""
     places = pair.enrichment_points
     if not len(places):
         return
     if plane is not None:
-        axes.annotate(
-            f"{len(places)} enrichment points", (0.02, 0.02), xycoords="axes fraction", fontsize=look.note_points
-        )
+        axes.annotate(f"{len(places)} enrichment points", (0.02, 0.02), xycoords="axes fraction")
         return
     axes.plot(
-        *places.T, linestyle="", marker="P", markersize=0.6 * look.ring_points, color=look.theme.enriched,
+        *places.T, linestyle="", marker="P", markersize=0.6 * page.points, color=page.theme.enriched,
         markeredgecolor="white", markeredgewidth=0.5, label="enrichment points", zorder=5,
     )  # fmt: skip
     axes.legend(loc="lower left", frameon=True, framealpha=0.9, edgecolor="none", handlelength=1.0)
 
 
-def _draw_distribution(axes: Any, pair: MeshPair, theme: Theme) -> None:
+def _draw_distribution(axes: Any, pair: MeshPair, page: Page) -> None:
     """How many cells are worse than a value."""
-    falls = pair.after.scale[1] < pair.after.scale[0]
-    for mesh, colour, dash, label in (
-        (pair.before, theme.faint, theme.dashes[1], "before"),
-        (pair.after, theme.runs[0], theme.dashes[0], "after"),
+    theme, falls = page.theme, pair.after.scale[1] < pair.after.scale[0]
+    for mesh, colour, dash, label in zip(
+        (pair.before, pair.after), (theme.faint, theme.runs[0]), theme.dashes[1::-1], pair.titles, strict=True
     ):
         values = np.sort(mesh.badness)
         shown = np.unique(np.linspace(0, len(values) - 1, min(len(values), 2000)).astype(np.int64))
@@ -180,3 +184,5 @@ def _draw_distribution(axes: Any, pair: MeshPair, theme: Theme) -> None:
     axes.yaxis.set_major_formatter("{x:g}")
     axes.legend(loc="best", borderaxespad=0.2)
     axes.grid(visible=True)
+    if pair.after.points.shape[1] > 1:
+        axes.set_box_aspect(1.0)

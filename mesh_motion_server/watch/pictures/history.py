@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.watch.observation.series import PHASES
 from mesh_motion_server.watch.pictures.page import Page, blank
 from mesh_motion_server.watch.pictures.runs import Run
 
-__all__ = ["PANELS", "draw_history", "panels_of"]
+__all__ = ["PANELS", "draw_history", "draw_quality", "panels_of"]
 
 
-#: More steps than five times this are thinned: beyond it, two steps share one pixel of a page.
-_BINS = 1000
+#: More steps than this are thinned: beyond it, two steps share one pixel of a page.
+_MOST = 5000
 #: Up to this number, each step has its own mark.
 _FEW = 40
 #: A run of a single step is drawn as a dash of this many steps to either side.
@@ -65,7 +65,7 @@ def draw_history(
     heights = [1.0 if name == "quality" else _SMALL for name in names]
     figure = blank(page, tall * sum(heights) + 12.0)
     axes = figure.subplots(len(names), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-    shown = [run.thinned(_BINS) for run in runs]
+    shown = [run.thinned(_MOST) for run in runs]
     for name, panel in zip(names, axes, strict=True):
         PANELS[name][0](panel, shown, page)
         panel.grid(visible=True, axis="y")
@@ -73,7 +73,7 @@ def draw_history(
     axes[-1].set_xlabel("step")
     axes[-1].xaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
     low = min(int(run.step[0]) for run in shown if len(run.step))
-    tried = [refused.step for run in shown for refused in run.refused]  # a refused step may not be committed yet
+    tried = [step for run in shown for step in run.refused]  # a refused step may not be committed yet
     high = max([*(int(run.step[-1]) for run in shown if len(run.step)), *tried])
     axes[-1].set_xlim((low - 0.5, high + 0.5) if low == high else (low, high))
     figure.align_ylabels(list(axes))
@@ -86,13 +86,14 @@ def draw_history(
 # --- quality ---------------------------------------------------------------------------------------------------------
 
 
-def _draw_quality(axes: Any, runs: Sequence[Run], page: Page) -> None:
+def draw_quality(axes: Any, runs: Sequence[Run], page: Page) -> None:
+    """Draw the quality of one run or of several into matplotlib axes."""
     if len(runs) == 1:
         _draw_one(axes, runs[0], page)
     else:
         _draw_several(axes, runs, page)
     _draw_refused(axes, runs, page)
-    if any(np.any(run.actual.minimum <= 0) for run in runs):  # an inverted cell
+    if any(np.any(run.columns["actual_min"] <= 0) for run in runs):  # an inverted cell
         axes.axhline(0.0, color=page.theme.refused, linewidth=0.6)
     axes.set_ylabel(runs[0].metric)
     low, high = axes.get_ylim()
@@ -107,15 +108,15 @@ def _draw_one(axes: Any, run: Run, page: Page) -> None:
     colour, mean = theme.runs[0], theme.runs[2]
     bands = (("p1", "p5", 0.26, "percentiles 1 to 5"), ("p5", "p50", 0.12, "5 to 50"))
     for low, high, opacity, label in bands:
-        lower, upper = getattr(run.actual, low), getattr(run.actual, high)
+        lower, upper = run.columns[f"actual_{low}"], run.columns[f"actual_{high}"]
         if np.isfinite(lower).any():
             axes.fill_between(*_dashed(x, lower, upper), color=colour, alpha=opacity, linewidth=0, label=label)
-    _line(axes, x, run.predicted.mean, color=mean, linewidth=3.2, alpha=0.3)
-    _line(axes, x, run.predicted.minimum, color=colour, linewidth=3.6, alpha=0.35, label="minimum, predicted")
-    if np.any(run.standard < run.predicted.minimum - 1e-9):
-        _line(axes, x, run.standard, color=theme.faint, linestyle=":", label="without correction")
-    _line(axes, x, run.actual.mean, color=mean, linestyle=theme.dashes[1], label="mean")
-    _line(axes, x, run.actual.minimum, color=colour, label="minimum", **_marks(x))
+    _line(axes, x, run.columns["predicted_mean"], color=mean, linewidth=3.2, alpha=0.3)
+    _line(axes, x, run.columns["predicted_min"], color=colour, linewidth=3.6, alpha=0.35, label="minimum, predicted")
+    if np.any(run.columns["standard_min"] < run.columns["predicted_min"] - 1e-9):
+        _line(axes, x, run.columns["standard_min"], color=theme.faint, linestyle=":", label="without correction")
+    _line(axes, x, run.columns["actual_mean"], color=mean, linestyle=theme.dashes[1], label="mean")
+    _line(axes, x, run.columns["actual_min"], color=colour, label="minimum", **_marks(x))
     if run.threshold is not None:
         axes.axhline(run.threshold, color=theme.ink, linewidth=0.7, linestyle=(0, (1, 2)), label="threshold")
 
@@ -128,8 +129,8 @@ def _draw_several(axes: Any, runs: Sequence[Run], page: Page) -> None:
             "color": theme.runs[number % len(theme.runs)],
             "linestyle": theme.dashes[number % len(theme.dashes)],
         }
-        _line(axes, run.step, run.actual.mean, **style, linewidth=0.7, alpha=0.75)
-        _line(axes, run.step, run.actual.minimum, **style, label=run.label, **_marks(run.step))
+        _line(axes, run.step, run.columns["actual_mean"], **style, linewidth=0.7, alpha=0.75)
+        _line(axes, run.step, run.columns["actual_min"], **style, label=run.label, **_marks(run.step))
     axes.plot([], [], color=theme.ink, linewidth=0.7, alpha=0.75, label="mean (thin)")
     thresholds = {run.threshold for run in runs}
     if len(thresholds) == 1 and None not in thresholds:
@@ -138,7 +139,7 @@ def _draw_several(axes: Any, runs: Sequence[Run], page: Page) -> None:
 
 def _draw_refused(axes: Any, runs: Sequence[Run], page: Page) -> None:
     """A mark on the lower edge where a motion was refused."""
-    steps = sorted({refused.step for run in runs for refused in run.refused})
+    steps = sorted({step for run in runs for step in run.refused})
     if steps:
         axes.plot(
             steps, np.zeros(len(steps)), linestyle="", marker="v", markersize=5, color=page.theme.refused,
@@ -147,20 +148,20 @@ def _draw_refused(axes: Any, runs: Sequence[Run], page: Page) -> None:
         )  # fmt: skip
 
 
-def _line(axes: Any, x: Integers, y: Floats, **style: Any) -> None:
+def _line(axes: Any, x: Floats, y: Floats, **style: Any) -> None:
     """Draw a line of the known values; without known values no line and no legend entry."""
     if np.isfinite(y).any():
         axes.plot(*_dashed(x, y), **style)
 
 
-def _dashed(x: Integers, *values: Floats) -> tuple[Floats, ...]:
+def _dashed(x: Floats, *values: Floats) -> tuple[Floats, ...]:
     """Return a single step as three points, because a line through one is invisible; more steps unchanged."""
     if len(x) != 1:
-        return x.astype(float), *values
+        return x, *values
     return x + _HALF_DASH * np.array([-1.0, 0.0, 1.0]), *(np.repeat(each, 3) for each in values)
 
 
-def _marks(x: Integers) -> dict[str, Any]:
+def _marks(x: Floats) -> dict[str, Any]:
     """The marker style: each step has a mark if there are few steps."""
     if len(x) > _FEW:
         return {}
@@ -175,7 +176,7 @@ def _draw_counts(axes: Any, runs: Sequence[Run], page: Page, column: str, name: 
     for number, run in enumerate(runs):
         colour = page.theme.runs[number % len(page.theme.runs)]
         style = page.theme.dashes[number % len(page.theme.dashes)]
-        steps, values = _dashed(run.step, getattr(run, column))
+        steps, values = _dashed(run.step, run.columns[column])
         axes.step(steps, values, where="mid", color=colour, linestyle=style, linewidth=0.9)
         if len(runs) == 1:
             axes.fill_between(steps, values, step="mid", color=colour, alpha=0.18, linewidth=0)
@@ -197,18 +198,18 @@ def _draw_orthogonality(axes: Any, runs: Sequence[Run], page: Page) -> None:
     for number, run in enumerate(runs):
         colour = page.theme.runs[number % len(page.theme.runs)]
         style = page.theme.dashes[number % len(page.theme.dashes)]
-        _line(axes, run.step, run.non_orthogonality, color=colour, linestyle=style, linewidth=0.9)
+        _line(axes, run.step, run.columns["non_orthogonality"], color=colour, linestyle=style, linewidth=0.9)
     axes.set_ylabel("non-\northogonality, °")
 
 
 def _draw_seconds(axes: Any, runs: Sequence[Run], page: Page) -> None:
     """Draw the phases' seconds: stacked for one run, their sums for several runs."""
-    totals = [np.nansum([*run.seconds.values()], axis=0) for run in runs]
+    totals = [np.nansum([run.columns[f"seconds_{phase}"] for phase in PHASES], axis=0) for run in runs]
     largest = _shown_top(totals)
     unit, factor = ("s", 1.0) if largest >= 1.0 else ("ms", 1e3)
     if len(runs) == 1:
         colours = [page.theme.runs[i] for i in (0, 5, 1, 2)]
-        parts = [np.nan_to_num(runs[0].seconds[phase]) * factor for phase in PHASES]
+        parts = [np.nan_to_num(runs[0].columns[f"seconds_{phase}"]) * factor for phase in PHASES]
         steps, *parts = _dashed(runs[0].step, *parts)
         axes.stackplot(steps, parts, labels=PHASES, colors=colours, alpha=0.85, linewidth=0)
         axes.legend(
@@ -240,9 +241,9 @@ def _shown_top(totals: Sequence[Floats]) -> float:
 _Drawing = Callable[[Any, Sequence[Run], Page], None]
 #: Name of each panel → its drawing function, and whether a run has data for it.
 PANELS: dict[str, tuple[_Drawing, Callable[[Run], bool]]] = {
-    "quality": (_draw_quality, lambda _: True),
-    "iterations": (_draw_iterations, lambda run: bool(np.any(run.iterations > 1))),
-    "seconds": (_draw_seconds, lambda run: any(bool(np.any(values > 0)) for values in run.seconds.values())),
-    "enrichment": (_draw_enrichment, lambda run: bool(np.any(run.enrichment_points > 0))),
-    "non-orthogonality": (_draw_orthogonality, lambda run: bool(np.isfinite(run.non_orthogonality).any())),
+    "quality": (draw_quality, lambda _: True),
+    "iterations": (_draw_iterations, lambda run: bool(np.any(run.columns["iterations"] > 1))),
+    "seconds": (_draw_seconds, lambda run: any(bool(np.any(run.columns[f"seconds_{phase}"] > 0)) for phase in PHASES)),
+    "enrichment": (_draw_enrichment, lambda run: bool(np.any(run.columns["enrichment_points"] > 0))),
+    "non-orthogonality": (_draw_orthogonality, lambda run: bool(np.isfinite(run.columns["non_orthogonality"]).any())),
 }

@@ -1,16 +1,16 @@
 """A mesh in matplotlib axes: its cells, or those of a cut, coloured by quality, and a mark on the worst one."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Marks
-from mesh_motion_server.watch.pictures.palette import INVERTED_COLOUR, LIGHT, Theme, colour_scale
+from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.watch.pictures.page import Page
+from mesh_motion_server.watch.pictures.palette import INVERTED_COLOUR, colour_scale
 from mesh_motion_server.watch.pictures.slices import Polygons, cut, flat
 from mesh_motion_server.watch.pictures.snapshot import Plane, Snapshot
 
-__all__ = ["Look", "draw_closeup", "draw_mesh", "draw_polygons"]
+__all__ = ["draw_closeup", "draw_mesh", "draw_polygons"]
 
 
 #: Above this number of polygons, the cells become pixels inside SVG and PDF: a polygon takes about 150 bytes there.
@@ -19,28 +19,7 @@ RASTER_ABOVE = 3000
 _AROUND = 3.5
 
 
-@dataclass(frozen=True)
-class Look:
-    """How a mesh is drawn.
-
-    Attributes
-    ----------
-    title_points, note_points, ring_points : float
-        Type of the title and of notes, and diameter of the ring around the worst cell, points.
-    notes : bool
-        Whether the picture has the worst cell's value; otherwise only the ring marks the cell.
-    """
-
-    theme: Theme = LIGHT
-    title_points: float = 11.0
-    note_points: float = 9.0
-    ring_points: float = 16.0
-    notes: bool = True
-
-
-def draw_mesh(
-    axes: Any, mesh: Snapshot, plane: Plane | None, title: str, window: Floats, look: Look | None = None
-) -> Any:
+def draw_mesh(axes: Any, mesh: Snapshot, plane: Plane | None, title: str, window: Floats, page: Page) -> Any:
     """Draw a mesh (or its cut) into matplotlib axes and mark the worst cell; return the data for a colour bar.
 
     Parameters
@@ -50,18 +29,16 @@ def draw_mesh(
     window : (2, 2) array
         Lower and upper corner of the shown part.
     """
-    look = look or Look()
     polygons = _within(_polygons(mesh, plane), window)
-    colours = draw_polygons(axes, polygons, mesh, look)
+    colours = draw_polygons(axes, polygons, mesh, page)
     _show(axes, window - [[0.02], [-0.02]] * (window[1] - window[0]))
-    _mark_worst(axes, mesh, polygons, window, look)
+    _mark_worst(axes, mesh, polygons, window, page)
     where = "" if plane is None else f", cut at {'xyz'[plane.axis]} = {plane.position:.3g}"
-    axes.set_title(f"{title}{where}", fontsize=look.title_points, color=look.theme.ink)
-    axes.tick_params(labelsize=look.note_points - 1.0)
+    axes.set_title(f"{title}{where}")
     return colours
 
 
-def draw_closeup(axes: Any, mesh: Snapshot, plane: Plane | None, look: Look) -> Floats:
+def draw_closeup(axes: Any, mesh: Snapshot, plane: Plane | None, page: Page) -> Floats:
     """Draw the surroundings of the worst cell, outline it, and return the (2, 2) window that is shown.
 
     A 3D mesh is cut through that cell, across the axis of ``plane``.
@@ -76,31 +53,30 @@ def draw_closeup(axes: Any, mesh: Snapshot, plane: Plane | None, look: Look) -> 
         centre = np.delete(centre, plane.axis)
     window = np.array([centre - half, centre + half])
     polygons = _within(_polygons(mesh, plane), window)
-    draw_polygons(axes, polygons, mesh, look)
+    draw_polygons(axes, polygons, mesh, page)
     own = polygons.corners[polygons.cells == mesh.worst]
     axes.add_collection(
-        PolyCollection(own, facecolors="none", edgecolors=INVERTED_COLOUR, linewidths=look.ring_points / 9.0, zorder=4)
+        PolyCollection(own, facecolors="none", edgecolors=INVERTED_COLOUR, linewidths=page.points / 9.0, zorder=4)
     )
     _show(axes, window)
     where = "" if plane is None else f", {'xyz'[plane.axis]} = {plane.position:.3g}"
-    axes.set_title(f"its worst cell{where}", fontsize=look.title_points)
-    axes.tick_params(labelsize=look.note_points - 1.0)
+    axes.set_title(f"its worst cell{where}")
     return window
 
 
-def draw_polygons(axes: Any, polygons: Polygons, mesh: Snapshot, look: Look) -> Any:
+def draw_polygons(axes: Any, polygons: Polygons, mesh: Snapshot, page: Page) -> Any:
     """Draw polygons of a mesh in the colours of their cells' quality, inverted ones apart; return what a bar needs."""
     from matplotlib.collections import PolyCollection  # noqa: PLC0415
 
     values = mesh.quality[polygons.cells]
-    width = float(np.clip(40.0 / np.sqrt(max(len(values), 1)), 0.1, 0.7)) * look.ring_points / 16.0
+    width = float(np.clip(40.0 / np.sqrt(max(len(values), 1)), 0.1, 0.7)) * page.points / 16.0
     in_pixels, scale = len(values) > RASTER_ABOVE, colour_scale(mesh.scale)
     colours = PolyCollection(
         polygons.corners,  # type: ignore[arg-type]
         array=np.clip(values, min(mesh.scale), max(mesh.scale)),
         cmap=scale.cmap,
         norm=scale.norm,
-        edgecolors=look.theme.edge,
+        edgecolors=page.theme.edge,
         linewidths=width,
         rasterized=in_pixels,
     )
@@ -140,32 +116,13 @@ def _show(axes: Any, window: Floats) -> None:
     axes.set(xlim=window[:, 0], ylim=window[:, 1])
 
 
-def _mark_worst(axes: Any, mesh: Snapshot, polygons: Polygons, window: Floats, look: Look) -> None:
-    """Draw a ring around the worst drawn cell, with its value and, if another cell is worse, the value of that one."""
+def _mark_worst(axes: Any, mesh: Snapshot, polygons: Polygons, window: Floats, page: Page) -> None:
+    """Draw a ring around the worst cell of those that are drawn."""
     for drawn in np.argsort(mesh.badness[polygons.cells], kind="stable"):
         place = np.unique(polygons.corners[drawn], axis=0).mean(axis=0)
         if ((place >= window[0]) & (place <= window[1])).all():
-            break
-    else:
-        return
-    axes.plot(
-        *place, marker="o", markersize=look.ring_points, markerfacecolor="none", markeredgecolor=INVERTED_COLOUR,
-        markeredgewidth=look.ring_points / 8.0,
-    )  # fmt: skip
-    if look.notes:
-        _write_worst(axes, mesh, int(polygons.cells[drawn]), place > window.mean(axis=0), look)
-
-
-def _write_worst(axes: Any, mesh: Snapshot, cell: int, side: Marks, look: Look) -> None:
-    """The value of the cell that is marked, away from it: on the right or upper ``side`` (2,) of the picture or not."""
-    text = f"worst cell: {mesh.quality[cell]:.3f}"
-    if mesh.quality[cell] > mesh.quality[mesh.worst] + 1e-3:
-        centre = ", ".join(f"{c:.3g}" for c in mesh.centre(mesh.worst))
-        text = f"worst here: {mesh.quality[cell]:.3f}\nworst of all: {mesh.quality[mesh.worst]:.3f} at ({centre})"
-    box = {"boxstyle": "round,pad=0.3", "facecolor": look.theme.paper, "edgecolor": INVERTED_COLOUR, "alpha": 0.9}
-    right, upper = side
-    corner = {"x": 0.015, "ha": "left"} if right or not upper else {"x": 0.985, "ha": "right"}
-    axes.text(
-        y=0.975, s=text, transform=axes.transAxes, va="top", fontsize=look.note_points, color=look.theme.ink,
-        bbox=box | {"linewidth": look.ring_points / 16.0}, **corner,
-    )  # fmt: skip
+            axes.plot(
+                *place, marker="o", markersize=page.points, markerfacecolor="none", markeredgecolor=INVERTED_COLOUR,
+                markeredgewidth=page.points / 8.0,
+            )  # fmt: skip
+            return

@@ -1,8 +1,8 @@
 """The page of a figure: its size in millimetres, its font size, and its file.
 
-A figure is made at its printed size, so that its font has 7 to 8 points there. Text stays text in SVG and PDF, with the
-glyphs that it needs embedded (TrueType in PDF, a subset as a web font in SVG). The file depends on the content alone:
-it has no date, and a new run gives the same bytes.
+A figure is made at its printed size, so that its font has 7 to 8 points there. Text stays text in PDF, with the glyphs
+that it needs embedded; in SVG it is outlines, which look the same on systems without the font. The file depends on the
+content alone: it has no date, and a new run gives the same bytes.
 """
 
 import re
@@ -17,7 +17,17 @@ from mesh_motion_server.errors import InvalidInput, ResourceError
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.watch.pictures.palette import LIGHT, Theme
 
-__all__ = ["FORMATS", "PRESETS", "Page", "blank", "format_of", "parse_size", "pictures_are_possible", "save", "styled"]
+__all__ = [
+    "FORMATS",
+    "PRESETS",
+    "Page",
+    "blank",
+    "format_of",
+    "parse_size",
+    "pictures_are_possible",
+    "save",
+    "styled",
+]
 
 FORMATS = ("png", "svg", "pdf")
 #: Elsevier's widths of figures, mm (other publishers' are near them), and a slide of 16 : 9.
@@ -127,7 +137,6 @@ def styled(page: Page) -> Iterator[None]:
         "grid.color": theme.faint,
         "grid.alpha": 0.35,
         "pdf.fonttype": 42,
-        "svg.fonttype": "none",
         "svg.hashsalt": "mesh-motion",
         "text.parse_math": False,  # a name may have dollar signs
     }
@@ -159,12 +168,9 @@ def save(figure: Any, path: Path, page: Page) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as file:
-            if kind == "svg":
-                from mesh_motion_server.watch.pictures.svg_fonts import write_svg  # noqa: PLC0415  (an extra)
-
-                write_svg(figure, file, dpi=page.dpi, metadata=nothing)
-            else:
-                figure.savefig(file, format=kind, dpi=page.dpi, metadata=nothing)
+            for _ in range(2):  # with panels of a fixed aspect, one pass leaves titles over each other
+                figure.get_layout_engine().execute(figure)
+            figure.savefig(file, format=kind, dpi=page.dpi, metadata=nothing)
     except OSError as error:
         raise ResourceError(f"{path}: the picture cannot be written: {error.strerror or error}") from None
 

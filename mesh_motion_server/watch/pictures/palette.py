@@ -1,4 +1,4 @@
-"""The colours of all pictures; quality has the same ones in the monitor page (its ``colours.js``).
+"""The colours of all pictures, also of those that the monitor page shows.
 
 Quality is coloured by viridis (van der Walt and Smith, SciPy 2015), which is perceptually uniform: its lightness grows
 evenly, so that a print without colour and people of every colour vision still order the cells. An inverted cell has a
@@ -9,13 +9,11 @@ kind of colour vision tell apart, and differ in their dashes too.
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["DARK", "INK", "INVERTED_COLOUR", "LIGHT", "QUALITY_MAP", "Theme", "colour_scale"]
+__all__ = ["DARK", "INVERTED_COLOUR", "LIGHT", "QUALITY_MAP", "Theme", "colour_scale"]
 
 #: matplotlib's name of the map from the worst to the best value.
 QUALITY_MAP = "viridis"
 INVERTED_COLOUR = "#e5007d"
-#: Text and outlines on white.
-INK = "#202020"
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ class Theme:
 
 LIGHT = Theme(
     paper="#ffffff",
-    ink=INK,
+    ink="#202020",
     faint="#8c8c8c",
     edge="#10101060",
     runs=("#0072b2", "#d55e00", "#008a63", "#b4568c", "#a66f00", "#2e8bc0"),

@@ -1,55 +1,39 @@
-"""A run's history as columns, from any kind of folder."""
+"""A run's history as columns, from a session's folder or from one that ``mesh-motion play`` wrote."""
 
 from __future__ import annotations
 
 import csv
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.watch.observation.series import PHASES
+from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.session.spec import SPEC, StoredSpec, spec_bytes
+from mesh_motion_server.watch.observation.follow import events_in_brief
+from mesh_motion_server.watch.observation.series import COLUMNS, PHASES, Columns, Series, of_metric, thinned
+from mesh_motion_server.watch.terminal.text import plain
 
-__all__ = ["METRICS", "Quality", "Refused", "Run", "is_played", "read_played"]
-
+__all__ = [
+    "METRICS",
+    "Run",
+    "check_metric",
+    "is_played",
+    "is_session",
+    "label_of",
+    "no_run",
+    "read_played",
+    "read_runs",
+]
 
 METRICS = ("size-skew", "size", "skew")
-
-
-@dataclass(frozen=True)
-class Refused:
-    """A motion that was refused: the step it was for, its code, and why."""
-
-    step: int
-    code: str
-    message: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class Quality:
-    """The cells' quality after each step; NaN where unknown.
-
-    Attributes
-    ----------
-    minimum, p1, p5, p50, mean : (s,) arrays
-    """
-
-    minimum: Floats
-    mean: Floats
-    p1: Floats
-    p5: Floats
-    p50: Floats
-
-    def rows(self, chosen: Integers | slice | Marks) -> Quality:
-        """The quality of some steps."""
-        return Quality(*(getattr(self, name)[chosen] for name in ("minimum", "mean", "p1", "p5", "p50")))
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,36 +43,25 @@ class Run:
     Attributes
     ----------
     metric : str
-        The metric of ``actual`` and ``predicted``.
+        The metric of its qualities.
     threshold : float or None
         The quality below which motions are corrected; None: unknown, or of another metric.
-    step : (s,) int64 array
-        Committed steps, ascending.
-    actual, predicted : Quality
-        Quality of the committed coordinates; prediction of the server before any node moved.
-    standard : (s,) array
-        The minimum predicted for the motion without its correction.
-    iterations, enrichment_points : (s,) arrays
-    seconds : dict of str to (s,) arrays
-        Seconds of each phase, summed over all iterations.
-    total_seconds : (s,) array
-    non_orthogonality : (s,) array
-        The largest of all faces, degrees; NaN where unknown.
+    columns : dict of str to (s,) arrays
+        By committed step, named as in :class:`~mesh_motion_server.watch.observation.series.Series`; NaN where unknown.
+    refused : tuple of int
+        The steps for which a motion was refused.
     """
 
     label: str
     metric: str
     threshold: float | None
-    step: Integers
-    actual: Quality
-    predicted: Quality
-    standard: Floats
-    iterations: Floats
-    enrichment_points: Floats
-    seconds: dict[str, Floats]
-    total_seconds: Floats
-    non_orthogonality: Floats
-    refused: tuple[Refused, ...] = field(default=())
+    columns: Columns
+    refused: tuple[int, ...] = ()
+
+    @property
+    def step(self) -> Floats:
+        """(s,) the committed steps, ascending."""
+        return self.columns["step"]
 
     def between(self, first: int | None, last: int | None) -> Run:
         """The run from step ``first`` to ``last`` (None: from the beginning, to the end).
@@ -103,36 +76,114 @@ class Run:
         kept = (self.step >= low) & (self.step <= high)
         if len(self.step) and not kept.any():
             raise InvalidInput(
-                f"--steps: {self.label} has the steps {self.step[0]} to {self.step[-1]}, "
+                f"--steps: {self.label} has the steps {self.step[0]:.0f} to {self.step[-1]:.0f}, "
                 f"none from {'the first' if first is None else first} to {'the last' if last is None else last}"
             )
-        return replace(self._rows(kept), refused=tuple(r for r in self.refused if low <= r.step <= high))
+        columns = {name: column[kept] for name, column in self.columns.items()}
+        return replace(self, columns=columns, refused=tuple(step for step in self.refused if low <= step <= high))
 
-    def thinned(self, bins: int) -> Run:
-        """At most some ``5 bins`` steps: of each bin the first, the worst, the slowest, those of most iterations and of
-        the least orthogonal faces.
+    def thinned(self, most: int) -> Run:
+        """The run in at most so many groups of steps; extremes stay visible."""
+        return replace(self, columns=thinned(self.columns, most))
 
-        Extremes stay, so that the picture of a long run does not hide what happened in one step.
-        """
-        if len(self.step) <= 5 * bins:
-            return self
-        edges = np.linspace(0, len(self.step), bins + 1).astype(np.int64)
-        worst = np.nan_to_num(self.actual.minimum, nan=np.inf)
-        chosen = [edges[:-1], np.array([len(self.step) - 1])]
-        for values in (-worst, *map(np.nan_to_num, (self.total_seconds, self.iterations, self.non_orthogonality))):
-            chosen.append(np.array([a + np.argmax(values[a:b]) for a, b in pairwise(edges)]))
-        return self._rows(np.unique(np.concatenate(chosen)))
 
-    def _rows(self, chosen: Integers | Marks) -> Run:
-        """The columns of some steps."""
-        names = ("step", "standard", "iterations", "enrichment_points", "total_seconds", "non_orthogonality")
-        return replace(
-            self,
-            **{name: getattr(self, name)[chosen] for name in names},
-            actual=self.actual.rows(chosen),
-            predicted=self.predicted.rows(chosen),
-            seconds={phase: values[chosen] for phase, values in self.seconds.items()},
+def read_runs(folders: Sequence[Path], metric: str | None = None) -> list[Run]:
+    """The history of each run, labels made distinct.
+
+    Parameters
+    ----------
+    metric : str, optional
+        One of :data:`METRICS`; None: a session's own, size-skew of a played case.
+
+    Raises
+    ------
+    InvalidInput
+        If a folder is not a run, or has no history.
+    JournalError
+        If the ``spec.json`` of a session cannot be read.
+    """
+    check_metric(metric, METRICS)
+    runs = [_read(folder, metric) for folder in folders]
+    metrics = {run.metric for run in runs}
+    if len(metrics) > 1:
+        raise InvalidInput(
+            f"the runs have different quality metrics: {', '.join(sorted(metrics))}",
+            hint=f"--metric {METRICS[0]} draws one that all have",
         )
+    counts = Counter(run.label for run in runs)
+    return [
+        replace(run, label=_distinct(run.label, folder)) if counts[run.label] > 1 else run
+        for run, folder in zip(runs, folders, strict=True)
+    ]
+
+
+def _read(folder: Path, metric: str | None) -> Run:
+    if is_played(folder):
+        return read_played(folder, metric)
+    if is_session(folder):
+        return _read_recorded(folder, metric)
+    raise no_run(folder)
+
+
+def no_run(folder: Path) -> InvalidInput:
+    """The error for a folder that is not a run; names the sessions in a state folder."""
+    sessions = folder / "sessions"
+    if sessions.is_dir():
+        found = sorted(path.name for path in sessions.iterdir() if is_session(path))
+        listed = ", ".join(found[:3]) + (" …" if len(found) > 3 else "") or "none"
+        return InvalidInput(
+            f"{folder}: a server's state folder, expected a session's; it has {listed}",
+            hint=f"mesh-motion plot {sessions / (found[0] if found else 'SESSION')} …",
+        )
+    what = "neither a session's folder nor one that play wrote" if folder.is_dir() else "no such folder"
+    return InvalidInput(f"{folder}: {what}", hint="a session's folder is STATE FOLDER/sessions/ID")
+
+
+def check_metric(metric: str | None, known: Sequence[str]) -> None:
+    """Raise InvalidInput for an unknown metric."""
+    if metric is not None and metric not in known:
+        raise InvalidInput(f"--metric: expected one of {', '.join(known)}, got {metric!r}")
+
+
+def _distinct(label: str, folder: Path) -> str:
+    """A label that distinguishes runs of the same name."""
+    return folder.name if folder.name != label else str(folder)
+
+
+# --- sessions --------------------------------------------------------------------------------------------------------
+
+
+def is_session(folder: Path) -> bool:
+    """Whether the folder has a stored session."""
+    return (folder / SPEC).is_file()
+
+
+def label_of(folder: Path) -> str:
+    """The label of a stored session, or the beginning of its id."""
+    return plain(StoredSpec.from_bytes(spec_bytes(folder)).label) or folder.name[:8]
+
+
+def _read_recorded(folder: Path, metric: str | None) -> Run:
+    """The run of a stored session, from its history."""
+    series, refused, own = Series(), [], ""
+    for event in events_in_brief(folder):
+        own = own or event.get("quality", {}).get("metric", "") if event["event"] == "moved" else own
+        if event["event"] == "refused" and isinstance(event.get("step"), int):
+            refused.append(event["step"])
+        with suppress(KeyError, TypeError, AttributeError):  # another version may have written it
+            series.add(of_metric(event, metric) if metric else event)
+    if not len(series):
+        raise InvalidInput(
+            f"{folder}: its history has no committed step",
+            hint="sessions of a server with history_bytes = 0, or of an older one, have no history",
+        )
+    columns = series.columns()
+    known = columns["threshold"][np.isfinite(columns["threshold"])]
+    threshold = float(known[-1]) if metric in (None, own) and len(known) else None
+    return Run(label_of(folder), metric or own, threshold, columns, tuple(refused))
+
+
+# --- played cases ----------------------------------------------------------------------------------------------------
 
 
 def is_played(folder: Path) -> bool:
@@ -146,7 +197,7 @@ def read_played(folder: Path, metric: str | None = None) -> Run:
     Parameters
     ----------
     metric : str, optional
-        One of :data:`METRICS`; None: size-skew.
+        As the columns of ``steps.csv`` name it; None: size-skew.
 
     Raises
     ------
@@ -154,25 +205,20 @@ def read_played(folder: Path, metric: str | None = None) -> Run:
         If its ``steps.csv`` is not valid.
     """
     metric = metric or METRICS[0]
-    table = _read_steps(folder / "steps.csv")
-    summary = _read_summary(folder / "summary.json")
-    method = summary.get("method", {})
+    table, summary = _read_steps(folder / "steps.csv"), _read_summary(folder / "summary.json")
+    method, name = summary.get("method", {}), metric.replace("-", "_")
     is_own = method.get("quality_metric", METRICS[0]) == metric
+    threshold = method.get("quality_threshold")
+    taken = {"step": "step", "actual_min": f"min_{name}", "actual_mean": f"mean_{name}"}
+    taken |= {"predicted_min": "predicted_min", "standard_min": "predicted_standard"} if is_own else {}
+    taken |= {"seconds_total": "seconds", "non_orthogonality": "max_non_orthogonality"}
+    taken |= {same: same for same in ("iterations", "enrichment_points", *(f"seconds_{phase}" for phase in PHASES))}
     unknown = np.full(len(table["step"]), np.nan)
-    name = metric.replace("-", "_")
     return Run(
         label=Path(str(summary.get("case", folder.name))).parent.name or folder.name,
         metric=metric,
-        threshold=_number(method.get("quality_threshold")) if is_own else None,
-        step=table["step"].astype(np.int64),
-        actual=Quality(table[f"min_{name}"], table.get(f"mean_{name}", unknown), unknown, unknown, unknown),
-        predicted=Quality(table["predicted_min"] if is_own else unknown, unknown, unknown, unknown, unknown),
-        standard=table["predicted_standard"] if is_own else unknown,
-        iterations=table["iterations"],
-        enrichment_points=table["enrichment_points"],
-        seconds={phase: table[f"seconds_{phase}"] for phase in PHASES},
-        total_seconds=table["seconds"],
-        non_orthogonality=table.get("max_non_orthogonality", unknown),
+        threshold=float(threshold) if is_own and isinstance(threshold, int | float) else None,
+        columns={column: table.get(taken.get(column, ""), unknown) for column in COLUMNS},
     )
 
 
@@ -202,7 +248,3 @@ def _read_summary(path: Path) -> Mapping[str, Any]:
     except (OSError, ValueError):
         return {}
     return summary if isinstance(summary, dict) else {}
-
-
-def _number(value: Any) -> float | None:
-    return float(value) if isinstance(value, int | float) else None

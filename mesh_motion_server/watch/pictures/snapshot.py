@@ -7,13 +7,13 @@ import numpy as np
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.cells import CellTable
 
-__all__ = ["Plane", "Snapshot", "choose_box", "choose_plane", "choose_window"]
+__all__ = ["Plane", "Snapshot", "choose_plane", "choose_window"]
 
 
 #: A picture shows only the surroundings of the moving nodes if they take less than this share of it.
 _CROP_BELOW = 0.4
-#: How much is shown beside the moving nodes, as a share of their largest extent; in 3D less, since more lies behind.
-_MARGIN, _MARGIN_3D = 0.5, 0.2
+#: How much is shown beside the moving nodes, as a share of their largest extent.
+_MARGIN = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,21 +105,14 @@ def choose_window(before: Snapshot, after: Snapshot, plane: Plane | None) -> Flo
     if plane is not None:
         distance = np.abs(moving[:, plane.axis] - plane.position)
         moving = moving[distance <= max(0.1 * float(np.ptp(moving[:, plane.axis])), float(distance.min()))]
-    return _around(moving[:, drawn], low, high, _MARGIN)
+    return _around(moving[:, drawn], low, high)
 
 
-def choose_box(before: Snapshot, after: Snapshot) -> Floats:
-    """(2, d) lower and upper corner of the part of the mesh where something moves, or of all of it."""
-    both = np.concatenate([before.points, after.points])
-    moving = np.concatenate([before.points[before.moving], after.points[after.moving]])
-    return _around(moving, both.min(axis=0), both.max(axis=0), _MARGIN_3D)
-
-
-def _around(moving: Floats, low: Floats, high: Floats, share: float) -> Floats:
+def _around(moving: Floats, low: Floats, high: Floats) -> Floats:
     """(2, d) box around places (k, d), or that from ``low`` to ``high`` where it is not much larger."""
     if not len(moving):
         return np.array([low, high])
-    margin = share * float(np.ptp(moving, axis=0).max())
+    margin = _MARGIN * float(np.ptp(moving, axis=0).max())
     near_low, near_high = np.maximum(moving.min(axis=0) - margin, low), np.minimum(moving.max(axis=0) + margin, high)
     is_small = np.prod(near_high - near_low) < _CROP_BELOW * np.prod(high - low)
     return np.array([near_low, near_high] if is_small else [low, high])

@@ -1,5 +1,5 @@
 """Sessions watched from a terminal: ``mesh-motion monitor``.
 
-:mod:`.sources` reads the sessions, from the folders of a server or by asking it; :mod:`.table` shows them once
-as a table, as text or as JSON; :mod:`.live` repeats this.
+:mod:`.sources` reads the sessions, from the folders of a server; :mod:`.table` shows them once as a table, as text
+or as JSON; :mod:`.live` repeats this.
 """

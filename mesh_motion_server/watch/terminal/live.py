@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.live import Live
 
 from mesh_motion_server.errors import SessionError
-from mesh_motion_server.watch.terminal.sources import Source, Unreadable
+from mesh_motion_server.watch.terminal.sources import FolderSource, Unreadable
 from mesh_motion_server.watch.terminal.table import Look, look_at, rendered, without_server
 
 __all__ = ["watch"]
@@ -25,29 +25,26 @@ _HUNG_UP = 129
 _ROWS_OF_DETAILS = 20
 
 
-def watch(source: Source, session: str | None, every: float) -> int:
+def watch(source: FolderSource, session: str | None, every: float) -> int:
     """Show the sessions every ``every`` seconds; return the exit status.
 
-    If a session does not exist yet, or the folder or server is gone, the view waits for it.
+    If a session does not exist yet, or the folder is gone, the view waits for it.
     """
     console, keyboard = Console(), sys.stdin.fileno()
     look, read_at = Look([]), 0.0
-    try:
-        with _single_keys(keyboard), Live(console=console, screen=True, auto_refresh=False) as live:
-            signal.signal(signal.SIGTERM, _end)  # Live then leaves the alternate screen
-            while True:
-                trouble = ""
-                try:
-                    look, read_at = look_at(source, session), time.time()
-                except (Unreadable, SessionError) as error:
-                    trouble = str(error)
-                    look = without_server(look, read_at) if isinstance(error, Unreadable) else look
-                rows = max(console.height - _ROWS_OF_DETAILS, 3)
-                live.update(rendered(f"{source.where} (q quits)", look, trouble, rows), refresh=True)
-                if select.select([keyboard], [], [], every)[0] and b"q" in _pressed(keyboard):
-                    return 0
-    finally:
-        source.close()
+    with _single_keys(keyboard), Live(console=console, screen=True, auto_refresh=False) as live:
+        signal.signal(signal.SIGTERM, _end)  # Live then leaves the alternate screen
+        while True:
+            trouble = ""
+            try:
+                look, read_at = look_at(source, session), time.time()
+            except (Unreadable, SessionError) as error:
+                trouble = str(error)
+                look = without_server(look, read_at) if isinstance(error, Unreadable) else look
+            rows = max(console.height - _ROWS_OF_DETAILS, 3)
+            live.update(rendered(f"{source.where} (q quits)", look, trouble, rows), refresh=True)
+            if select.select([keyboard], [], [], every)[0] and b"q" in _pressed(keyboard):
+                return 0
 
 
 def _pressed(keyboard: int) -> bytes:

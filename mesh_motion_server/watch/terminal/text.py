@@ -3,7 +3,7 @@
 import math
 import unicodedata
 
-__all__ = ["age", "number", "plain"]
+__all__ = ["number", "plain"]
 
 #: Maximum number of combining marks on one letter; more are dropped, because they would overlap other lines.
 _MOST_MARKS = 2
@@ -27,10 +27,3 @@ def plain(text: object) -> str:
 def number(value: float | None) -> str:
     """A quality, or ``–`` if unknown."""
     return "–" if value is None or math.isnan(value) else f"{value:.3f}"
-
-
-def age(seconds: float) -> str:
-    """A duration in its largest unit."""
-    whole = max(int(seconds), 0)
-    size, unit = next(((s, u) for s, u in ((86400, "d"), (3600, "h"), (60, "min")) if whole >= s), (1, "s"))
-    return f"{whole // size} {unit}"

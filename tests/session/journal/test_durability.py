@@ -65,7 +65,18 @@ def held(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
 
 
 def records(folder: Path) -> list[str]:
-    return [line.says for line in inspect_session(folder).records]
+    """The records of the manifest: what they are, and their steps."""
+    told = []
+    for record in read_journal(folder, PosixFileSystem()).records:
+        body = record.body
+        if record.kind == "snapshot":
+            told.append(f"step {body['step']}, stored")
+        elif record.kind == "commit":
+            told.append(f"step {body['step']}" + (", logged" if "rows" in body else ""))
+        else:
+            commits = body.get("commits")
+            told.append(f"epoch {body['epoch']}" + (f", step {commits[-1]['step']}" if commits else ""))
+    return told
 
 
 def until_durable(driver: Any, step: int) -> Any:

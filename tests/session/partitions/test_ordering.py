@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mesh_motion_server.numerics.mesh.morton import morton_codes
-from mesh_motion_server.session.partitions.ordering import canonical_order
+from mesh_motion_server.session.partitions.merging import canonical_order
 
 
 def slow_code(cell: list[int], bits: int) -> int:

@@ -71,30 +71,6 @@ def test_one_refusal_and_one_of_another_request() -> None:
     assert found.why == "COMMIT of step 1: 3 of 722 cells are inverted"
 
 
-def test_a_minimum_that_falls_says_when_it_meets_the_threshold() -> None:
-    recent = _recent(_built(), _commits(0.6 - 0.01 * step for step in range(1, 31)))
-    found = verdict(recent, BEGIN + 121.0)
-    why = "minimum 0.300 falls by 0.01 a step and meets the threshold 0.2 in about 10 steps or 40 s"
-    assert found == Verdict("degrading", "warn", why, BEGIN + 15 * PAUSE)
-
-
-@pytest.mark.parametrize(
-    "minima",
-    [
-        pytest.param([0.6 - 0.001 * step for step in range(30)], id="the threshold is far"),
-        pytest.param([0.5, 0.4, 0.5, 0.4, 0.5, 0.4, 0.399], id="noise"),
-        pytest.param([0.4, 0.39, 0.38, 0.37, 0.36], id="too few"),
-        pytest.param([0.3] * 20, id="level"),
-        pytest.param([None] * 20, id="not told"),
-        pytest.param([*(0.5 - 0.01 * k for k in range(26)), *(0.25 + 0.01 * k for k in range(26)),
-                      *(0.5 - 0.01 * k for k in range(20))], id="it comes and goes: was as low before"),
-    ],
-)  # fmt: skip
-def test_no_trend(minima: list[float | None]) -> None:
-    recent = _recent(_built(), _commits(minima))
-    assert verdict(recent, recent.changed_at).kind == "running"
-
-
 def test_below_the_threshold_since() -> None:
     recent = _recent(_built(), _commits([0.3, 0.1, 0.3, 0.19, 0.18]))
     why = "minimum 0.180 is below the threshold 0.2 since step 4"

@@ -44,18 +44,15 @@ def await_list(tab: Browser, *names: str) -> None:
 SELECTED = "return [...document.querySelectorAll('#sessions [aria-selected=true]')].map((row) => row.dataset.session)"
 
 
-def test_a_session_that_is_discarded_is_told_and_not_swapped(
-    tab: Browser, server: ServerProcess, tmp_path: Path
-) -> None:
+def test_a_session_that_is_gone_is_told_and_not_swapped(tab: Browser, server: ServerProcess, tmp_path: Path) -> None:
     show(tab, server, FLAG)
     kept = tmp_path / "kept"
     shutil.move(folder_of(server, FLAG), kept)
     told = tab.wait(lambda: tab.text("#ended"), "the page tells")
     assert "“flag” (22222222) was discarded" in told
     assert "last step here was 2, minimum" in told
-    assert "Choose another session." in told
-    assert (tab.text("#label"), tab.text("#state")) == ("flag", "discarded")
-    assert "discarded" in tab.run("return document.title")
+    assert (tab.text("#label"), tab.text("#state")) == ("flag", "not listed")
+    assert "not listed" in tab.run("return document.title")
     assert tab.run("return globalThis.monitor.history.columns.step.length") == 20  # what was known stays
     assert tab.run(SELECTED) == []
     shutil.move(kept, folder_of(server, FLAG))
@@ -92,26 +89,6 @@ def test_a_link_to_a_session_that_is_not_there_waits_for_it(tab: Browser, server
     await_session(tab, AGAIN)
     assert (tab.text("#label"), tab.text("#ended")) == ("again", "")
     shutil.rmtree(folder_of(server, AGAIN))
-
-
-#: The list comes without a session.
-SHORTENED = """
-const m = globalThis.monitor;
-const [without] = arguments;
-const own = m.hear.bind(m);
-m.live.hear = (told) => own({ ...told, sessions: told.sessions.filter((one) => one.session !== without) });
-m.live.hear({ at: 0, build: {}, missing: '', sessions: m.sessions });
-"""
-
-
-def test_a_session_beyond_the_list_is_not_called_discarded(tab: Browser, server: ServerProcess) -> None:
-    show(tab, server, FLAG)
-    await_list(tab, "flag", "wing")  # the last test's own session is listed until the next reading
-    # of many sessions the list has those that changed last
-    tab.run(SHORTENED, FLAG)
-    told = tab.wait(lambda: tab.text("#ended"), "the page tells")
-    assert "is not among the 1 sessions of the list" in told
-    assert tab.text("#state") == "not listed"
 
 
 def happens(server: ServerProcess, session: str, *events: dict[str, Any]) -> None:
@@ -212,66 +189,6 @@ def test_step_and_qualities_are_of_one_moment(tab: Browser, server: ServerProces
     for worker, step in (("alive", "20"), ("none", "1")):
         tab.run(LATE, FLAG, worker)
         tab.wait(lambda step=step: tab.text("#figures dd").split()[0] == step, f"step {step} is shown")
-
-
-#: Where the marks of the worst cells are, and the centres of the cells with the lowest qualities that are drawn.
-MARKED = """
-const { mesh, scene } = globalThis.monitor.mesh;
-const marks = [...scene.worst.geometry.getAttribute('position').array];
-const order = [...mesh.quality.keys()].sort((a, b) => mesh.quality[a] - mesh.quality[b]).slice(0, 10);
-const centres = order.flatMap((cell) => {
-  const corners = [0, 1, 2].map((c) => 3 * mesh.triangles[3 * mesh.owners.indexOf(cell) + c]);
-  return [0, 1, 2].map((k) => corners.reduce((sum, node) => sum + mesh.points[node + k] / 3, 0));
-});
-return [marks, centres];
-"""
-
-
-def test_marks_are_on_the_worst_cells_of_the_mesh_that_is_drawn(tab: Browser, server: ServerProcess) -> None:
-    show(tab, server, FLAG)  # its history tells of cells at other places, as of a later step than the mesh
-    marks, centres = tab.run(MARKED)
-    assert len(marks) == 30
-    assert marks == pytest.approx(centres, abs=1e-5)
-
-
-#: The mesh is asked for again, in a browser that takes half a second for what comes.
-ASKED_AGAIN = """
-const m = globalThis.monitor.mesh;
-globalThis.came = [];
-globalThis.shown = 0;
-const asked = globalThis.fetch;
-globalThis.fetch = async (path, options) => {
-  const reply = await asked(path, options);
-  if (path.includes('/mesh')) {
-    globalThis.came.push((await reply.clone().arrayBuffer()).byteLength);
-    await new Promise((done) => setTimeout(done, 500));
-  }
-  return reply;
-};
-const own = m.scene.show.bind(m.scene);
-m.scene.show = (...given) => {
-  globalThis.shown += 1;
-  own(...given);
-};
-const wait = globalThis.setTimeout;
-globalThis.setTimeout = (act, pause, ...rest) => {
-  if (String(act).includes('goOn')) globalThis.pause = pause;
-  return wait(act, pause, ...rest);
-};
-m.goOn();
-m.stale = true;
-m.refresh();
-"""
-
-
-def test_a_mesh_that_has_not_moved_is_neither_sent_nor_drawn_again(tab: Browser, server: ServerProcess) -> None:
-    show(tab, server, WING)
-    tab.run(ASKED_AGAIN)
-    pause = tab.wait(lambda: tab.run("return globalThis.pause"), "it has come")
-    (size,) = tab.run("return globalThis.came")
-    assert size < 1000  # a header; the coordinates and qualities of this mesh alone are more
-    assert tab.run("return [globalThis.shown, globalThis.monitor.mesh.mesh.points.length]") == [0, 3 * 81]
-    assert pause >= 4500  # nine times as long as it took
 
 
 #: A session has made steps, and changed later than all others.

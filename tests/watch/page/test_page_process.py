@@ -20,7 +20,6 @@ import pytest
 pytest.importorskip("uvicorn", reason="the extra monitor is not installed")
 
 from mesh_motion_server.watch.page import connections
-from mesh_motion_server.watch.page.live import MOST_LISTENERS
 from proofs.processes import alive, children_of, name_of
 from proofs.server_process import ServerProcess
 from proofs.waiting import wait_until
@@ -65,17 +64,9 @@ def page_process(server: ServerProcess) -> int:
     return pid
 
 
-STREAM = b"GET /api/live HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
-
-
-def test_it_is_announced_and_streams_the_list(server: ServerProcess) -> None:
+def test_it_is_announced_and_tells_the_list(server: ServerProcess) -> None:
     status, body = get(server, "/api/sessions")
     assert (status, json.loads(body)["sessions"]) == (200, [])
-    with raw(server, STREAM) as line:
-        told = b""
-        while b"event: sessions" not in told:
-            told += line.recv(4096)
-    assert b"text/event-stream" in told
     assert os.getpriority(os.PRIO_PROCESS, page_process(server)) == 10
 
 
@@ -102,19 +93,6 @@ def test_slow_silent_and_many_connections_close_nobody_out(server: ServerProcess
         assert time.monotonic() - began > connections.REQUEST_SECONDS / 2
     folder = Path(f"/proc/{page_process(server)}/fd")
     wait_until(lambda: len(list(folder.iterdir())) < 40, "no descriptor is left behind")
-
-
-def test_more_streams_than_there_are_seats_are_refused(server: ServerProcess) -> None:
-    def refused() -> bool:
-        with contextlib.ExitStack() as lines:
-            taken = [lines.enter_context(raw(server, STREAM)) for _ in range(MOST_LISTENERS + 4)]
-            answers = [line.recv(12) for line in taken]
-        return answers.count(b"HTTP/1.1 503") >= 4
-
-    assert refused()
-    wait_until(lambda: get(server, "/api/sessions")[0] == 200, "the others are served")
-    with raw(server, STREAM) as line:
-        assert wait_until(lambda: line.recv(12), "a seat is free again") in (b"HTTP/1.1 200", b"HTTP/1.1 503")
 
 
 @pytest.mark.parametrize(

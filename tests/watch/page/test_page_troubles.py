@@ -1,20 +1,18 @@
-"""What goes wrong around the page in a browser: answers that fail or come late, no WebGL, many tabs, odd presses."""
+"""What goes wrong around the page in a browser: answers that fail or come late, many tabs, a page in the background."""
 
 from __future__ import annotations
 
-import contextlib
 import re
-import socket
+import time
 from collections.abc import Iterator
 
 import chromium
 import pytest
 from chromium import Browser
-from shown_page import PAINTED, await_session, serving, show, stored
+from shown_page import serving, show, stored
 
 pytest.importorskip("uvicorn", reason="the extra monitor is not installed")
 
-from mesh_motion_server.watch.page.live import MOST_LISTENERS
 from proofs.server_process import ServerProcess
 
 pytestmark = [pytest.mark.nightly, pytest.mark.skipif(bool(chromium.missing()), reason=chromium.missing())]
@@ -57,8 +55,7 @@ def test_a_look_elsewhere_while_the_mesh_comes_does_not_break_it(tab: Browser, s
         tab.run("globalThis.monitor.choose(arguments[0])", other)
         tab.wait(lambda other=other: tab.run("return globalThis.monitor.mesh.session.session") == other, "it is chosen")
     tab.run("globalThis.release()")
-    tab.wait(lambda: tab.run("return !!globalThis.monitor.mesh.mesh"), "the mesh is there")
-    assert tab.run("return globalThis.monitor.mesh.mesh.triangles?.length") > 0
+    tab.wait(lambda: not tab.run("return globalThis.monitor.mesh.picture.hidden"), "the mesh is there")
     assert tab.text("#mesh-note") == ""
 
 
@@ -81,85 +78,9 @@ def test_what_failed_is_asked_again(tab: Browser, server: ServerProcess, kind: s
     tab.run(FAILING, kind)
     tab.run("globalThis.monitor.choose(arguments[0])", THIRD)
     tab.wait(lambda: "too many questions" in tab.text(where), "it is told")
-    shown = (
-        "const m = globalThis.monitor; return m.history.columns.step.length === 40 && m.mesh.mesh?.triangles.length > 0"
-    )
+    shown = "const m = globalThis.monitor; return m.history.columns.step.length === 40 && !m.mesh.picture.hidden"
     tab.wait(lambda: tab.run(shown), "charts and mesh come later")
     tab.wait(lambda: "too many questions" not in tab.text(where), "nothing is wrong any more")
-
-
-#: As where there is no graphics card, on a remote desktop.
-NO_WEBGL = """
-const own = HTMLCanvasElement.prototype.getContext;
-HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
-  return kind.startsWith('webgl') ? null : own.call(this, kind, ...rest);
-};
-"""
-
-
-def test_a_browser_that_cannot_draw_says_so_for_each_session(tab: Browser, server: ServerProcess) -> None:
-    with tab.prepared(NO_WEBGL):
-        show(tab, server, SHORT, mesh=False)
-    tab.wait(lambda: "cannot draw the mesh" in tab.text("#mesh-note"), "it is told")
-    tab.run("globalThis.monitor.choose(arguments[0])", THIRD)
-    await_session(tab, THIRD, mesh=False)
-    tab.wait(lambda: "cannot draw the mesh" in tab.text("#mesh-note"), "it is told of this one too")
-    tab.wait(lambda: len(tab.texts("#worst tbody tr")) == 10, "the rest is there")
-
-
-#: The driver of the graphics card starts anew.
-LOST = """
-const { scene } = globalThis.monitor.mesh;
-globalThis.monitor.mesh.seen = false; // no news of the mesh meanwhile, which would be drawn
-globalThis.lost = scene.renderer.getContext().getExtension('WEBGL_lose_context');
-const own = scene.draw.bind(scene);
-globalThis.drawn = 0;
-scene.draw = (...given) => {
-  globalThis.drawn += 1;
-  own(...given);
-};
-"""
-
-
-def test_the_mesh_is_drawn_again_when_the_graphics_are_back(tab: Browser, server: ServerProcess) -> None:
-    show(tab, server, SHORT)
-    colours = tab.run(PAINTED)
-    tab.run(LOST)
-    tab.run("globalThis.lost.loseContext()")
-    tab.wait(
-        lambda: tab.run("return globalThis.monitor.mesh.scene.renderer.getContext().isContextLost()"), "it is lost"
-    )
-    tab.run("globalThis.drawn = 0; globalThis.lost.restoreContext()")
-    tab.wait(lambda: tab.run("return globalThis.drawn > 0"), "it is drawn by itself")
-    assert tab.run(PAINTED) == colours
-
-
-def test_a_press_that_began_elsewhere_is_none(tab: Browser, server: ServerProcess) -> None:
-    show(tab, server, SHORT)
-    tab.complaints()
-    said = tab.text("#mesh-said")
-    release = "document.getElementById('mesh').dispatchEvent(new PointerEvent('pointerup', { pointerId: 7 }))"
-    tab.run(release)
-    assert tab.complaints() == []
-    tab.run("document.getElementById('mesh').scrollIntoView({ block: 'center' })")
-    tab.click("#mesh", 20, 30)
-    named = tab.wait(lambda: tab.text("#mesh-said").replace(said, ""), "the cell is named")
-    tab.run("globalThis.monitor.mesh.said('')")
-    tab.run(release)
-    assert tab.text("#mesh-said") == ""
-    assert "of partition 0" in named
-
-
-def test_an_inverted_cell_is_pink_whatever_its_quality(tab: Browser, server: ServerProcess) -> None:
-    show(tab, server, SHORT)
-    pink = (
-        "return globalThis.monitor.mesh.scene.uniforms.inverted.value.toArray().map((v) => Math.round(255 * v)).join()"
-    )
-    colour = tab.run(pink)
-    assert tab.run("return Math.min(...globalThis.monitor.mesh.mesh.quality)") > 0.0
-    assert colour not in tab.run(PAINTED)
-    tab.run("const m = globalThis.monitor.mesh; m.mesh.inverted[m.mesh.owners[0]] = 1; m.show(m.mesh)")
-    assert tab.run(PAINTED)[colour] > 50
 
 
 def test_more_tabs_than_a_browser_has_lines_are_all_filled(tab: Browser, server: ServerProcess) -> None:
@@ -201,53 +122,21 @@ globalThis.turn = (behind) => {
 """
 
 
-def test_a_page_in_the_background_holds_no_line(tab: Browser, server: ServerProcess) -> None:
+def test_a_page_in_the_background_asks_nothing(tab: Browser, server: ServerProcess) -> None:
     show(tab, server, SHORT)
     tab.run(HIDDEN)
-    line = "return globalThis.monitor.live.source.readyState"
     tab.run("globalThis.turn(true)")
-    assert tab.run(line) == 2
+    tab.wait(lambda: not tab.run("return globalThis.monitor.live.asking"), "the last question is answered")
+    last = tab.run("return globalThis.monitor.live.last")
+    time.sleep(2.0)
+    assert tab.run("return globalThis.monitor.live.last") == last
     tab.run("globalThis.turn(false)")
-    tab.wait(lambda: tab.run(line) == 1, "it listens again")
+    tab.wait(lambda: tab.run("return globalThis.monitor.live.last") > last, "it asks again")
     assert tab.text("#gone") == ""
 
 
-def test_a_page_for_which_there_is_no_seat_says_so(tab: Browser, server: ServerProcess) -> None:
-    host, port = server.settings["monitor"].split(":")
-    request = b"GET /api/live HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
-    with contextlib.ExitStack() as lines:
-        for _ in range(MOST_LISTENERS):
-            line = lines.enter_context(socket.create_connection((host, int(port)), timeout=60))
-            line.sendall(request)
-            assert line.recv(12) in (b"HTTP/1.1 200", b"HTTP/1.1 503")  # of the tests before some may be left
-        tab.show(f"http://{server.settings['monitor']}/#{SHORT}")
-        tab.wait(lambda: "refuses this page: too many pages" in tab.text("#gone"), "the reason is told")
-    await_session(tab, SHORT)
-    tab.wait(lambda: tab.text("#gone") == "", "nothing is wrong any more")
-
-
-def test_a_line_that_is_being_made_is_left_in_peace(tab: Browser, server: ServerProcess) -> None:
+def test_a_server_that_refuses_the_list_is_told_with_its_reason(tab: Browser, server: ServerProcess) -> None:
     show(tab, server, SHORT)
-    tried = """
-    const { live } = globalThis.monitor;
-    const [kept, made] = [live.source, live.connect];
-    let count = 0;
-    live.connect = () => (count += 1);
-    live.gone = true;
-    live.tried = Date.now() - 1000 * arguments[1];
-    live.source = { readyState: arguments[0], close() {} };
-    live.watch();
-    [live.source, live.connect, live.gone] = [kept, made, false];
-    return count;
-    """
-    assert [tab.run(tried, state, seconds) for state in (0, 1, 2) for seconds in (1, 5, 20)] == [
-        0,
-        0,
-        1,
-        0,
-        0,
-        1,
-        0,
-        1,
-        1,
-    ]
+    tab.run(FAILING, "api/sessions")
+    tab.wait(lambda: "refuses this page: too many questions" in tab.text("#gone"), "the reason is told")
+    tab.wait(lambda: tab.text("#gone") == "", "nothing is wrong any more")

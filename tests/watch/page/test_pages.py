@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import dataclasses
 import hashlib
 import json
 import math
@@ -19,14 +17,10 @@ import numpy as np
 import pytest
 from histories import refused, resumed_at, write_history
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.session.store import SessionStore
-from mesh_motion_server.watch.observation.mesh_view import StoredMesh
-from mesh_motion_server.watch.page import live
+from mesh_motion_server.watch.observation.followed import plain_column
 from mesh_motion_server.watch.page.app import STATIC, Page
-from mesh_motion_server.watch.page.archive import Archive, as_json
-from mesh_motion_server.watch.page.drawing import Packer
-from mesh_motion_server.watch.page.followed import plain_column
+from mesh_motion_server.watch.page.archive import as_json
 from mesh_motion_server.watch.page.guard import is_allowed_host
 from proofs.driver import SESSION, make_driver
 from proofs.stand_in import grid_mesh
@@ -73,7 +67,7 @@ def test_the_list_tells_what_folders_and_supervisor_know(tmp_path: Path) -> None
     assert len(known["spark"]) == 32
     assert known["minimum"] == known["spark"][-1]
     page.hear({"missing": "", "sessions": [[SESSION, "dead", "READY", 3, 1]]})
-    assert asked.get("/api/sessions").json()["sessions"][0]["worker"] == "dead"
+    assert listed(page)[0]["worker"] == "dead"
 
 
 def test_a_session_that_is_being_discarded_is_none_that_is_not_built_yet(tmp_path: Path) -> None:
@@ -94,9 +88,14 @@ def append(state: Path, *events: dict[str, Any]) -> None:
         file.writelines(json.dumps({"at": time.time()} | event) + "\n" for event in events)
 
 
+def told_anew(page: Page) -> Any:
+    """The list, not one that was made within the last second."""
+    page._due = 0.0
+    return asking_of(page).get("/api/sessions").json()
+
+
 def listed(page: Page) -> list[dict[str, Any]]:
-    asked = testclient.TestClient(page.app, base_url="http://localhost")
-    found: list[dict[str, Any]] = asked.get("/api/sessions").json()["sessions"]
+    found: list[dict[str, Any]] = told_anew(page)["sessions"]
     return found
 
 
@@ -112,17 +111,10 @@ def test_a_refusal_alone_is_news(tmp_path: Path) -> None:
     assert after["state"] == before["state"]
 
 
-def test_one_step_that_is_over(client: Any) -> None:
-    told = client.get(f"/api/sessions/{SESSION}/steps/97").json()
-    assert (told["step"], told["moved"]["step"], told["moved"]["iteration"]) == (97, 97, 2)
-    assert (told["worst"]["of"], told["worst"]["step"], len(told["worst"]["cells"])) == ("committed", 97, 10)
-    assert [event["event"] for event in told["notable"]] == ["refused"]
-    missing = client.get(f"/api/sessions/{SESSION}/steps/601")
-    assert (missing.status_code, "601" in missing.json()["message"]) == (404, True)
-
-
 def test_what_cannot_be_read_is_told_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stored(tmp_path, 1)
     page = Page(tmp_path, BUILD)
+    (before,) = listed(page)
     read, tries = page._archive.overview, iter([OSError("stale file handle"), MemoryError()])
 
     def sometimes(workers: list[list[Any]]) -> list[dict[str, Any]]:
@@ -131,64 +123,41 @@ def test_what_cannot_be_read_is_told_and_read_again(tmp_path: Path, monkeypatch:
         return read(workers)
 
     monkeypatch.setattr(page._archive, "overview", sometimes)
-    monkeypatch.setattr(live, "_SECONDS", 0.01)
-    said = [event["missing"] for event in asyncio.run(streamed(page, 3))]
-    assert said == ["the list cannot be read: stale file handle", "the list cannot be read: MemoryError", ""]
+    said = [told_anew(page) for _ in range(3)]
+    assert [told["missing"] for told in said] == [
+        "the list cannot be read: stale file handle",
+        "the list cannot be read: MemoryError",
+        "",
+    ]
+    assert [one["session"] for told in said for one in told["sessions"]] == 3 * [before["session"]]
 
 
-def test_who_connects_is_answered_at_once_and_starts_no_further_reading(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_many_who_ask_start_no_further_reading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = Page(tmp_path, BUILD)
-    read, readings, release = page._archive.overview, [0], threading.Event()
+    read, readings = page._archive.overview, [0]
 
-    def slowly(workers: list[list[Any]]) -> list[dict[str, Any]]:
+    def counted(workers: list[list[Any]]) -> list[dict[str, Any]]:
         readings[0] += 1
-        release.wait(60)
         return read(workers)
 
-    monkeypatch.setattr(page._archive, "overview", slowly)
-    monkeypatch.setattr(live, "_SECONDS", 3600.0)
-
-    async def visits() -> list[dict[str, Any]]:
-        await streamed(page, 1, "beat")  # goes before the list is there
-        release.set()
-        return [*await streamed(page, 1), *await streamed(page, 1)]
-
-    first, second = asyncio.run(visits())
-    assert first == second
-    assert readings[0] <= 2
+    monkeypatch.setattr(page._archive, "overview", counted)
+    monkeypatch.setattr("mesh_motion_server.watch.page.app._LIST_SECONDS", 3600.0)
+    asked = asking_of(page)
+    first, second = (asked.get("/api/sessions").json() for _ in range(2))
+    assert first["sessions"] == second["sessions"]
+    assert first["at"] < second["at"]
+    assert readings == [1]
 
 
-async def streamed(page: Page, count: int, kind: str = "sessions") -> list[dict[str, Any]]:
-    """The first events of that kind that the stream sends."""
-    told: list[dict[str, Any]] = []
-    enough = asyncio.Event()
-
-    async def send(message: dict[str, Any]) -> None:
-        name, data = message["body"].decode().split("\n")[:2]
-        if name == f"event: {kind}" and len(told) < count:
-            told.append(json.loads(data.removeprefix("data: ")))
-        if len(told) == count:
-            enough.set()
-
-    async def receive() -> dict[str, Any]:
-        await enough.wait()
-        return {"type": "http.disconnect"}
-
-    await asyncio.wait_for(page.live.stream(receive, send), 60)
-    return told
-
-
-def test_series_are_thinned_to_minima_and_closer_within_a_window(client: Any) -> None:
+def test_series_are_thinned_to_minima_and_the_latest_are_not(client: Any) -> None:
     whole = client.get(f"/api/sessions/{SESSION}/series?points=10000").json()["columns"]
     thin = client.get(f"/api/sessions/{SESSION}/series?points=30").json()["columns"]
     assert (len(whole["step"]), whole["step"][-1], thin["step"][-1]) == (600, 600, 600)
     assert len(thin["step"]) in (30, 31)  # and the latest
     assert min(thin["actual_min"]) == min(whole["actual_min"])
-    near = client.get(f"/api/sessions/{SESSION}/series?points=1500&first=100&last=110").json()["columns"]
-    assert near["step"] == list(range(100, 111))
-    assert near["actual_min"] == whole["actual_min"][99:110]
+    latest = client.get(f"/api/sessions/{SESSION}/series?points=1500&first=500").json()["columns"]
+    assert latest["step"] == list(range(500, 601))
+    assert latest["actual_min"] == whole["actual_min"][499:]
 
 
 def test_long_answers_are_compressed_for_who_takes_them_so(client: Any) -> None:
@@ -203,17 +172,16 @@ def test_long_answers_are_compressed_for_who_takes_them_so(client: Any) -> None:
     assert "content-encoding" not in client.get(detail, headers={"accept-encoding": "gzip"}).headers
 
 
-def test_a_prediction_marks_no_mesh_and_goes_with_its_trial(tmp_path: Path) -> None:
+def test_a_prediction_goes_with_its_trial(tmp_path: Path) -> None:
     stored(tmp_path, 1, history=5)
     asked = asking(tmp_path)
     path = f"/api/sessions/{SESSION}"
     segment = max((tmp_path / "sessions" / SESSION / "history").glob("events-*"))
     events = [json.loads(line) for line in segment.read_text().splitlines()]
-    moved, committed = (next(e for e in reversed(events) if e["event"] == kind) for kind in ("moved", "committed"))
+    moved = next(event for event in reversed(events) if event["event"] == "moved")
     append(tmp_path, moved | {"at": time.time(), "step": 6})
     told = asked.get(path).json()
     assert (told["worst"]["of"], told["worst"]["step"], told["moved"]["step"]) == ("predicted", 6, 6)
-    assert told["standing"] == committed["quality"]["worst"]
     append(tmp_path, {"event": "rolled_back", "step": 5, "iteration": 1})
     told = asked.get(path).json()
     assert (told["worst"]["of"], told["worst"]["step"], told["moved"], told["corrected"]) == ("committed", 5, {}, {})
@@ -270,7 +238,7 @@ def test_lists_that_wait_are_bounded_and_hold_up_no_other_question(
 def test_a_session_with_a_worker_is_listed_before_many_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for number in range(1, 4):
         stored(tmp_path, 1, session=f"{number}" * 32)
-    monkeypatch.setattr("mesh_motion_server.watch.page.overview._LISTED", 2)
+    monkeypatch.setattr("mesh_motion_server.watch.observation.overview._LISTED", 2)
     page = Page(tmp_path, BUILD)
     assert [one["session"][0] for one in listed(page)] == ["3", "2"]
     page.hear({"missing": "", "sessions": [["1" * 32, "alive", "READY", 1, 1]]})
@@ -293,57 +261,29 @@ def test_what_follows_is_read_as_it_comes(tmp_path: Path) -> None:
     assert asked.get(path).json()["columns"]["step"] == [1, 2, 3, 4, 5, 6]
 
 
-def unpacked(data: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
-    length = int.from_bytes(data[:4], "little")
-    header = json.loads(data[4 : 4 + length])
-    arrays = {
-        name: np.frombuffer(data, f"<{kind}", size, 4 + length + offset)
-        for name, kind, offset, size in header["arrays"]
-    }
-    return header, arrays
-
-
-def test_the_mesh_is_what_the_journal_holds(client: Any, tmp_path: Path) -> None:
+def test_the_mesh_is_drawn_as_plot_draws_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stored(tmp_path, 2)
-    data = client.get(f"/api/sessions/{SESSION}/mesh").content
-    header, arrays = unpacked(data)
-    view = StoredMesh(tmp_path / "sessions" / SESSION).look()
-    assert (header["step"], header["cells"], header["whole"]) == (2, 32, True)
-    points = arrays["points"].reshape(-1, 3)[:, :2] * header["half"] + header["centre"][:2]
-    np.testing.assert_allclose(points, view.points, atol=1e-6)  # 32-bit numbers of a unit square
-    np.testing.assert_allclose(arrays["quality"], view.quality, atol=1e-6)
-    assert arrays["triangles"].max() == 24
-    again, few = unpacked(client.get(f"/api/sessions/{SESSION}/mesh?have={header['key']}").content)
-    assert (set(few), again["key"]) == ({"points", "quality", "inverted"}, header["key"])
-    assert len(Packer().pack(view, header["key"])) < len(data) / 2
-    same, none = unpacked(
-        client.get(f"/api/sessions/{SESSION}/mesh?have={header['key']}&seen={header['stamp']}").content
-    )
-    assert (none, same["step"], same["stamp"]) == ({}, 2, header["stamp"])
-    moved = dataclasses.replace(view, points=view.points + 1e-3)
-    assert set(unpacked(Packer().pack(moved, header["key"], header["stamp"]))[1]) == set(few)
-    assert set(unpacked(Packer().pack(view, "of another mesh", header["stamp"]))[1]) == set(arrays)
-    crossed = dataclasses.replace(view, inverted=np.arange(len(view.quality)) == 5)
-    header, arrays = unpacked(Packer().pack(crossed))
-    assert header["inverted_cells"] == 1
-    assert np.flatnonzero(arrays["inverted"]).tolist() == [5]  # though its quality is that of a valid cell
+    asked = asking(tmp_path)
+    light = asked.get(f"/api/sessions/{SESSION}/mesh.png")
+    assert light.headers["content-type"] == "image/png"
+    assert light.content.startswith(b"\x89PNG")
+    assert "retry-after" not in light.headers
+    again = asked.get(f"/api/sessions/{SESSION}/mesh.png")
+    assert again.content == light.content
+    assert float(again.headers["retry-after"]) >= 1  # it was drawn before: a newer one may come
+    dark = asked.get(f"/api/sessions/{SESSION}/mesh.png?dark")
+    assert dark.content != light.content
 
 
-def test_a_mesh_that_needs_the_memory_of_others_gets_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mesh_that_needs_too_much_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stored(tmp_path, 1)
-    shutil.copytree(tmp_path / "sessions" / SESSION, tmp_path / "sessions" / ("e" * 32))
-    archive, look, room = Archive(tmp_path), StoredMesh.look, [1]
 
-    def narrowly(mesh: StoredMesh) -> Any:
-        if len(archive._drawn) > room[0]:
-            raise MemoryError
-        return look(mesh)
+    def narrowly(_folder: Path) -> Any:
+        raise MemoryError
 
-    monkeypatch.setattr(StoredMesh, "look", narrowly)
-    assert len({archive.mesh(session, "") for session in (SESSION, "e" * 32)}) == 1
-    room[0] = 0
-    with pytest.raises(InvalidInput, match="too large to be drawn"):
-        archive.mesh(SESSION, "")
+    monkeypatch.setattr("mesh_motion_server.watch.page.drawing.read_pair", narrowly)
+    answer = asking(tmp_path).get(f"/api/sessions/{SESSION}/mesh.png")
+    assert (answer.status_code, answer.json()["message"]) == (400, "the mesh is too large to be drawn here")
 
 
 def test_half_a_character_is_told_as_an_escape() -> None:
@@ -364,7 +304,7 @@ def test_half_a_character_is_told_as_an_escape() -> None:
         ("/manifest", 404),
         (f"/api/sessions/{SESSION}/series?points=many", 400),
         (f"/api/sessions/{SESSION}/series?first=-1", 400),
-        (f"/api/sessions/{SESSION}/series?points=0&last=9999999999999999999", 400),
+        (f"/api/sessions/{SESSION}/series?points=0&first=9999999999999999999", 400),
     ],
 )
 def test_what_is_not_there_is_not_there(client: Any, path: str, status: int) -> None:
@@ -417,7 +357,7 @@ def test_the_page_needs_nothing_from_elsewhere_and_no_inline_scripts(client: Any
     assert "<script>" not in answer.text
     assert "style=" not in answer.text
     assert "://" not in answer.text
-    for name in ("page.js", "page.css", "vendor/three/three.module.min.js", "vendor/uplot/uPlot.iife.min.js"):
+    for name in ("page.js", "page.css", "vendor/uplot/uPlot.iife.min.js"):
         head = client.head(f"/static/{name}")
         assert head.status_code == 200
         assert head.headers["content-type"].startswith(("text/javascript", "text/css"))
@@ -442,8 +382,8 @@ def test_a_mesh_that_is_too_large_is_refused_in_words(
     client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stored(tmp_path, 1)
-    monkeypatch.setattr("mesh_motion_server.watch.page.archive._MESH_BYTES", 10)
-    answer = asking(tmp_path).get(f"/api/sessions/{SESSION}/mesh")
+    monkeypatch.setattr("mesh_motion_server.watch.page.drawing._MESH_BYTES", 10)
+    answer = asking(tmp_path).get(f"/api/sessions/{SESSION}/mesh.png")
     assert (answer.status_code, answer.json()["code"].partition(".")[0]) == (400, "INVALID_ARGUMENT")
     (tmp_path / "sessions" / SESSION / "mesh.bin").unlink()
-    assert asking(tmp_path).get(f"/api/sessions/{SESSION}/mesh").status_code == 503
+    assert asking(tmp_path).get(f"/api/sessions/{SESSION}/mesh.png").status_code == 503

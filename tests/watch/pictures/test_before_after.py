@@ -9,25 +9,23 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tiny_meshes import tiny_mesh, tiny_meshes
+from tiny_meshes import tiny_mesh
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.finite_volume import FACE_METRICS, face_measures
-from mesh_motion_server.watch.pictures.snapshot import Plane, Snapshot
+from mesh_motion_server.watch.pictures.snapshot import Snapshot
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("meshio")
 
 from mesh_motion_server.watch.pictures import mesh_axes
 from mesh_motion_server.watch.pictures.before_after import MeshPair, draw_before_after
-from mesh_motion_server.watch.pictures.clipped import cells_behind, visible_facets
-from mesh_motion_server.watch.pictures.meshes import pair_of
+from mesh_motion_server.watch.pictures.meshes import pair_of, read_pair
 from mesh_motion_server.watch.pictures.page import Page, save, styled
-from mesh_motion_server.watch.pictures.reading import read_pair
+from mesh_motion_server.watch.pictures.runs import read_played
 from mesh_motion_server.watch.pictures.slices import flat
 
 MakePlayed = Callable[..., Path]
-SOLIDS = {name: mesh for name, mesh in tiny_meshes(3) if mesh[0].shape[1] == 3}
 
 
 def drawn(pair: MeshPair, page: Page | None = None) -> tuple[Any, dict[str, Any]]:
@@ -46,7 +44,7 @@ def cells_of(axes: Any) -> Any:
 
 def test_both_meshes_are_drawn_in_the_colours_of_their_quality(played: MakePlayed) -> None:
     pair = read_pair(played(mesh="triangle"))
-    assert (pair.before.step, pair.after.step, pair.note) == (0, 3, "the worst")
+    assert (pair.before.step, pair.after.step, pair.titles[1]) == (0, 3, "after step 3 (the worst)")
     figure, panels = drawn(pair)
     assert list(panels) == ["at", "after", "its"]
     for mesh, axes in ((pair.before, panels["at"]), (pair.after, panels["after"])):
@@ -69,9 +67,9 @@ def test_cells_have_the_colours_of_their_worst_face(played: MakePlayed, mesh: st
     if metric == "non-orthogonality":
         assert pair.after.worst in faces.worst[0].cells
     figure, panels = drawn(pair, Page(90.0))
-    assert panels["after"].get_title().endswith(f"maximum {largest:.3f}")
+    assert f"maximum {largest:.3f}" in panels["after"].get_title()
     assert figure.axes[-1].get_xlabel() == f"{metric} of a cell"
-    line = next(line for line in panels["cells"].get_lines() if line.get_label() == "after")
+    line = next(line for line in panels["cells"].get_lines() if line.get_label().startswith("after"))
     np.testing.assert_allclose(line.get_xdata(), -np.sort(-pair.after.quality))
 
 
@@ -86,13 +84,14 @@ def test_the_close_up_outlines_the_worst_cell(played: MakePlayed) -> None:
 def test_a_narrow_page_has_the_distribution_too(played: MakePlayed) -> None:
     pair = read_pair(played(mesh="triangle"))
     _, panels = drawn(pair, Page(90.0))
-    after = next(line for line in panels["cells"].get_lines() if line.get_label() == "after")
+    after = next(line for line in panels["cells"].get_lines() if line.get_label().startswith("after"))
     np.testing.assert_allclose(after.get_xdata(), np.sort(pair.after.quality))
 
 
 def test_other_steps_are_drawn_on_demand(played: MakePlayed) -> None:
     pair = read_pair(played(mesh="triangle"), first=2, last=5)
-    assert (pair.before.step, pair.after.step, pair.note) == (2, 5, "")
+    assert (pair.before.step, pair.after.step) == (2, 5)
+    assert pair.titles == ("after step 2", "after step 5")
     assert pair.after.points[:, 0].min() == pytest.approx(-0.1)
 
 
@@ -121,19 +120,6 @@ def test_enrichment_points_are_marked(played: MakePlayed) -> None:
     np.testing.assert_array_equal(marks.get_xydata(), pair.enrichment_points)
 
 
-@pytest.mark.parametrize("name", SOLIDS)
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_facets_of_a_cube_that_face_the_viewer_cover_it(name: str, axis: int) -> None:
-    """Three sides of a cube are seen; their projected areas are those of the sides, whatever cells lie behind."""
-    points, cells = SOLIDS[name]
-    mesh = Snapshot(0, points, cells, np.ones(len(cells)), np.array([], dtype=np.int64))
-    facets = visible_facets(mesh, np.arange(len(cells)), axis)
-    areas = [abs(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) for x, y in (c.T for c in facets.corners)]
-    direction = np.array([1.0, 0.55, 0.45])
-    assert sum(areas) == pytest.approx(direction.sum() / np.linalg.norm(direction), rel=1e-12)
-    assert not facets.body.any()
-
-
 def test_a_cell_that_is_inverted_is_so_in_every_metric() -> None:
     """The skew of a mirrored cell is that of its mirror image."""
     points, cells = tiny_mesh("triangle")
@@ -151,20 +137,8 @@ def drawn_polygons(mesh: Snapshot) -> list[Any]:
     from matplotlib.figure import Figure  # noqa: PLC0415
 
     axes = Figure().subplots()
-    mesh_axes.draw_polygons(axes, flat(mesh.points, mesh.cells), mesh, mesh_axes.Look())
+    mesh_axes.draw_polygons(axes, flat(mesh.points, mesh.cells), mesh, Page())
     return list(axes.collections)
-
-
-@pytest.mark.parametrize("name", ["tetra", "hexahedron"])
-def test_a_clipped_mesh_shows_whole_cells_behind_the_plane(name: str) -> None:
-    points, cells = SOLIDS[name]
-    mesh = Snapshot(0, points, cells, np.ones(len(cells)), np.flatnonzero(points[:, 0] == 0.0))
-    centres = cells.centres(points, np.arange(len(cells)))
-    box = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
-    behind = cells_behind(mesh, Plane(2, 0.5), box)
-    np.testing.assert_array_equal(behind, np.flatnonzero(centres[:, 2] <= 0.5))
-    np.testing.assert_array_equal(cells_behind(mesh, Plane(1, 0.5), box), np.flatnonzero(centres[:, 1] >= 0.5))
-    assert set(visible_facets(mesh, behind, 2).cells) <= set(behind.tolist())
 
 
 def test_a_3d_mesh_has_its_picture(played: MakePlayed, tmp_path: Path) -> None:
@@ -175,6 +149,16 @@ def test_a_3d_mesh_has_its_picture(played: MakePlayed, tmp_path: Path) -> None:
     assert "1 enrichment points" in [text.get_text() for text in panels["after"].texts]
     with styled(Page()):
         save(figure, tmp_path / "a.pdf", Page())
+
+
+def test_the_history_stands_below(played: MakePlayed) -> None:
+    folder = played(mesh="triangle")
+    with styled(Page(190.0)):
+        figure = draw_before_after(read_pair(folder), Page(190.0), run=read_played(folder))
+        figure.draw_without_rendering()
+    lower = next(axes for axes in figure.axes if axes.get_xlabel() == "step")
+    assert lower.get_position().y1 < figure.axes[0].get_position().y0
+    assert [line.get_label() for line in lower.get_lines()][-2:] == ["minimum", "threshold"]
 
 
 def test_large_meshes_are_pixels_in_vector_files(played: MakePlayed, monkeypatch: pytest.MonkeyPatch) -> None:

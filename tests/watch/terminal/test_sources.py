@@ -6,20 +6,14 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 from histories import go_on
-from mesh_motion_client import Mesh, Patch, connect
+from rich.console import Console
 
-from mesh_motion_server.watch.terminal.sources import EndpointSource, FolderSource, Unreadable
-from proofs.waiting import wait_until
+from mesh_motion_server.watch.terminal.sources import FolderSource, Unreadable
+from mesh_motion_server.watch.terminal.table import look_at, rendered
 
 MakeSession = Callable[..., Path]
-SQUARE = Mesh(
-    np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.5, 0.5]]),
-    {"triangle": np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])},
-    {"low": Patch("moving", np.array([0, 1])), "high": Patch("fixed", np.array([2, 3]))},
-)
 
 
 def test_live_ones_first_then_by_label(make_session: MakeSession, tmp_path: Path) -> None:
@@ -29,10 +23,10 @@ def test_live_ones_first_then_by_label(make_session: MakeSession, tmp_path: Path
     make_session("")
     source = FolderSource(tmp_path / "state")
     lines = source.sessions()
-    assert [line.label for line in lines] == ["a", "b", "", "c"]
-    assert [line.is_live for line in lines] == [True, True, True, False]
-    assert (lines[0].state, lines[0].step, lines[3].state) == ("READY", 7, "at rest")
-    assert lines[0].minimum == pytest.approx(0.75, abs=0.01)
+    assert [line["label"] for line in lines] == ["a", "b", "", "c"]
+    assert [line["worker"] for line in lines] == ["alive", "alive", "alive", "none"]
+    assert (lines[0]["state"], lines[0]["step"], lines[3]["verdict"]["kind"]) == ("READY", 7, "at rest")
+    assert lines[0]["minimum"] == pytest.approx(0.75, abs=0.01)
 
 
 def test_details_have_the_whole_history(make_session: MakeSession, tmp_path: Path) -> None:
@@ -40,23 +34,24 @@ def test_details_have_the_whole_history(make_session: MakeSession, tmp_path: Pat
     source = FolderSource(tmp_path / "state")
     details = source.details(folder.name)
     assert details is not None
-    assert (details.steps, details.last["step"]) == (300, 300)
-    assert (details.metric, details.threshold) == ("size-skew", 0.2)
-    assert len(details.worst) == 10
-    kinds = [message["kind"] for message in details.messages]
+    assert (details["read"], details["last"]["step"]) == (1.0, 300)
+    assert details["built"]["settings"]["quality_metric"] == "size-skew"
+    assert len(details["worst"]["cells"]) == 10
+    kinds = [message["event"] for message in details["notable"]]
     assert (kinds.count("refused"), kinds.count("warning"), kinds.count("rolled back")) == (3, 3, 0)
-    assert details.trial == ""
 
 
 def test_a_long_history_is_read_from_its_end(
     make_session: MakeSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mesh_motion_server.watch.terminal.sources._LATEST_BYTES", 100_000)
+    monkeypatch.setattr("mesh_motion_server.watch.observation.reading._LATEST", 100_000)
+    monkeypatch.setattr("mesh_motion_server.watch.observation.reading._PIECE", 100_000)
+    monkeypatch.setattr("mesh_motion_server.watch.observation.reading._SECONDS", 0.0)
     folder = make_session(steps=900, segments=3)
     details = FolderSource(tmp_path / "state").details(folder.name)
     assert details is not None
-    assert details.last["step"] == 900
-    assert 1 < details.steps < 800
+    assert details["last"]["step"] == 900
+    assert details["read"] < 1.0
 
 
 def test_what_is_added_comes(make_session: MakeSession, tmp_path: Path) -> None:
@@ -66,23 +61,24 @@ def test_what_is_added_comes(make_session: MakeSession, tmp_path: Path) -> None:
     go_on(folder, 20, 5)
     details = source.details(folder.name)
     assert details is not None
-    assert (details.last["step"], details.steps) == (25, 25)
-    assert source.sessions()[0].step == 25
+    assert (details["last"]["step"], details["read"]) == (25, 1.0)
+    assert source.sessions()[0]["step"] == 25
 
 
 def test_a_trial_is_told_until_it_is_committed(make_session: MakeSession, tmp_path: Path) -> None:
     folder = make_session(steps=3)
     segment = folder / "history" / "events-00000000.jsonl"
     segment.write_text("".join(segment.read_text().splitlines(keepends=True)[:-1]))
-    details = FolderSource(tmp_path / "state").details(folder.name)
-    assert details is not None
-    assert details.trial == "step 3, iteration 2: minimum 0.750 predicted"
+    console = Console(width=120, no_color=True)
+    with console.capture() as capture:
+        console.print(rendered("state", look_at(FolderSource(tmp_path / "state"), None)))
+    assert "step 3, iteration 2: minimum 0.750 predicted" in capture.get()
 
 
 def test_a_session_of_its_own_folder(make_session: MakeSession, tmp_path: Path) -> None:
     make_session("other")
     folder = make_session("mine")
-    assert [line.label for line in FolderSource(folder).sessions()] == ["mine"]
+    assert [line["label"] for line in FolderSource(folder).sessions()] == ["mine"]
 
 
 def test_a_session_that_goes_and_a_folder_that_goes(make_session: MakeSession, tmp_path: Path) -> None:
@@ -96,24 +92,4 @@ def test_a_session_that_goes_and_a_folder_that_goes(make_session: MakeSession, t
     with pytest.raises(Unreadable, match="is not there"):
         source.sessions()
     make_session("again")
-    assert [line.label for line in source.sessions()] == ["again"]
-
-
-@pytest.mark.nightly
-def test_a_server_lists_its_sessions_until_it_goes(tmp_path: Path) -> None:
-    with connect(state=tmp_path) as server:
-        source = EndpointSource(server.endpoint, timeout=10.0)
-        assert source.sessions() == []
-        with server.open(SQUARE, label="square") as session:
-            session.move(np.full((2, 2), 0.01))
-            session.commit()
-            # LIST has what the session's worker sent last: that may come after the reply to the holder
-            wait_until(lambda: [line.step for line in source.sessions()] == [1], "the commit in the list")
-            (line,) = source.sessions()
-            assert (line.label, line.state, line.is_live, line.minimum) == ("square", "READY", True, None)
-            assert source.details(line.session) is None
-        server.close()
-        with pytest.raises(Unreadable) as gone:
-            source.sessions()
-        assert gone.value.code in ("UNAVAILABLE", "DEADLINE_EXCEEDED")
-        source.close()
+    assert [line["label"] for line in source.sessions()] == ["again"]

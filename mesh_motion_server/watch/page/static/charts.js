@@ -1,4 +1,4 @@
-// One chart over steps: uPlot inside, around it a legend of buttons, keys, and a text description for screen readers.
+// One chart over steps: uPlot inside, around it a legend, keys, and a text description for screen readers.
 
 import { css, drawing, element } from "./format.js";
 
@@ -9,33 +9,20 @@ const KEY_SHARE = 0.02;
 const FEW = 40;
 
 /**
- * series: [{name, label, colour (a custom property), width, dash}]; stacked: stacked areas;
- * threshold: () => number; range: of y; value: number → text; zoomed(min, max): the user selects these steps; chosen(step): this step.
+ * series: [{name, label, colour (a custom property), width, dash}];
+ * threshold: () => number; range: of y; value: number → text.
  */
 export class Chart {
   constructor(host, options) {
     this.host = host;
     this.options = options;
-    this.shown = new Map(options.series.map((one) => [one.name, true]));
+    this.series = options.series;
     this.columns = { step: [] };
     this.legend = element("div", { class: "chart-legend" });
     this.frame = element("div", { class: "plot", tabindex: "0", role: "img", "aria-label": options.title });
     host.replaceChildren(this.legend, this.frame);
     this.frame.addEventListener("keydown", (event) => this.key(event));
-    this.frame.addEventListener("click", () => this.choose());
     new ResizeObserver(() => this.resize()).observe(host);
-    this.build();
-  }
-
-  get series() {
-    return this.options.series;
-  }
-
-  /** Set new series names: new phases may appear during the session. */
-  setSeries(series) {
-    if (series.map((one) => one.name).join() === this.series.map((one) => one.name).join()) return;
-    for (const one of series) if (!this.shown.has(one.name)) this.shown.set(one.name, true);
-    this.options.series = series;
     this.build();
   }
 
@@ -55,31 +42,23 @@ export class Chart {
       height: this.options.height,
       padding: [8, 10, 0, 0],
       legend: { show: false },
-      cursor: { sync: { key: "steps" }, drag: { x: true, y: false }, points: { size: 6 }, y: false },
+      cursor: { sync: { key: "steps" }, drag: { x: false, y: false }, points: { size: 6 }, y: false },
       scales: { x: { time: false }, y: { range: this.options.range } },
       axes: [
         { ...axis, size: 26, gap: 4, incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1e3, 2e3, 5e3, 1e4, 2e4, 5e4, 1e5] },
         { ...axis, size: 46, gap: 4, space: 34, values: (_, ticks) => ticks.map(this.options.tick ?? String), incrs: this.options.increments },
       ],
-      series: [{ label: "step" }, ...this.drawnOrder().map((one) => this.line(one))],
+      series: [{ label: "step" }, ...this.series.map((one) => this.line(one))],
       hooks: {
         drawClear: [(plot) => this.drawThreshold(plot)],
-        draw: [(plot) => this.drawMark(plot)],
         setCursor: [() => this.say()],
-        setScale: [(plot, key) => key === "x" && this.scaled(plot)],
       },
     };
   }
 
-  /** Stacked areas: the largest sum is drawn first, the next one covers it. */
-  drawnOrder() {
-    return this.options.stacked ? [...this.series].reverse() : this.series;
-  }
-
   line(one) {
     const stroke = css(one.colour);
-    const common = { label: one.name, show: this.shown.get(one.name), points: { show: false }, spanGaps: false };
-    if (this.options.stacked) return { ...common, stroke, fill: stroke, width: 0.5 };
+    const common = { label: one.name, points: { show: false }, spanGaps: false };
     if (this.options.stepped) return { ...common, stroke, fill: `${stroke}40`, width: 1.4, paths: uPlot.paths.stepped({ align: -1 }) };
     return { ...common, stroke, width: one.width ?? 1.2, dash: one.dash, points: { show: () => this.columns.step.length <= FEW, size: 4 } };
   }
@@ -87,15 +66,9 @@ export class Chart {
   show(columns) {
     this.columns = columns;
     this.plot.setData(this.data(), false);
-    this.plot.setScale("x", this.window ?? this.whole());
+    this.plot.setScale("x", this.whole());
     this.frame.setAttribute("aria-label", this.options.describe(columns));
     this.say();
-  }
-
-  /** The requested steps, or all steps: [first, last]. */
-  zoom(window) {
-    this.window = window ? { min: window[0], max: window[1] } : null;
-    this.plot.setScale("x", this.window ?? this.whole());
   }
 
   whole() {
@@ -109,20 +82,7 @@ export class Chart {
   data() {
     const columns = this.columns;
     const get = (one) => columns[one.name] ?? new Array(columns.step.length).fill(null);
-    if (!this.options.stacked) return [columns.step, ...this.series.map(get)];
-    let sum = columns.step.map(() => 0);
-    const sums = this.series.map((one) => {
-      if (this.shown.get(one.name)) sum = get(one).map((value, k) => sum[k] + (value ?? 0));
-      return sum;
-    });
-    return [columns.step, ...sums.reverse()];
-  }
-
-  scaled(plot) {
-    const { min, max } = plot.scales.x;
-    if (min === null || max === null) return;
-    const asked = this.window ?? this.whole();
-    if (Math.abs(min - asked.min) + Math.abs(max - asked.max) > 1e-9) queueMicrotask(() => this.options.zoomed([min, max]));
+    return [columns.step, ...this.series.map(get)];
   }
 
   drawThreshold(plot) {
@@ -148,30 +108,10 @@ export class Chart {
     pen.restore();
   }
 
-  /** Draw a line at the shown step; no line for the latest step (null). */
-  mark(step) {
-    this.marked = step;
-    this.plot.redraw(false);
-  }
-
-  drawMark({ ctx: pen, bbox, scales, valToPos }) {
-    const step = this.marked ?? null;
-    if (step === null || step < scales.x.min || step > scales.x.max) return;
-    pen.fillStyle = css("--accent");
-    pen.fillRect(valToPos(step, "x", true) - devicePixelRatio, bbox.top, 2 * devicePixelRatio, bbox.height);
-  }
-
-  /** Choose the step under the cursor, unless the user has dragged to zoom. */
-  choose() {
-    const { cursor, select } = this.plot;
-    if (cursor.idx !== null && cursor.idx !== undefined && !select.width) this.options.chosen(this.columns.step[cursor.idx]);
-  }
-
   drawLegend() {
     const swatch = (one) => {
       const image = drawing("svg", { width: 14, height: 10, "aria-hidden": "true" });
-      const solid = this.options.stacked || this.options.stepped;
-      const shape = solid
+      const shape = this.options.stepped
         ? drawing("rect", { width: 10, height: 10, x: 2, rx: 2, fill: css(one.colour) })
         : drawing("line", { x1: 0, x2: 14, y1: 5, y2: 5, stroke: css(one.colour), "stroke-width": Math.max(2, one.width ?? 1.5), "stroke-dasharray": one.dash ? "3 2" : "" });
       image.append(shape);
@@ -179,24 +119,12 @@ export class Chart {
     };
     this.values = new Map();
     this.at = element("span", { class: "at" });
-    const buttons = this.series.map((one) => {
+    const keys = this.series.map((one) => {
       const value = element("span", { class: "value" });
       this.values.set(one.name, value);
-      const button = element("button", { type: "button", "aria-pressed": this.shown.get(one.name) }, swatch(one), one.label, value);
-      button.addEventListener("click", () => this.toggle(one, button));
-      return button;
+      return element("span", { class: "key" }, swatch(one), one.label, value);
     });
-    this.legend.replaceChildren(...buttons, this.at);
-    this.say();
-  }
-
-  toggle(one, button) {
-    const shown = !this.shown.get(one.name);
-    this.shown.set(one.name, shown);
-    button.setAttribute("aria-pressed", shown);
-    this.plot.setSeries(1 + this.drawnOrder().indexOf(one), { show: shown });
-    if (this.options.stacked) this.plot.setData(this.data(), false);
-    this.plot.redraw();
+    this.legend.replaceChildren(...keys, this.at);
     this.say();
   }
 
@@ -207,7 +135,7 @@ export class Chart {
     const k = under ?? steps.length - 1;
     if (!this.at || k < 0 || k >= steps.length) return;
     this.at.textContent = under === null || under === undefined ? "" : `step ${steps[k]}`;
-    for (const [name, cell] of this.values) cell.textContent = this.shown.get(name) ? this.options.value(this.columns[name]?.[k]) : "";
+    for (const [name, cell] of this.values) cell.textContent = this.options.value(this.columns[name]?.[k]);
   }
 
   resize() {
@@ -218,38 +146,21 @@ export class Chart {
   key(event) {
     const steps = this.columns.step;
     if (!steps.length || event.ctrlKey || event.metaKey || event.altKey) return;
-    const { min, max } = this.plot.scales.x;
     const place = this.plot.cursor.idx ?? steps.length - 1;
-    const leap = Math.max(1, Math.round((event.shiftKey ? 5 : 1) * KEY_SHARE * steps.length * ((max - min) / (steps.at(-1) - steps[0] || 1))));
+    const leap = Math.max(1, Math.round((event.shiftKey ? 5 : 1) * KEY_SHARE * steps.length));
     const moves = { ArrowLeft: place - leap, ArrowRight: place + leap, Home: 0, End: steps.length - 1 };
     if (event.key in moves) this.point(Math.min(steps.length - 1, Math.max(0, moves[event.key])));
-    else if (event.key === "+" || event.key === "=") this.closer(0.5, steps[place]);
-    else if (event.key === "-") this.closer(2, steps[place]);
-    else if (event.key === "0" || event.key === "Escape") this.options.zoomed(null);
-    else if (event.key === "Enter") this.choose();
     else return;
     event.preventDefault();
   }
 
   point(k) {
-    const { min, max } = this.plot.scales.x;
     const step = this.columns.step[k];
-    if (step < min || step > max) this.options.zoomed([Math.min(step, min), Math.max(step, max)]);
     this.plot.setCursor({ left: this.plot.valToPos(step, "x"), top: 10 });
     this.frame.setAttribute("aria-label", `${this.options.title}, step ${step}: ${this.spoken(k)}`);
   }
 
   spoken(k) {
-    const shown = this.series.filter((one) => this.shown.get(one.name));
-    return shown.map((one) => `${one.label} ${this.options.value(this.columns[one.name]?.[k])}`).join(", ");
-  }
-
-  closer(factor, centre) {
-    const whole = this.whole();
-    const { min, max } = this.plot.scales.x;
-    const half = Math.max(2, (factor * (max - min)) / 2);
-    const low = Math.max(whole.min, centre - half);
-    const high = Math.min(whole.max, centre + half);
-    this.options.zoomed(low <= whole.min && high >= whole.max ? null : [low, high]);
+    return this.series.map((one) => `${one.label} ${this.options.value(this.columns[one.name]?.[k])}`).join(", ");
   }
 }

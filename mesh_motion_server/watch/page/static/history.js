@@ -1,13 +1,12 @@
-// The charts of a session and the table of their figures; thinned to the screen's resolution, finer when the user zooms.
+// The charts of a session; thinned to the screen's resolution, or the latest ones, each of them.
 
 import { ask } from "./live.js";
 import { Chart } from "./charts.js";
-import { byId, element, quality, seconds } from "./format.js";
+import { byId, quality, seconds } from "./format.js";
 
 /** Number of requested points: about two per pixel of a wide screen, one of them the minimum of its neighbours. */
 const POINTS = 1500;
-const TABLE_ROWS = 60;
-const PHASES = ["--phase-0", "--phase-1", "--phase-2", "--phase-3", "--phase-4"];
+const LATEST = 100;
 
 const QUALITY = [
   { name: "actual_min", label: "minimum", colour: "--minimum", width: 1.9 },
@@ -28,15 +27,13 @@ function least(columns, name) {
 }
 
 export class History {
-  /** failed(error): the zoomed range cannot be loaded; chosen(step): the user picks a step, null: the latest. */
-  constructor(failed, chosen) {
+  /** failed(error): the steps cannot be loaded. */
+  constructor(failed) {
     this.failed = failed;
-    this.chosen = chosen;
     this.loaded = "";
     this.session = null;
-    this.window = null;
+    this.latest = false;
     this.columns = { step: [] };
-    const zoomed = (window) => this.zoom(window);
     this.quality = new Chart(byId("quality"), {
       title: "Quality over steps",
       height: 236,
@@ -46,8 +43,6 @@ export class History {
       tick: (value) => value.toFixed(value === Math.round(10 * value) / 10 ? 1 : 2),
       threshold: () => this.session?.threshold,
       describe: (columns) => this.describeQuality(columns),
-      zoomed,
-      chosen,
     });
     this.iterations = new Chart(byId("iterations"), {
       title: "Coupling iterations a step",
@@ -61,29 +56,20 @@ export class History {
       increments: [1, 2, 5, 10, 20, 50, 100],
       value: (value) => (value === null || value === undefined ? "–" : String(value)),
       describe: (columns) => `Coupling iterations a step, last ${last(columns.iterations) ?? "none"}. Arrow keys read single steps.`,
-      zoomed,
-      chosen,
     });
-    this.phases = new Chart(byId("phases"), {
-      title: "Time of a move by phase",
-      height: 124,
-      stacked: true,
-      series: [],
+    this.seconds = new Chart(byId("seconds"), {
+      title: "Time of a step",
+      height: 104,
+      stepped: true,
+      series: [{ name: "seconds_total", label: "all iterations", colour: "--p1" }],
       range: (_, low, high) => [0, high > 0 ? 1.05 * high : 1],
       value: seconds,
       tick: (value) => Number(value.toPrecision(3)).toString(),
-      describe: (columns) => `Time of a move by phase, last ${seconds(last(columns.seconds_total))} in all. Arrow keys read single steps.`,
-      zoomed,
-      chosen,
+      describe: (columns) => `Time of a step, last ${seconds(last(columns.seconds_total))}. Arrow keys read single steps.`,
     });
-    this.charts = [this.quality, this.iterations, this.phases];
-    const pick = (k) => this.columns.step.length && chosen(this.columns.step[k]);
-    byId("scrub").addEventListener("input", (event) => pick(Number(event.target.value)));
-    byId("scrub-worst").addEventListener("click", () => pick(Math.max(0, least(this.columns, "actual_min"))));
-    byId("scrub-latest").addEventListener("click", () => chosen(null));
-    byId("all-steps").addEventListener("click", () => this.zoom(null));
-    byId("latest-steps").addEventListener("click", () => this.zoom("latest"));
-    byId("as-table").addEventListener("toggle", () => this.table());
+    this.charts = [this.quality, this.iterations, this.seconds];
+    byId("all-steps").addEventListener("click", () => this.turn(false));
+    byId("latest-steps").addEventListener("click", () => this.turn(true));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.charts.forEach((chart) => chart.build()));
   }
 
@@ -103,20 +89,15 @@ export class History {
 
   /** Show another session, or news of this one; changed series are fetched. */
   async follow(session) {
-    const anew = session.session !== this.session?.session || session.whole !== this.session.whole;
-    if (session.session !== this.session?.session) this.window = null;
+    if (session.session !== this.session?.session) this.latest = false;
     this.session = session;
-    // past steps do not change
-    if (!anew && this.loaded && Array.isArray(this.window) && this.window[1] < (last(this.columns.step) ?? 0)) return;
     if (versioned(session) !== this.loaded) await this.load();
   }
 
-  bounds() {
-    if (this.window === "latest") {
-      const step = this.session.step;
-      return [Math.max(0, step - 100), Math.max(step, 1)];
-    }
-    return this.window;
+  /** Show the latest steps, or all. */
+  async turn(latest) {
+    this.latest = latest;
+    if (this.session) await this.load().catch((error) => this.failed(error));
   }
 
   /** At most one request at a time; changes in the meantime are requested after it. */
@@ -142,72 +123,15 @@ export class History {
   async fetch() {
     const { session } = this.session;
     const asking = versioned(this.session);
-    const bounds = this.bounds();
     const asked = new URLSearchParams({ points: POINTS });
-    if (bounds) {
-      asked.set("first", Math.floor(bounds[0]));
-      asked.set("last", Math.ceil(bounds[1]));
-    }
+    if (this.latest) asked.set("first", Math.max(0, this.session.step - LATEST, (last(this.columns.step) ?? 0) - LATEST));
     const reply = await ask(`api/sessions/${session}/series?${asked}`);
-    const { columns, phases } = await reply.json();
+    const { columns } = await reply.json();
     if (session !== this.session.session) return;
-    columns.seconds_rest = columns.seconds_total.map((total, k) => Math.max(0, total - phases.reduce((sum, name) => sum + (columns[`seconds_${name}`][k] ?? 0), 0)));
     this.columns = columns;
     this.loaded = asking;
-    this.phases.setSeries([...phases, "rest"].map((name, k) => ({ name: `seconds_${name}`, label: name, colour: PHASES[k % PHASES.length] })));
-    for (const chart of this.charts) {
-      chart.window = bounds ? { min: bounds[0], max: bounds[1] } : null;
-      chart.show(columns);
-    }
-    this.at(this.step ?? null);
-    byId("history-table").closest("details").open && this.table();
-    this.mark();
-  }
-
-  async zoom(window) {
-    const whole = this.quality.whole();
-    if (Array.isArray(window)) window = [Math.max(0, window[0]), Math.min(Math.max(window[1], window[0] + 1), Math.max(this.session?.step ?? 1, whole.max))];
-    this.window = window;
-    if (!this.session) return;
-    const bounds = this.bounds();
-    for (const chart of this.charts) chart.zoom(bounds);
-    this.mark();
-    await this.load().catch((error) => this.failed(error));
-  }
-
-  /** Set the shown step; null: the latest. */
-  at(step) {
-    this.step = step;
-    const { step: steps } = this.columns;
-    const [slider, found] = [byId("scrub"), steps.findIndex((one) => one >= step)];
-    slider.max = Math.max(0, steps.length - 1);
-    slider.value = step === null || found < 0 ? slider.max : found;
-    slider.setAttribute("aria-valuetext", step === null ? "the latest step" : `step ${step}`);
-    byId("scrub-latest").setAttribute("aria-pressed", step === null);
-    for (const chart of this.charts) chart.mark(step);
-  }
-
-  mark() {
-    byId("all-steps").setAttribute("aria-pressed", this.window === null);
-    byId("latest-steps").setAttribute("aria-pressed", this.window === "latest");
-  }
-
-  table() {
-    if (!byId("as-table").open) return;
-    const { columns } = this;
-    const count = columns.step.length;
-    const chosen = Array.from({ length: Math.min(count, TABLE_ROWS) }, (_, k) => count - 1 - k);
-    const heads = ["step", "minimum", "p1", "p5", "median", "mean", "predicted", "iterations", "seconds", "enrichment"];
-    const cells = (k) => [
-      columns.step[k],
-      ...["actual_min", "actual_p1", "actual_p5", "actual_p50", "actual_mean", "predicted_min"].map((name) => quality(columns[name][k])),
-      columns.iterations[k] ?? "–",
-      seconds(columns.seconds_total[k]),
-      columns.enrichment_points[k] ?? "–",
-    ];
-    byId("history-table").replaceChildren(
-      element("thead", {}, element("tr", {}, ...heads.map((text) => element("th", { scope: "col", text })))),
-      element("tbody", {}, ...chosen.map((k) => element("tr", {}, ...cells(k).map((text) => element("td", { text }))))),
-    );
+    for (const chart of this.charts) chart.show(columns);
+    byId("all-steps").setAttribute("aria-pressed", !this.latest);
+    byId("latest-steps").setAttribute("aria-pressed", this.latest);
   }
 }

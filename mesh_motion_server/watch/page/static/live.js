@@ -1,75 +1,47 @@
-// The connection to the server: server-sent events, which reconnect, and a message if nothing arrives for too long.
+// The connection to the server: the list of sessions is asked for every second, and what fails is told.
 
+const SECONDS = 1;
 const SILENT_SECONDS = 15;
-const RETRY_SECONDS = 2;
 
 export class Live {
-  /** hear(sessions): for each list; standing(gone, since, why): when the connection is lost or restored. */
+  /** hear(told): for each list; standing(gone, since, why): when the connection is lost or restored. */
   constructor(hear, standing) {
     this.hear = hear;
     this.standing = standing;
     this.last = Date.now();
     this.gone = false;
-    if (!document.hidden) this.connect();
-    setInterval(() => this.watch(), 1000);
-    document.addEventListener("visibilitychange", () => this.turn());
+    document.addEventListener("visibilitychange", () => this.look());
+    this.look();
   }
 
-  connect() {
-    this.source?.close();
-    this.source = new EventSource("api/live");
-    this.source.addEventListener("sessions", (event) => {
-      this.alive();
-      this.hear(JSON.parse(event.data));
-    });
-    this.source.addEventListener("beat", () => this.alive());
-    this.source.onerror = () => this.fell();
-    this.tried = Date.now();
-  }
-
-  /** A page in the background is not connected: a browser allows only six connections to one server, and each costs reading. */
-  turn() {
-    if (document.hidden) this.source?.close();
-    else if (!this.source || this.source.readyState === EventSource.CLOSED) {
-      if (!this.gone) this.last = Date.now();
-      this.connect();
+  /** One question at a time; a page in the background asks nothing. */
+  async look() {
+    clearTimeout(this.later);
+    if (document.hidden || this.asking) return;
+    this.asking = true;
+    let told = null;
+    try {
+      told = await (await ask("api/sessions", { signal: AbortSignal.timeout(1000 * SILENT_SECONDS) })).json();
+    } catch (error) {
+      if (!this.gone) this.turn(true, error.status ? error.message : "");
     }
-  }
-
-  alive() {
+    this.asking = false;
+    this.later = setTimeout(() => this.look(), 1000 * SECONDS);
+    if (!told) return;
     this.last = Date.now();
-    if (this.gone) {
-      this.gone = false;
-      this.standing(false, this.last);
-    }
+    if (this.gone) this.turn(false, "");
+    this.hear(told);
   }
 
-  fell() {
-    if (!this.gone) {
-      this.gone = true;
-      this.standing(true, this.last, "");
-      if (this.source.readyState === EventSource.CLOSED) this.why();
-    }
-  }
-
-  /** The connection was refused, not lost: a stream gives no reason, so ask with another request. */
-  async why() {
-    const reply = await fetch("api/live", { method: "HEAD", cache: "no-store" }).catch(() => null);
-    if (reply?.status === 503 && this.gone) this.standing(true, this.last, "too many pages listen");
-  }
-
-  watch() {
-    if (document.hidden) return;
-    const now = Date.now();
-    if (now - this.last > 1000 * SILENT_SECONDS) this.fell();
-    // a browser reconnects by itself, but stops after some refusals; do not disturb a connection in progress
-    const pause = this.source.readyState === EventSource.CLOSED ? RETRY_SECONDS : SILENT_SECONDS;
-    if (this.gone && now - this.tried > 1000 * pause) this.connect();
+  /** why: what the server answered; empty without an answer. */
+  turn(gone, why) {
+    this.gone = gone;
+    this.standing(gone, this.last, why);
   }
 }
 
-export async function ask(path) {
-  const reply = await fetch(path, { cache: "no-store" });
+export async function ask(path, options = {}) {
+  const reply = await fetch(path, { cache: "no-store", ...options });
   if (!reply.ok) {
     const said = await reply.json().catch(() => ({}));
     throw Object.assign(new Error(said.message ?? `the server answered ${reply.status}`), { status: reply.status });

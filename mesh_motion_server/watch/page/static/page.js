@@ -21,9 +21,8 @@ class Page {
     this.chosen = linked();
     this.absent = new Absent((session) => this.choose(session));
     this.list = new List((session) => this.choose(session), (session) => this.verdictOf(session));
-    this.step = null; // the shown step; null: the latest
     this.gone = 0; // Unix time since when the server does not answer
-    this.history = new History((error) => this.failed(error), (step) => this.at(step));
+    this.history = new History((error) => this.failed(error));
     this.mesh = new MeshPanel();
     this.events = new Events();
     this.live = new Live((told) => this.hear(told), (...said) => this.standing(...said));
@@ -51,18 +50,9 @@ class Page {
   choose(session) {
     this.chosen = session;
     this.known = this.session ?? null;
-    this.step = this.then = null;
-    this.history.at(null);
     history.replaceState(null, "", `#${session}`);
     this.show();
     this.update();
-  }
-
-  /** Show a past step, or the latest again (null). */
-  at(step) {
-    this.step = step;
-    this.history.at(step);
-    this.update(true);
   }
 
   /** Update the list and the tab's title. */
@@ -141,18 +131,13 @@ class Page {
     if (session.session !== this.chosen) return (this.behind = true);
     this.detail = detail;
     this.detailed = session.session;
-    const shown = await this.shown(session, detail);
-    if (session.session !== this.chosen) return (this.behind = true);
-    this.figures(session, shown);
+    this.figures(session, detail);
     byId("quality-metric").textContent = detail.built.settings?.quality_metric ?? "";
     const threshold = session.threshold ?? detail.built.settings?.quality_threshold ?? null;
-    showWorst(shown.worst, threshold, (cell) => {
-      this.mesh.goTo(cell);
-      byId("mesh").scrollIntoView({ block: "nearest" });
-    });
-    showFaces(shown.faces, shown.moved.step);
+    showWorst(detail.worst, threshold);
+    showFaces(detail.faces, detail.moved.step);
     this.events.show(session.session, detail.notable, detail.told);
-    this.mesh.follow(session, detail, this.step);
+    this.mesh.follow(session);
     const { read } = detail;
     byId("reading").hidden = read === 1;
     byId("reading").textContent = read === 1 ? "" : `Reading a long history: ${Math.round(100 * read)} %. Until then its latest steps are shown.`;
@@ -163,28 +148,15 @@ class Page {
     byId("trouble").hidden = true;
   }
 
-  /** Data of the chosen step: the latest, or a past step, which is requested once. */
-  async shown({ session }, detail) {
-    const { step } = this;
-    if (step === null || !detail.step) return detail;
-    if (this.then?.step !== step) {
-      const then = await (await ask(`api/sessions/${session}/steps/${step}`)).json();
-      this.then = { step, told: then };
-    }
-    return { ...this.then.told, built: detail.built };
-  }
-
   /** The data of a session that is not (or no longer) in the list stay visible. */
-  async without(chosen) {
+  without(chosen) {
     if (!chosen) return;
     const known = this.known && this.detailed === chosen ? { ...this.known, step: this.stepOf(this.known, this.detail), minimum: this.detail.actual.min ?? null } : this.known;
-    const isNew = await this.absent.look(chosen, known, this.sessions);
-    if (chosen !== this.chosen) return;
+    this.absent.tell(chosen, known, this.sessions);
     byId("trouble").hidden = true;
     this.key = ""; // it may come back
     this.mesh.leave();
-    if (!isNew || !this.known) return;
-    this.say({ kind: this.absent.discarded ? "discarded" : "not listed", tone: "warn", why: "", since: 0 }, this.known);
+    if (this.known) this.say({ kind: "not listed", tone: "warn", why: "", since: 0 }, this.known);
   }
 
   /** A session with many steps per second is updated every two seconds. */
@@ -243,7 +215,7 @@ class Page {
     const { actual, corrected, standard, moved } = detail;
     const correction = moved.correction ?? {};
     const tiles = [
-      ["step", whole(this.step ?? this.stepOf(session, detail)), this.step !== null ? `of ${whole(session.step)}` : this.stepNote(session)],
+      ["step", whole(this.stepOf(session, detail)), this.stepNote(session)],
       ["minimum", quality(actual.min), "committed", low(actual.min)],
       ["1 %", quality(actual.p1), "committed", low(actual.p1)],
       ["predicted", quality(corrected.min), standard.min !== undefined && standard.min !== corrected.min ? `${quality(standard.min)} uncorrected` : "", low(corrected.min)],

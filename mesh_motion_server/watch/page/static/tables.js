@@ -2,13 +2,10 @@
 
 import { byId, coordinates, element, quality, whole } from "./format.js";
 
-/** go(cell) shows it in the mesh. */
-export function showWorst({ of, step, cells }, threshold, go) {
+export function showWorst({ of, step, cells }, threshold) {
   byId("worst-of").textContent = cells.length ? (of === "uploaded" ? "as uploaded" : `${of}, step ${step}`) : "";
-  const heads = ["cell", "quality", "size", "skew", "centre", ""];
+  const heads = ["cell", "quality", "size", "skew", "centre"];
   const row = (cell) => {
-    const button = element("button", { type: "button", text: "Show", "aria-label": `Show ${cell.type} ${cell.cell} in the mesh` });
-    button.addEventListener("click", () => go(cell));
     const below = threshold !== null && cell.metric < threshold ? "below" : undefined;
     return element(
       "tr",
@@ -18,16 +15,12 @@ export function showWorst({ of, step, cells }, threshold, go) {
       element("td", { text: quality(cell.size) }),
       element("td", { text: quality(cell.skew) }),
       element("td", { class: "wraps", text: coordinates(cell.centre) }),
-      element("td", {}, button),
     );
   };
-  const place = byId("worst");
-  const focused = [...place.querySelectorAll("button")].indexOf(document.activeElement);
-  place.replaceChildren(
-    element("thead", {}, element("tr", {}, ...heads.map((text) => (text ? element("th", { scope: "col", text }) : element("td"))))),
+  byId("worst").replaceChildren(
+    element("thead", {}, element("tr", {}, ...heads.map((text) => element("th", { scope: "col", text })))),
     element("tbody", {}, ...cells.map(row)),
   );
-  place.querySelectorAll("button")[focused]?.focus();
 }
 
 const degrees = (value) => (value === null || value === undefined ? "–" : `${value.toFixed(1)}°`);

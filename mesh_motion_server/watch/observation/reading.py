@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from mesh_motion_server.watch.observation.follow import EventTail
-from mesh_motion_server.watch.page.followed import Followed
+from mesh_motion_server.watch.observation.followed import Followed
 
 __all__ = ["Reading"]
 
@@ -55,6 +55,6 @@ class Reading:
         share = 1.0 if whole else min(0.99, round(1.0 - self._tail.behind() / self._length, 2))
         return self._latest.detail() | {"built": self._whole.built, "read": share, "folder": str(self._folder)}
 
-    def series(self, first: int | None, last: int | None, points: int) -> dict[str, Any]:
-        """The steps first … last as columns; until everything is read, only the latest steps."""
-        return self._latest.series(first, last, points)
+    def series(self, first: int | None, points: int) -> dict[str, Any]:
+        """The steps from ``first`` on as columns; until everything is read, only the latest steps."""
+        return self._latest.series(first, points)

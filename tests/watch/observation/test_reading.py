@@ -8,10 +8,8 @@ from typing import Any
 import pytest
 from histories import write_history
 
-pytest.importorskip("starlette", reason="the extra monitor is not installed")
-
-from mesh_motion_server.watch.page import reading
-from mesh_motion_server.watch.page.reading import Reading
+from mesh_motion_server.watch.observation import reading
+from mesh_motion_server.watch.observation.reading import Reading
 
 STEPS = 400
 
@@ -34,7 +32,7 @@ def at_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Reading:
 
 
 def steps(known: Reading) -> list[Any]:
-    found: list[Any] = known.series(None, None, 5000)["columns"]["step"]
+    found: list[Any] = known.series(None, 5000)["columns"]["step"]
     return found
 
 
@@ -51,7 +49,7 @@ def test_the_end_is_shown_while_the_rest_is_read(folder: Path, monkeypatch: pyte
     assert shares == sorted(shares)
     whole = at_once(folder, monkeypatch)
     assert known.detail() == whole.detail()
-    assert known.series(None, None, 100) == whole.series(None, None, 100)
+    assert known.series(None, 100) == whole.series(None, 100)
 
 
 def test_news_are_shown_while_the_rest_is_read(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

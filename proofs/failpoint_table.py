@@ -1,6 +1,6 @@
 """All failpoints: name, what has just happened or will happen next, and the faults that can occur there.
 
-:mod:`~mesh_motion_server.failpoints` says how they work. Each is called in exactly one place of the code.
+:mod:`mesh_motion_server.failpoints` says how they work. Each is called in exactly one place of the server's code.
 """
 
 from __future__ import annotations

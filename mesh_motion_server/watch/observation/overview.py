@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from mesh_motion_server.watch.observation.sessions import Sessions, SessionView, rests
+from mesh_motion_server.watch.observation.sessions import Sessions, SessionView
 from mesh_motion_server.watch.observation.verdict import Latest, Recent, verdict
 
 __all__ = ["Overview"]
@@ -15,6 +15,15 @@ __all__ = ["Overview"]
 _LISTED = 200
 #: Values for a session that the supervisor does not know.
 _NOBODY = ("", "none")
+#: What is not known of a session whose mesh is not stored.
+_UNKNOWN: dict[str, Any] = {
+    "label": "",
+    "built": False,
+    "durability": "",
+    "spark": [],
+    "recorded": False,
+} | dict.fromkeys(("dimension", "partitions", "committed_at", "hourly", "minimum", "threshold", "changed_at"))
+_UNKNOWN |= {"final_step": 0, "iteration": 0}
 
 
 class Overview:
@@ -25,21 +34,22 @@ class Overview:
         self._latest: dict[str, Latest] = {}
         self._stored: set[str] = set()  # stored at the last call, and those that still have a worker
 
-    def listed(self, live: list[list[Any]]) -> list[dict[str, Any]]:
+    def listed(self, live: list[list[Any]] | None = None) -> list[dict[str, Any]]:
         """The sessions, the last changed first; if there are too many, those with a worker stay in the list.
 
         Parameters
         ----------
-        live : list of [session, worker, state, step, epoch]
-            As reported by the supervisor.
+        live : list of [session, worker, state, step, epoch], optional
+            As reported by the supervisor; without it, a session has a worker if a process holds its folder.
         """
-        known = {entry[0]: entry for entry in live}
+        known = {entry[0]: entry for entry in live or ()}
         stored = self._sessions.views()
         first = sorted(stored, key=lambda view: known.get(view.session, _NOBODY)[1] != "alive")[:_LISTED]
         chosen = {view.session for view in first}
         views = [view for view in stored if view.session in chosen]
         self._latest = {view.session: self._latest.get(view.session) or Latest(Path(view.folder)) for view in views}
-        listed = [self._entry(view, known.get(view.session)) for view in views]
+        unknown = "none" if live is not None else ""
+        listed = [self._entry(view, known.get(view.session), unknown) for view in views]
         names = {view.session for view in stored}
         self._stored = names | (self._stored & known.keys())
         # A session whose mesh is not built yet has no stored data for the list. A session that is no longer stored is
@@ -47,14 +57,15 @@ class Overview:
         new = [_unbuilt(entry) for name, entry in known.items() if name not in self._stored and entry[1] != "dead"]
         return [*new, *listed]
 
-    def _entry(self, view: SessionView, live: list[Any] | None) -> dict[str, Any]:
+    def _entry(self, view: SessionView, live: list[Any] | None, unknown: str) -> dict[str, Any]:
         recent = self._latest[view.session].read()
-        worker, state, step = "none", view.state, view.step
+        worker = unknown or ("none" if view.held is False else "alive")
+        state, step = view.state, view.step
         if live is not None:
             worker = live[1]
             state, step = (live[2], max(step, live[3])) if worker == "alive" else (state, step)
-        if worker == "none" and rests(state, held=False):
-            state = "READY"
+        if worker == "none" and state in ("TRIAL", "COMMITTING"):
+            state = "READY"  # a trial ends with its worker
         minima = [None if math.isnan(commit.minimum) else round(commit.minimum, 6) for commit in recent.commits]
         return {
             "session": view.session,
@@ -85,26 +96,5 @@ class Overview:
 def _unbuilt(live: list[Any]) -> dict[str, Any]:
     """A session whose mesh is not stored."""
     session, worker, state, step, epoch = live
-    return {
-        "session": session,
-        "label": "",
-        "built": False,
-        "dimension": None,
-        "partitions": None,
-        "durability": "",
-        "state": state,
-        "worker": worker,
-        "step": step,
-        "minimum_of": step,
-        "committed_at": None,
-        "hourly": None,
-        "final_step": 0,
-        "iteration": 0,
-        "minimum": None,
-        "threshold": None,
-        "spark": [],
-        "recorded": False,
-        "version": f"new-{epoch}-{state}",
-        "changed_at": None,
-        "verdict": asdict(verdict(Recent(), 0.0)),
-    }
+    told = {"session": session, "worker": worker, "state": state, "step": step, "minimum_of": step}
+    return _UNKNOWN | told | {"version": f"new-{epoch}-{state}", "verdict": asdict(verdict(Recent(), 0.0))}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.watch.observation.series import PHASES, Series
+from mesh_motion_server.watch.observation.series import Series
 
 __all__ = ["MOST_POINTS", "Followed", "plain_column"]
 
@@ -20,7 +20,7 @@ _DIGITS = 5
 
 
 class Followed:
-    """One session, or a part of its history.
+    """The history of one session, or its end.
 
     Attributes
     ----------
@@ -51,22 +51,20 @@ class Followed:
             "standard": moved["quality"]["standard"].get("metric", {}) if moved else {},
             "corrected": moved["quality"]["corrected"].get("metric", {}) if moved else {},
             "actual": self._committed["quality"].get("metric", {}) if self._committed else {},
-            "enrichment_points": moved.get("enrichment_points", []),
             "faces": moved.get("faces", {}),
             "worst": self._worst(),
-            "standing": self._standing(),
             "notable": list(reversed(self._notable)),
             "told": self._counted,
         }
 
-    def series(self, first: int | None, last: int | None, points: int) -> dict[str, Any]:
-        """Columns of the steps first … last, inclusive, thinned to ``points`` points and the latest step."""
-        found = self._series.columns(min(points, MOST_POINTS), first=first, last=last)
+    def series(self, first: int | None, points: int) -> dict[str, Any]:
+        """Columns of the steps from ``first`` on, thinned to ``points`` points and the latest step."""
+        found = self._series.columns(min(points, MOST_POINTS), first=first)
         step = self._committed.get("step", 0)
-        if len(found["step"]) and found["step"][-1] < step and (last is None or last >= step):
+        if len(found["step"]) and found["step"][-1] < step:
             newest = self._series.columns(first=step)
             found = {name: np.concatenate([column, newest[name]]) for name, column in found.items()}
-        return {"columns": {name: plain_column(column) for name, column in found.items()}, "phases": PHASES}
+        return {"columns": {name: plain_column(column) for name, column in found.items()}}
 
     def take(self, events: Iterable[Mapping[str, Any]]) -> None:
         """Add the next events; skip incomplete events, which another version may have written."""
@@ -101,12 +99,6 @@ class Followed:
             self._notable[-1] = told | {"times": newest.get("times", 1) + 1, "since": since}
         else:
             self._notable.append(told)
-
-    def _standing(self) -> list[dict[str, Any]]:
-        """The worst cells of the committed coordinates, which the mesh view shows."""
-        quality = (self._committed or self.built).get("quality") or {}
-        cells: list[dict[str, Any]] = quality.get("worst", [])
-        return cells
 
     def _worst(self) -> dict[str, Any]:
         """The worst cells of the last evaluation: a trial's prediction, or the committed coordinates."""
