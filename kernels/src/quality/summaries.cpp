@@ -328,8 +328,13 @@ Owned<double, 1> values_at(Matrix<const double> points, const Blocks& blocks, Ve
     for (Index first = 0; first < places.size() && !sorted.empty(); first += chunk) {
         const std::uint32_t* at = places.data() + first;
         const Index n = std::min(chunk, places.size() - first);
-        std::uint32_t any = 0;  // most places are of other bins: lower than all that are wanted, or higher
-        for (Index s = 0; s < n; ++s) any |= at[s] - low <= span;
+        std::uint32_t any = 0;
+        if (sorted.size() <= 16) {
+            for (std::uint32_t place : sorted)
+                for (Index s = 0; s < n; ++s) any |= at[s] == place;
+        } else {  // parts of one bin: most places are lower than all of them, or higher
+            for (Index s = 0; s < n; ++s) any |= at[s] - low <= span;
+        }
         for (Index s = 0; any && s < n; ++s)
             if (at[s] - low <= span && std::binary_search(sorted.begin(), sorted.end(), at[s]))
                 numbers.push_back(first + s);
