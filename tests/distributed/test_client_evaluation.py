@@ -138,6 +138,26 @@ def test_nodes_and_quality_are_those_of_a_session_with_the_whole_mesh(server, me
         np.testing.assert_array_equal(found[-1], expected[-1][nodes])
 
 
+def test_a_new_session_on_another_number_of_ranks_leads_to_the_same_nodes(server):
+    kind, count = MESHES["many in plane"]
+
+    def last(session, part, steps):
+        for step in steps:
+            moved = session.move(bend(part.points[session.moving_nodes], step))
+            session.commit()
+        assert moved.correction["freed_nodes"] > 0
+        return session.points()
+
+    found = {}
+    for ranks, steps in ((2, (16, 20, 24)), (3, (24,))):
+        parts = pieces(kind, count, ranks)
+        points = on_ranks(server, parts, lambda session, part, steps=steps: last(session, part, steps), CORRECTED)
+        ids, first = np.unique(np.concatenate([part.global_ids for part in parts]), return_index=True)
+        found[ranks] = ids, np.concatenate(points)[first]
+    for one, other in zip(found[2], found[3], strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_the_worst_cells_are_named_by_partition_and_type(server):
     parts = pieces("quad + triangle", 20, 2)
     found = on_ranks(server, parts, drive)
