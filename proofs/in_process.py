@@ -24,6 +24,7 @@ from mesh_motion_server.operation.disk_watch import DiskWatch
 from mesh_motion_server.security.allow_list import Entry, write_entries
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
+from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.session.replay import silent
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
@@ -141,7 +142,7 @@ class _Hosts:
     """Makes hosts whose time stands still unless it is moved."""
 
     def __init__(self, clock: Callable[[], float], build_model: Any) -> None:
-        self._options: dict[str, Any] = {"clock": clock, "build_model": build_model}
+        self._options: dict[str, Any] = {"clock": clock, "build_model": build_model or build_motion_model}
 
     def create(self, spec: Any, store: Any, *, limits: ServerSettings) -> SessionHost:
         """A new session's."""

@@ -25,25 +25,21 @@ ELSEWHERE = {
     "mesh-motion demo --out out/demo": "is what tests/cases/test_demo.py runs",
 }
 SHOWN = [line for command in commands().values() for line in examples(command.help) if line not in ELSEWHERE]
-MSH = """$MeshFormat
-2.2 0 8
-$EndMeshFormat
-$PhysicalNames
-1
-1 1 "wall"
-$EndPhysicalNames
-$Nodes
-3
-1 0 0 0
-2 1 0 0
-3 0 1 0
-$EndNodes
-$Elements
-2
-1 1 2 1 1 1 2
-2 2 2 2 2 1 2 3
-$EndElements
-"""
+
+
+def _square(count: int) -> str:
+    """A Gmsh file of a square of triangles, enough of them for as many partitions as an example shows."""
+    number = np.arange(1, count * count + 1).reshape(count, count)
+    low, right, top, over = (
+        part.ravel() for part in (number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:])
+    )
+    cells = np.concatenate([np.stack([low, right, over], axis=1), np.stack([low, over, top], axis=1)])
+    nodes = [f"{k} {x} {y} 0" for k, (x, y) in enumerate(np.ndindex(count, count), start=1)]
+    wall = f"1 1 2 1 1 {number[0, 0]} {number[1, 0]}"
+    elements = [wall, *(f"{k} 2 2 2 2 {a} {b} {c}" for k, (a, b, c) in enumerate(cells.tolist(), start=2))]
+    parts = {"MeshFormat": ["2.2 0 8"], "PhysicalNames": ["1", '1 1 "wall"'], "Nodes": [str(len(nodes)), *nodes],
+             "Elements": [str(len(elements)), *elements]}  # fmt: skip
+    return "".join("\n".join([f"${name}", *lines, f"$End{name}", ""]) for name, lines in parts.items())
 
 
 def test_the_pages_are_those_of_the_commands() -> None:
@@ -100,7 +96,7 @@ class Shell:
         (folder / "examples").symlink_to(ROOT / "examples")
         for name in ("case.toml", "mesh.npz"):
             shutil.copy(ROOT / "examples" / "thesis_rotation" / name, folder)
-        (folder / "mesh.msh").write_text(MSH)
+        (folder / "mesh.msh").write_text(_square(8))
         self.session = ""
         self._ports = {port: str(free_port()) for port in ("7440", "9464")}
         self._environment = os.environ | {"HOME": str(folder), "PATH": f"{folder / 'bin'}:{os.environ['PATH']}"}
