@@ -7,7 +7,7 @@ that is made again from its arrays gives bitwise the same values, and so does a 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -19,6 +19,7 @@ from mesh_motion_server.numerics.interpolation.kernels import DEFAULT_BASIS, bas
 from mesh_motion_server.numerics.interpolation.polynomial import LinearBasis, Polynomial
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedSpline
+from mesh_motion_server.numerics.mesh.points import padded
 
 __all__ = ["Field", "FieldPart"]
 
@@ -98,7 +99,9 @@ class Field:
         if spline is not None:
             boxes[:, 8:] = [np.concatenate(_range(spline, number, box)) for number in range(len(boxes))]
             rows += [first_row + place for place in _places(boxes)]
-        return FieldPart(described, self.centres[np.concatenate(kept_centres)], boxes, np.concatenate(rows))
+        taken = np.concatenate(rows)
+        own = Field(described, self.centres[np.concatenate(kept_centres)], boxes, self.coefficients[taken])
+        return FieldPart(own, taken)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,25 +110,23 @@ class FieldPart:
 
     Attributes
     ----------
-    sums, centres, boxes
-        As in :class:`Field`.
-    rows : (r,) int64 array
+    own : Field
+        That of one of them.
+    rows : (r,) int64 array, or slice
         Rows of the coefficients of the whole.
     """
 
-    sums: Sequence[Mapping[str, Any]]
-    centres: Floats
-    boxes: Floats
-    rows: Ints
+    own: Field
+    rows: Ints | slice
 
     @classmethod
     def whole(cls, field: Field) -> Self:
         """All of a field."""
-        return cls(field.sums, field.centres, field.boxes, np.arange(len(field.coefficients)))
+        return cls(field, slice(None))
 
     def of(self, coefficients: Floats) -> Field:
         """The part of a field with these coefficients (r, d)."""
-        return Field(self.sums, self.centres, self.boxes, coefficients[self.rows])
+        return replace(self.own, coefficients=coefficients[self.rows])
 
 
 def _parts(interpolant: AnyInterpolant) -> tuple[list[Interpolant], NestedSpline | None]:
@@ -195,7 +196,7 @@ def _visited(layout: CentreLayout, box: Floats) -> Ints:
 
     The cells of a row along x are contiguous; the cost depends on the rows in the box, not on all centres.
     """
-    place = np.floor((_in_space(box) - layout.origin) * layout.inverse_side) + np.array([[-1.0], [1.0]])
+    place = np.floor((padded(box) - layout.origin) * layout.inverse_side) + np.array([[-1.0], [1.0]])
     (x0, y0, z0), (x1, y1, z1) = np.clip(place, [[0], [-1]], [layout.shape, layout.shape - 1]).astype(np.int64)
     row = ((np.arange(z0, z1 + 1)[:, None] * layout.shape[1] + np.arange(y0, y1 + 1)) * layout.shape[0]).ravel()
     if x1 < x0 or not len(row):
@@ -204,11 +205,6 @@ def _visited(layout: CentreLayout, box: Floats) -> Ints:
     counts = last - first
     visited = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(int(counts.sum()))
     return np.sort(layout.order[visited])
-
-
-def _in_space(box: Floats) -> Floats:
-    """The box (2, d) with three coordinates, those that are missing zero."""
-    return np.pad(box, ((0, 0), (0, 3 - box.shape[1])))
 
 
 def _layers(cells: Ints) -> Ints:
@@ -223,7 +219,7 @@ def _range(spline: NestedSpline, number: int, box: Floats) -> tuple[Ints, Ints]:
     layer on each side allows for rounding.
     """
     cells = spline.cells[number]
-    place = (_in_space(box) - spline.origin[number]) * spline.inverse_spacing[number]
+    place = (padded(box) - spline.origin[number]) * spline.inverse_spacing[number]
     if number < len(spline.origin) - 1 and (np.any(place[1] < -1.0) or np.any(place[0] > cells + 1.0)):
         return np.zeros(3, dtype=np.int64), np.zeros(3, dtype=np.int64)
     first, last = np.clip(np.floor(place), 0, np.maximum(cells - 1, 0)).astype(np.int64)

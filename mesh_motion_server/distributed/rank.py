@@ -22,7 +22,7 @@ from mesh_motion_server.numerics.interpolation.evaluation import NearOperators
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.mesh_check import checked_cells
+from mesh_motion_server.numerics.quality.mesh_check import checked_cells, nodes_in_no_cell
 from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
 
 __all__ = ["Rank"]
@@ -128,10 +128,7 @@ class Rank:
 
 def _check_in_cells(cells: CellTable, count: int) -> None:
     """Each of ``count`` nodes is in a cell: another one may lie outside the box for which the field comes."""
-    held = np.zeros(count, dtype=np.bool_)
-    for block in cells:
-        held[block.nodes] = True
-    alone = np.flatnonzero(~held)
+    alone = nodes_in_no_cell(count, cells)
     if len(alone):
         raise InvalidInput(
             f"evaluation = 'client': node {alone[0]} is in no cell of this partition ({len(alone)} such nodes)",

@@ -6,12 +6,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from mesh_motion_server.distributed.field import Field, FieldPart
 from mesh_motion_server.distributed.region import Extent
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, face_measures
+from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.session.journal.keeper import Keeper
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.partitions.meshes import MergedMesh
@@ -60,7 +59,7 @@ class Built:
         if len(node_maps) == 1:
             return [FieldPart.whole(self.field)]
         held = [points[own] if len(own) else points[:1] for own in node_maps]
-        return [self.field.part(np.stack([own.min(axis=0), own.max(axis=0)])) for own in held]
+        return [self.field.part(bounding_box(own)) for own in held]
 
     @cached_property
     def faces(self) -> FaceMeasures | None:

@@ -358,11 +358,11 @@ static int write_spline(const mmv_volume *volume, const double *coefficients, do
 {
     const mmv_field *field = &volume->field;
     size_t count = field->box_count, rows = 0, here, d = (size_t)volume->dimension;
-    int is_one = count_spline(field, &rows, &here);
+    (void)count_spline(field, &rows, &here); /* it is one, since is_whole */
     double *origin = malloc(4 * count * sizeof *origin), *all = calloc(rows * d + 1, sizeof *all);
     int64_t *cells = malloc(4 * count * sizeof *cells);
     mesh_motion_spline *spline = NULL;
-    int result = origin && cells && all && is_one ? MESH_MOTION_OK : MESH_MOTION_OUT_OF_MEMORY;
+    int result = origin && cells && all ? MESH_MOTION_OK : MESH_MOTION_OUT_OF_MEMORY;
     for (size_t b = 0; result == MESH_MOTION_OK && b < count; ++b) {
         const double *box = field->boxes + 14 * b;
         memcpy(origin + 3 * b, box, 3 * sizeof *box);

@@ -156,9 +156,15 @@ const Foam::polyMesh& Foam::remoteMeshMotion::own() const
 }
 
 
-Foam::pointField Foam::remoteMeshMotion::ofOwn(const pointField& all) const
+Foam::tmp<Foam::pointField> Foam::remoteMeshMotion::ofOwn
+(
+    const pointField& all
+) const
 {
-    return zone_ ? pointField(all, zone_->pointMap()) : all;
+    return
+        zone_
+      ? tmp<pointField>(new pointField(all, zone_->pointMap()))
+      : tmp<pointField>(all);
 }
 
 

@@ -27,7 +27,7 @@ from mesh_motion_server.numerics.quality.mesh_summary import lowest_quality
 from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_server.numerics.quality.orientation import OrientedCells, oriented
 
-__all__ = ["CheckedMesh", "checked_cells", "checked_mesh", "suggest_support_radius"]
+__all__ = ["CheckedMesh", "checked_cells", "checked_mesh", "nodes_in_no_cell", "suggest_support_radius"]
 
 # A smaller skew is 0 but for rounding; cells of a boundary layer with aspect ratio 10⁶ have 10⁻⁶ and pass.
 _FLAT_SKEW = 1e-10
@@ -215,12 +215,17 @@ def _coincident(pairs: Integers) -> list[str]:
     ]
 
 
-def _orphans(n: int, cells: CellTable) -> list[str]:
-    """A warning for nodes in no cell."""
+def nodes_in_no_cell(n: int, cells: CellTable) -> Integers:
+    """Those of ``n`` nodes that no cell has, ascending."""
     used = np.zeros(n, dtype=bool)
     for block in cells:
         used[block.nodes] = True
-    orphans = np.flatnonzero(~used)
+    return np.flatnonzero(~used)
+
+
+def _orphans(n: int, cells: CellTable) -> list[str]:
+    """A warning for nodes in no cell."""
+    orphans = nodes_in_no_cell(n, cells)
     if not len(orphans):
         return []
     return [
