@@ -27,8 +27,9 @@ def convert(
     ] = None,
     zone: Annotated[str, typer.Option(metavar="NAME", help="The zone of IN, where it has several.")] = "",
     partitions: Annotated[
-        int, typer.Option(metavar="N", min=0, help="Cut the mesh into N partitions: OUT/partition-000.npz and so on.")
-    ] = 0,
+        int | None,
+        typer.Option(metavar="N", min=1, help="Cut the mesh into N partitions: OUT/partition-000.npz and so on."),
+    ] = None,
 ) -> None:
     """Write a mesh as .npz, or as .vtu for ParaView and for meshio, which converts that further.
 
