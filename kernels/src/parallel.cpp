@@ -1,6 +1,7 @@
 #include "parallel.h"
 
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <cstdlib>
 #include <exception>
@@ -38,7 +39,19 @@ struct Job {
     }
 };
 
+/// Tells the processor that it waits.
+inline void pause() {
+#if defined(__x86_64__) || defined(_M_X64)
+    __builtin_ia32_pause();
+#else
+    std::this_thread::yield();
+#endif
+}
+
 /// Threads that sleep until there is a job. One job at a time; a second caller meanwhile works alone.
+///
+/// A motion is a hundred short loops, and to wake a thread takes as long as many of them: after a job a thread looks out
+/// for the next one for a while before it sleeps, and so does a caller for the threads that it waits for.
 class Pool {
   public:
     /// False if the threads are taken.
@@ -54,20 +67,35 @@ class Pool {
             job_ = &job;
             places_ = threads - 1;
         }
-        wake_.notify_all();
+        if (sleeping_ > 0) wake_.notify_all();
         job.work();
+        {
+            const std::lock_guard lock(state_);
+            places_ = 0;  // whoever has not begun by now is not waited for: on a busy machine that takes milliseconds
+        }
+        look_out([this] { return busy_ == 0; });
         std::unique_lock lock(state_);
-        places_ = 0;  // whoever has not begun by now is not waited for: on a busy machine that takes milliseconds
         idle_.wait(lock, [this] { return busy_ == 0; });
         job_ = nullptr;
         return true;
     }
 
   private:
+    static constexpr auto looking = std::chrono::microseconds(50);
+
+    template <class Come>
+    static void look_out(Come&& come) {
+        const auto end = std::chrono::steady_clock::now() + looking;
+        while (!come() && std::chrono::steady_clock::now() < end) pause();
+    }
+
     [[noreturn]] void serve() {
-        std::unique_lock lock(state_);
         for (;;) {
+            look_out([this] { return places_ > 0; });
+            std::unique_lock lock(state_);
+            ++sleeping_;
             wake_.wait(lock, [this] { return places_ > 0; });
+            --sleeping_;
             --places_;
             ++busy_;
             Job& job = *job_;
@@ -81,7 +109,8 @@ class Pool {
     std::mutex one_job_, state_;
     std::condition_variable wake_, idle_;
     Job* job_ = nullptr;
-    int started_ = 0, places_ = 0, busy_ = 0;
+    int started_ = 0;
+    std::atomic<int> sleeping_ = 0, places_ = 0, busy_ = 0;  // changed under the lock, looked at without
 };
 
 /// Never destroyed: its threads may outlive the statics. A forked child has none of them and begins with a new one.
