@@ -33,15 +33,15 @@ struct type_caster<mesh_motion::View<T, N>> {
     make_caster<Array> array_;  // keeps the memory during the call
 };
 
-template <class T, std::size_t N>
-struct type_caster<mesh_motion::Owned<T, N>> {
+template <class T, std::size_t N, class Values>
+struct type_caster<mesh_motion::Owned<T, N, Values>> {
     using Array = ndarray<numpy, T, ndim<N>, c_contig>;
-    using Owned = mesh_motion::Owned<T, N>;
+    using Owned = mesh_motion::Owned<T, N, Values>;
     NB_TYPE_CASTER(Owned, make_caster<Array>::Name)
 
     static handle from_cpp(Owned&& made, rv_policy, cleanup_list* cleanup) noexcept {
-        auto* values = new std::vector<T>(std::move(made.values));
-        capsule owner(values, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
+        auto* values = new Values(std::move(made.values));
+        capsule owner(values, [](void* p) noexcept { delete static_cast<Values*>(p); });
         std::size_t shape[N];
         for (std::size_t axis = 0; axis < N; ++axis) shape[axis] = static_cast<std::size_t>(made.shape[axis]);
         return make_caster<Array>::from_cpp(Array(values->data(), N, shape, owner), rv_policy::reference, cleanup);

@@ -4,11 +4,17 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
+#include <new>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
 #include <utility>
 #include <vector>
+
+#ifdef __linux__
+#include <sys/mman.h>
+#endif
 
 namespace mesh_motion {
 
@@ -126,18 +132,47 @@ inline void require_starts(Vector<const Index> starts, Index n, const char* expe
     require(ascending, expected);
 }
 
+/// Gives vectors memory as it comes, for who writes every entry; where it is large, in large pages if the system has them.
+template <class T>
+struct Unfilled : std::allocator<T> {
+    template <class U>
+    struct rebind {
+        using other = Unfilled<U>;
+    };
+
+    T* allocate(std::size_t count) {
+        T* begin = std::allocator<T>::allocate(count);
+#ifdef __linux__
+        constexpr std::uintptr_t page = 1 << 12, large = 1 << 22;
+        const auto first = (reinterpret_cast<std::uintptr_t>(begin) + page - 1) / page * page;
+        const auto last = reinterpret_cast<std::uintptr_t>(begin + count) / page * page;
+        if (last > first && last - first >= large) madvise(reinterpret_cast<void*>(first), last - first, MADV_HUGEPAGE);
+#endif
+        return begin;
+    }
+    template <class U, class... Arguments>
+    void construct(U* place, Arguments&&... arguments) {
+        if constexpr (sizeof...(Arguments) == 0) ::new (place) U;
+        else ::new (place) U(std::forward<Arguments>(arguments)...);
+    }
+};
+
+/// A vector that nobody has filled with zeros.
+template <class T>
+using UnfilledVector = std::vector<T, Unfilled<T>>;
+
 /// An array that a loop made: Python receives it.
-template <class T, std::size_t N>
+template <class T, std::size_t N, class Values = std::vector<T>>
 struct Owned {
-    std::vector<T> values;
+    Values values;
     std::array<Index, N> shape{};
 
     View<const T, N> view() const { return {values.data(), shape}; }
 };
 
 /// A vector that a loop made.
-template <class T>
-Owned<T, 1> owned(std::vector<T> values) {
+template <class T, class Allocator>
+Owned<T, 1, std::vector<T, Allocator>> owned(std::vector<T, Allocator> values) {
     const auto n = static_cast<Index>(values.size());
     return {std::move(values), {n}};
 }

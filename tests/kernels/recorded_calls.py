@@ -23,7 +23,8 @@ import moves
 _CASES = ("2D sparse", "2D corrected", "2D maximum", "2D reduced", "3D mixed", "3D two scales")
 _TESTS = (
     "factorizations/test_iterative.py", "reduction/test_farthest_first.py", "reduction/test_algorithms.py",
-    "../distributed/test_counted_cells.py", "../docs/studies/test_sampled_prediction.py",
+    "../distributed/test_counted_cells.py", "../distributed/test_field.py",
+    "../docs/studies/test_sampled_prediction.py",
     "../docs/studies/volume_reduction/test_background_grid.py",
     "test_centres.py", "test_closest_point.py", "test_evaluation.py", "test_hashed_cells.py", "test_linked_unknowns.py",
     "test_newton.py",

@@ -1,13 +1,19 @@
 #include "interpolation/assembly.h"
 
+#include <bit>
 #include <limits>
 #include <memory>
 #include <numeric>
 #include <optional>
 #include <utility>
 
+#ifdef __AVX512F__
+#include <immintrin.h>
+#endif
+
 #include "interpolation/cell_lists.h"
 #include "interpolation/summation.h"
+#include "lanes.h"
 #include "mesh/hashed_cells.h"
 #include "parallel.h"
 
@@ -36,6 +42,17 @@ class Search {
 
     /// The cell of a place: in the same one the same centres are near. −1 if none is.
     Index cell(const Point& x) const { return all_ ? all_->number(x) : stored_.place(stored_.key_of(x[0], x[1], x[2])); }
+
+    /// The cells of the points first … first + count − 1 (n, d).
+    template <int d>
+    void cells_of(Matrix<const double> points, Index first, Index count, std::int32_t* found) const {
+        if (all_) return all_->numbers<d>(points, first, count, found);
+        for (Index i = 0; i < count; ++i) {
+            Point x{};
+            for (int axis = 0; axis < d; ++axis) x[axis] = points(first + i, axis);
+            found[i] = static_cast<std::int32_t>(cell(x));
+        }
+    }
 
     /// (cells()) which cells there are centres near; null: all of them.
     std::unique_ptr<bool[]> reached() const {
@@ -70,7 +87,8 @@ class Search {
 /// The centres near a cell side by side: points next to each other in memory mostly share one.
 class NearCell {
   public:
-    explicit NearCell(const Search& search) : search_(search) {}
+    /// numbers: what the centres are called; none if that is not asked for.
+    explicit NearCell(const Search& search, Vector<const Index> numbers = {}) : search_(search), called_(numbers) {}
 
     /// Takes the cell of a place; how many centres are near it.
     Index take(const Point& x) {
@@ -83,8 +101,10 @@ class NearCell {
                 if (static_cast<Index>(along->size()) < count) along->resize(2 * count);
             if (static_cast<Index>(numbers_.size()) < count) numbers_.resize(2 * count);
             const auto *xs = search_.centres[0].data(), *ys = search_.centres[1].data(), *zs = search_.centres[2].data();
-            for (Index j = first; j < last; ++j, ++count_)
-                x_[count_] = xs[j], y_[count_] = ys[j], z_[count_] = zs[j], numbers_[count_] = j;
+            for (Index j = first; j < last; ++j, ++count_) {
+                x_[count_] = xs[j], y_[count_] = ys[j], z_[count_] = zs[j];
+                if (called_.size()) numbers_[count_] = static_cast<std::int32_t>(called_[j]);
+            }
         });
         return count_;
     }
@@ -102,11 +122,21 @@ class NearCell {
         return count;
     }
 
-    /// Their numbers and squared distances as `closer` found them; room for one more than there are.
-    void list(double square_radius, std::vector<Index>& near, std::vector<double>& squares) const {
-        std::size_t found = 0;
-        for (Index j = 0; j < count_; ++j) {  // kept, or written over by the next: no branch
-            near[found] = numbers_[j];
+    /// Their numbers and squared distances as `closer` found them; room for a register more than there are.
+    void list(double square_radius, std::int32_t* __restrict numbers, double* __restrict squares) const {
+        Index found = 0, j = 0;
+#ifdef __AVX512F__
+        for (; j + 8 <= count_; j += 8) {
+            const __m512d here = _mm512_loadu_pd(&squares_[j]);
+            const __mmask8 close = _mm512_cmp_pd_mask(here, _mm512_set1_pd(square_radius), _CMP_LT_OQ);
+            _mm512_storeu_pd(squares + found, _mm512_maskz_compress_pd(close, here));
+            const __m256i called = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(&numbers_[j]));
+            _mm256_storeu_si256(reinterpret_cast<__m256i*>(numbers + found), _mm256_maskz_compress_epi32(close, called));
+            found += std::popcount(static_cast<unsigned>(close));
+        }
+#endif
+        for (; j < count_; ++j) {  // kept, or written over by the next: no branch
+            numbers[found] = numbers_[j];
             squares[found] = squares_[j];
             found += squares_[j] < square_radius;
         }
@@ -114,10 +144,29 @@ class NearCell {
 
   private:
     const Search& search_;
+    const Vector<const Index> called_;
     Index cell_ = 0, count_ = 0;
     bool taken_ = false;
     std::vector<double> x_, y_, z_, squares_;
-    std::vector<Index> numbers_;
+    std::vector<std::int32_t> numbers_;
+};
+
+/// Numbers one after the other, with room that nobody has filled with zeros.
+template <class T>
+struct Growing {
+    std::unique_ptr<T[]> values;
+    Index size = 0, room = 0;
+
+    /// The place of `count` more, with `beyond` more that may be written over.
+    T* more(Index count, Index beyond) {
+        if (size + count + beyond > room) {
+            room = 2 * (size + count + beyond);
+            auto wider = std::make_unique_for_overwrite<T[]>(room);
+            std::copy_n(values.get(), size, wider.get());
+            values = std::move(wider);
+        }
+        return values.get() + std::exchange(size, size + count);
+    }
 };
 
 }  // namespace
@@ -145,13 +194,13 @@ std::pair<Owned<Index, 1>, Owned<double, 2>> rows_near(Matrix<const double> poin
     with_dimension(d, [&](auto dimension) {
         for_ranges(n, points_of_block, [&](Index begin, Index end) {
             std::array<Found, points_of_block> here;
+            std::array<std::int32_t, points_of_block> cells;
+            search.cells_of<dimension>(points, begin, end - begin, cells.data());
             Index count = 0;
             for (Index i = begin; i < end; ++i) {
-                Point x{};
-                for (int axis = 0; axis < dimension; ++axis) x[axis] = points(i, axis);
-                const Index cell = search.cell(x);
-                here[count] = {static_cast<std::int32_t>(i), static_cast<std::int32_t>(cell)};
-                count += (cell >= 0) & asked[i] & (!reached || reached[std::max<Index>(cell, 0)]);  // no branch
+                const std::int32_t cell = cells[i - begin];
+                here[count] = {static_cast<std::int32_t>(i), cell};
+                count += (cell >= 0) & asked[i] & (!reached || reached[std::max(cell, 0)]);  // no branch
             }
             found[begin / points_of_block].assign(here.begin(), here.begin() + count);
         });
@@ -219,41 +268,35 @@ SparseMatrix near_rows(int code, Matrix<const double> points, Matrix<const doubl
     const double inverse_radius = 1.0 / radius;
     const Index n = points.shape(0);
     struct Part {
-        std::vector<std::int32_t> columns;
-        std::vector<double> entries;
+        Growing<std::int32_t> columns;
+        Growing<double> entries;
     };
     std::vector<Part> parts((n + rows_of_block - 1) / rows_of_block);
     std::vector<Index> ends(n + 1);
     with_basis(code, [&](auto basis) {
         for_ranges(n, rows_of_block, [&](Index begin, Index end) {
-            auto& [columns, entries] = parts[begin / rows_of_block];
-            NearCell cell(search);
-            std::vector<Index> near;
-            std::vector<double> squares;
+            Part part;  // of this thread alone: neighbours in memory would be taken from each other with every row
+            NearCell cell(search, numbers);
             for (Index i = begin; i < end; ++i) {
                 const Point x = point_of(points, i);
                 const Index count = cell.take(x) ? cell.closer(x, radius * radius) : 0;
                 ends[i + 1] = count;
                 if (count == 0) continue;  // nothing near: most points of cells that only touch a centre's
-                if (static_cast<Index>(near.size()) <= count) near.resize(2 * count), squares.resize(2 * count);
-                cell.list(radius * radius, near, squares);
-                const std::size_t at = entries.size();
-                columns.resize(at + count);
-                entries.resize(at + count);
-                for (Index e = 0; e < count; ++e) columns[at + e] = static_cast<std::int32_t>(numbers[near[e]]);
-                double* __restrict entry = entries.data() + at;
-                for (Index e = 0; e < count; ++e) entry[e] = basis.phi(std::sqrt(squares[e]) * inverse_radius);
+                double* __restrict entry = part.entries.more(count, lanes);
+                cell.list(radius * radius, part.columns.more(count, lanes), entry);
+                for (Index e = 0; e < count; ++e) entry[e] = basis.phi(std::sqrt(entry[e]) * inverse_radius);
             }
+            parts[begin / rows_of_block] = std::move(part);
         });
     });
     std::partial_sum(ends.begin(), ends.end(), ends.begin());
     require(ends[n] <= std::numeric_limits<std::int32_t>::max(), "expected fewer entries than 2³¹");
-    std::vector<std::int32_t> columns(ends[n]);
-    std::vector<double> entries(ends[n]);
+    UnfilledVector<std::int32_t> columns(ends[n]);
+    UnfilledVector<double> entries(ends[n]);
     for_blocks(static_cast<Index>(parts.size()), [&](Index b) {
         const Part part = std::exchange(parts[b], {});
-        std::copy(part.columns.begin(), part.columns.end(), columns.begin() + ends[b * rows_of_block]);
-        std::copy(part.entries.begin(), part.entries.end(), entries.begin() + ends[b * rows_of_block]);
+        std::copy_n(part.columns.values.get(), part.columns.size, columns.begin() + ends[b * rows_of_block]);
+        std::copy_n(part.entries.values.get(), part.entries.size, entries.begin() + ends[b * rows_of_block]);
     });
     return {owned(std::vector<std::int32_t>(ends.begin(), ends.end())), owned(std::move(columns)),
             owned(std::move(entries))};

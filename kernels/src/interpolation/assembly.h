@@ -33,7 +33,8 @@ Owned<Index, 1> count_near(Matrix<const double> points, Matrix<const double> cen
                            Matrix<const std::int32_t> stored);
 
 /// Pointers (n + 1,) of rows, columns and entries (e,).
-using SparseMatrix = std::tuple<Owned<std::int32_t, 1>, Owned<std::int32_t, 1>, Owned<double, 1>>;
+using SparseMatrix = std::tuple<Owned<std::int32_t, 1>, Owned<std::int32_t, 1, UnfilledVector<std::int32_t>>,
+                                Owned<double, 1, UnfilledVector<double>>>;
 
 /// φ between the points and the centres closer than R, of each point in these centres' order.
 ///

@@ -59,6 +59,7 @@ struct CentreGrid {
             require(0 < shape[axis] && count <= starts.size() / shape[axis], "starts: expected a number for each cell");
             count *= shape[axis];
         }
+        require(cells_around() <= std::numeric_limits<std::int32_t>::max(), "shape: expected fewer cells than 2³¹");
         require(starts.size() == count + 1 && starts[0] == 0 && starts[count] == centres,
                 "starts: expected a number for each cell, from 0 to the number of centres");
     }
@@ -72,18 +73,30 @@ struct CentreGrid {
     /// Cells of the grid and one more on each side.
     Index cells_around() const { return (shape[0] + 2) * (shape[1] + 2) * (shape[2] + 2); }
 
-    /// Which of these holds a point, −1 if none: the same number, the same runs.
-    Index number(const Point& x) const {
-        Index number = 0;
-        bool inside = true;
+    /// Which of these holds each of the points first … first + count − 1 (n, d), −1 if none: the same number, the same
+    /// runs. Axis by axis, so that the loops become vector code.
+    template <int d>
+    void numbers(Matrix<const double> points, Index first, Index count, std::int32_t* __restrict found) const {
+        const double* __restrict x = points.data() + first * d;
+        std::fill_n(found, count, 0);
         for (std::size_t axis = 3; axis-- > 0;) {
-            // rounded otherwise than in cell(): next to a cell's side either one's runs have all that is near
-            const double place = (x[axis] - origin[axis]) * inverse_side + 1.0;
-            const bool along = (0.0 <= place) & (place < static_cast<double>(shape[axis] + 2));
-            inside &= along;
-            number = number * (shape[axis] + 2) + static_cast<Index>(along ? place : 0.0);
+            const double low = origin[axis], end = static_cast<double>(shape[axis] + 2);
+            const auto cells = static_cast<std::int32_t>(shape[axis] + 2);
+            for (Index i = 0; i < count; ++i) {
+                // rounded otherwise than in cell(): next to a cell's side either one's runs have all that is near
+                const double place = ((axis < d ? x[d * i + axis] : 0.0) - low) * inverse_side + 1.0;
+                const bool along = (0.0 <= place) & (place < end);
+                const std::int32_t number = found[i] * cells + static_cast<std::int32_t>(along ? place : 0.0);
+                found[i] = along & (found[i] >= 0) ? number : -1;
+            }
         }
-        return inside ? number : -1;
+    }
+
+    /// The same of one point.
+    Index number(const Point& x) const {
+        std::int32_t found;
+        numbers<3>({x.data(), {1, 3}}, 0, 1, &found);
+        return found;
     }
 
     /// The centres within one cell of a point: at most nine runs, since the cells along x are neighbours.

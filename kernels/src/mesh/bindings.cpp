@@ -1,13 +1,15 @@
 #include "bind.h"
 #include "mesh/closest_point.h"
-#include "mesh/differences.h"
 #include "mesh/digest.h"
 #include "mesh/facets.h"
 #include "mesh/hashed_cells.h"
+#include "mesh/points.h"
 
 namespace mesh_motion {
 
 void bind_mesh(nanobind::module_& m) {
+    bind(m, "add_values", add_values);
+    bind(m, "bounding_box", bounding_box);
     bind(m, "closest_points", closest_points);
     bind(m, "hash_blocks", hash_blocks);
     bind(m, "match_facets", match_facets);

@@ -1,10 +1,10 @@
 #include "quality/order_statistics.h"
 
 #include <algorithm>
-#include <atomic>
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <functional>
 #include <limits>
 #include <numeric>
 
@@ -163,40 +163,31 @@ void Tally::add_piece(const double* values, Index count, const Brackets* bracket
     }
 }
 
-bool distribution_of(const std::vector<Tally>& tallies, Index m, const Brackets* brackets, Distribution& found) {
+std::pair<double, double> minimum_and_mean(const std::vector<Tally>& tallies, Index m) {
     double total = 0.0, least = infinity;
     for (const Tally& tally : tallies) {
         total += tally.sum();
         least = std::min(least, *std::min_element(tally.least.begin(), tally.least.end()));
     }
-    found[0] = least;
-    found[1] = total / static_cast<double>(m);
-    if (!brackets) return false;
-    const auto ranks = percentile_ranks(m);
-    std::atomic<bool> proven = true;
-    for_blocks(percentiles, [&](Index p) {
-        const Bracket& bracket = (*brackets)[p];
-        Index rank = ranks[p], upto = 0;
-        std::vector<double> inside;
-        Index kept = 0;
-        for (const Tally& tally : tallies) {
-            rank -= tally.below[p];
-            upto += tally.upto[p] - tally.below[p];
-            inside.resize(kept + tally.near.size());
-            for (double value : tally.near) {
-                inside[kept] = value;
-                kept += bracket.holds(value);
-            }
+    return {least, total / static_cast<double>(m)};
+}
+
+bool percentile_of(const std::vector<Tally>& tallies, Index m, Index p, const Bracket& bracket, double& found) {
+    Index rank = percentile_ranks(m)[p], upto = 0, kept = 0;
+    std::vector<double> inside;
+    for (const Tally& tally : tallies) {
+        rank -= tally.below[p];
+        upto += tally.upto[p] - tally.below[p];
+        inside.resize(kept + tally.near.size());
+        for (double value : tally.near) {
+            inside[kept] = value;
+            kept += bracket.holds(value);
         }
-        inside.resize(kept);
-        if (rank >= 0 && rank < static_cast<Index>(inside.size()))
-            found[2 + p] = select(inside, rank);
-        else if (rank >= 0 && rank < upto)
-            found[2 + p] = bracket.high;
-        else
-            proven = false;
-    });
-    return proven;
+    }
+    inside.resize(kept);
+    if (rank < 0 || (rank >= kept && rank >= upto)) return false;
+    found = rank < kept ? select(inside, rank) : bracket.high;
+    return true;
 }
 
 void Lowest::add(const double* values, Index first, Index count, double limit) {
@@ -239,7 +230,12 @@ Owned<double, 1> distribution(Vector<const double> values) {
         tallies[first / block].add(values.data() + first, last - first, known);
     });
     Distribution found;
-    if (!distribution_of(tallies, m, known, found)) {
+    std::tie(found[0], found[1]) = minimum_and_mean(tallies, m);
+    std::array<char, percentiles> proven{};
+    for_blocks(known ? percentiles : 0, [&](Index p) {
+        proven[p] = percentile_of(tallies, m, p, brackets[p], found[2 + p]);
+    });
+    if (!std::all_of(proven.begin(), proven.end(), std::identity{})) {
         std::vector<double> all(values.begin(), values.end());
         const auto ranks = percentile_ranks(m);
         for (int p = 0; p < percentiles; ++p) {

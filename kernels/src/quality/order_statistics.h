@@ -57,8 +57,11 @@ class Tally {
 /// Minimum, mean and percentiles.
 using Distribution = std::array<double, 2 + percentiles>;
 
-/// Of the m values of the tallies; false if a percentile is not where the sample said.
-bool distribution_of(const std::vector<Tally>& tallies, Index m, const Brackets* brackets, Distribution& found);
+/// Of the m values of the tallies.
+std::pair<double, double> minimum_and_mean(const std::vector<Tally>& tallies, Index m);
+
+/// Percentile p of the m values of the tallies; false if it is not where the sample said.
+bool percentile_of(const std::vector<Tally>& tallies, Index m, Index p, const Bracket& bracket, double& found);
 
 /// The lowest values of many, with their numbers; of equal ones those with the lowest numbers.
 class Lowest {

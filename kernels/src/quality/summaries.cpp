@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <numeric>
@@ -144,11 +145,12 @@ std::tuple<Owned<double, 1>, Owned<Index, 1>, Index> lowest_cells(Matrix<const d
         Judged found(static_cast<Index>(near.size()));
         cells.judge_chosen(view_of(near), found.size.data(), found.skew.data(), found.inverted.get());
         fill(ranked, cells, near, found);
-        for (std::size_t k = 0; k < near.size(); ++k) {
-            inversions[task] += found.inverted[k];
-            if (found.values[k] <= limit) lowest[task].add(found.values[k], near[k]);
-        }
-        lowest[task].trim();
+        Lowest own(count);
+        for (std::size_t k = 0; k < near.size(); ++k)
+            if (found.values[k] <= limit) own.add(found.values[k], near[k]);
+        own.trim();
+        lowest[task] = std::move(own);
+        inversions[task] = std::count(found.inverted.get(), found.inverted.get() + near.size(), true);
     });
     Lowest all(count);
     for (const Lowest& part : lowest) all.add(part);
@@ -192,17 +194,24 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
     const auto pass = [&](std::vector<std::vector<double>>* kept, bool tally) {
         for_ranges(m, task_size, [&](Index begin, Index end) {
             const Index task = begin / task_size;
+            // of this thread alone: neighbours in memory would be taken from each other with every chunk
+            std::array<Tally, 4> own_tallies;
+            Lowest own_lowest(count);
+            Index turned = 0;
             for (Index first = begin; first < end; first += chunk) {
                 const Index n = std::min(chunk, end - first);
-                const Index turned = for_metrics(cells, metrics, first, n, [&](Index k, const double* own) {
+                turned += for_metrics(cells, metrics, first, n, [&](Index k, const double* own) {
                     if (kept) std::copy_n(own, n, (*kept)[k].data() + first);
                     if (!tally) return;
-                    tallies[k][task].add(own, n, brackets.empty() ? nullptr : &brackets[k]);
-                    if (k == place) lowest[task].add(own, first, n, limit);
+                    own_tallies[k].add(own, n, brackets.empty() ? nullptr : &brackets[k]);
+                    if (k == place) own_lowest.add(own, first, n, limit);
                 });
-                if (tally) inversions[task] += turned;
             }
-            lowest[task].trim();
+            if (!tally) return;
+            for (Index k = 0; k < kinds; ++k) tallies[k][task] = std::move(own_tallies[k]);
+            own_lowest.trim();
+            lowest[task] = std::move(own_lowest);
+            inversions[task] = turned;
         });
     };
     std::vector<std::vector<double>> kept(kinds);
@@ -212,10 +221,17 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
     if (brackets.empty()) keep();
     pass(brackets.empty() ? &kept : nullptr, true);
 
-    std::vector<double> found(kinds * (2 + percentiles));
+    std::vector<Distribution> distributions(kinds);
+    std::vector<char> proven(kinds * percentiles);
+    for_blocks(kinds * percentiles, [&](Index both) {
+        const Index k = both / percentiles, p = both % percentiles;
+        proven[both] = !brackets.empty() && percentile_of(tallies[k], m, p, brackets[k][p], distributions[k][2 + p]);
+    });
+    std::vector<double> found;
     for (Index k = 0; k < kinds; ++k) {
-        Distribution one;
-        if (!distribution_of(tallies[k], m, brackets.empty() ? nullptr : &brackets[k], one)) {
+        Distribution& one = distributions[k];
+        std::tie(one[0], one[1]) = minimum_and_mean(tallies[k], m);
+        if (!std::all_of(&proven[k * percentiles], &proven[k * percentiles] + percentiles, std::identity{})) {
             if (kept[k].empty()) {
                 keep();
                 pass(&kept, false);
@@ -226,7 +242,7 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
                 one[2 + p] = select(left, ranks[p]);
             }
         }
-        std::copy(one.begin(), one.end(), found.begin() + k * (2 + percentiles));
+        found.insert(found.end(), one.begin(), one.end());
     }
     Lowest all(count);
     for (const Lowest& part : lowest) all.add(part);
@@ -258,15 +274,21 @@ std::tuple<Owned<double, 2>, Owned<Index, 2>, Owned<Index, 1>, Index> counted_ce
     for_ranges(m, task_size, [&](Index begin, Index end) {
         const Index task = begin / task_size;
         std::vector<Bins> here(kinds, Bins(bins));
+        std::array<Tally, 4> own_tallies;
+        Lowest own_lowest(count);
+        Index turned = 0;
         for (Index first = begin; first < end; first += chunk) {
             const Index n = std::min(chunk, end - first);
-            inversions[task] += for_metrics(cells, metrics, first, n, [&](Index k, const double* own) {
-                tallies[k][task].add(own, n, nullptr);
+            turned += for_metrics(cells, metrics, first, n, [&](Index k, const double* own) {
+                own_tallies[k].add(own, n, nullptr);
                 here[k].add(own, n, places[k].data() + first);
-                if (k == place) lowest[task].add(own, first, n, limit);
+                if (k == place) own_lowest.add(own, first, n, limit);
             });
         }
-        lowest[task].trim();
+        for (Index k = 0; k < kinds; ++k) tallies[k][task] = std::move(own_tallies[k]);
+        own_lowest.trim();
+        lowest[task] = std::move(own_lowest);
+        inversions[task] = turned;
         for (Index k = 0; k < kinds; ++k) {
             most[k][task] = *std::max_element(here[k].most.begin(), here[k].most.end());
             for (std::size_t c = 0; c < here[k].counts.size(); ++c)

@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 
+import mesh_motion_kernels as kernels
+import numpy as np
+
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.evaluation import NearOperators
@@ -35,5 +38,5 @@ class Stage:
         moved = evaluation.displacement(self.interpolant, points, prepared)
         for level in self.further:
             moved += evaluation.displacement(level, points)
-        moved += carried
+        kernels.add_values(np.ascontiguousarray(carried).reshape(-1), moved.reshape(-1))
         return moved

@@ -72,9 +72,9 @@ struct As<View<T, N>> {
     }
 };
 
-template <class T, std::size_t N>
-struct As<Owned<T, N>> {
-    static bool equals(const Value& value, const Owned<T, N>& found) {
+template <class T, std::size_t N, class Values>
+struct As<Owned<T, N, Values>> {
+    static bool equals(const Value& value, const Owned<T, N, Values>& found) {
         return As<View<const T, N>>::equals(value, found.view());
     }
 };

@@ -1,9 +1,15 @@
-// The displacements that lead from given coordinates to a motion's, and the coordinates that they lead to.
+// Passes over the positions of all nodes.
 #pragma once
 
 #include "view.h"
 
 namespace mesh_motion {
+
+/// (2, d) least and greatest coordinates of finite points (n, d), n ≥ 1.
+Owned<double, 2> bounding_box(Matrix<const double> points);
+
+/// out[k] += values[k].
+void add_values(Vector<const double> values, Vector<double> out);
 
 /// moved[k] becomes base[k] + (moved[k] − base[k]), rounded; how many entries that changed.
 Index round_differences(Vector<double> moved, Vector<const double> base);
