@@ -24,9 +24,10 @@ _CASES = ("2D sparse", "2D corrected", "2D maximum", "2D reduced", "3D mixed", "
 _TESTS = (
     "factorizations/test_iterative.py", "reduction/test_farthest_first.py", "reduction/test_algorithms.py",
     "../distributed/test_counted_cells.py", "../distributed/test_field.py",
-    "../docs/studies/test_sampled_prediction.py",
+    "../session/partitions/test_cell_order.py", "../docs/studies/test_sampled_prediction.py",
     "../docs/studies/volume_reduction/test_background_grid.py",
-    "test_centres.py", "test_closest_point.py", "test_evaluation.py", "test_hashed_cells.py", "test_linked_unknowns.py",
+    "test_centres.py", "test_closest_point.py", "test_evaluation.py", "test_exact_displacements.py",
+    "test_hashed_cells.py", "test_linked_unknowns.py",
     "test_newton.py",
     "../docs/studies/test_predictors.py", "two_scale/test_grid_sums.py", "two_scale/test_nested_grid.py",
 )  # fmt: skip

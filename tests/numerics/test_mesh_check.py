@@ -64,13 +64,20 @@ def test_points_of_another_dimension(mesh, shape):
     assert refused(mesh, r"expected an array of shape \(n, 2\)").code == "INVALID_ARGUMENT.SHAPE"
 
 
-@pytest.mark.parametrize(("index", "hint"), [(25, "start at 0"), (-1, ""), (2**40, "")])
+@pytest.mark.parametrize(("index", "hint"), [(25, "start at 0"), (-1, ""), (2**31 - 1, "")])
 def test_a_node_index_out_of_range(mesh, index, hint):
     mesh.cells["triangle"][3, 2] = index
     error = refused(mesh, rf"cell 3 \(triangle\): node index {index} is out of range, expected 0 to 24")
     assert error.code == "INVALID_ARGUMENT.MESH_DEGENERATE"
     assert error.details == {"cell": 3, "index": index, "nodes": 25}
     assert hint in error.hint
+
+
+@pytest.mark.parametrize("index", [2**40, -(2**63), 2**31])
+def test_a_node_index_beyond_32_bits(mesh, index):
+    mesh.cells["triangle"][3, 2] = index
+    error = refused(mesh, rf"'triangle', row 3: node index {index} is out of range, expected 0 to 2147483647")
+    assert error.details == {"type": "triangle", "row": 3, "index": index}
 
 
 def test_a_node_twice_in_a_cell(mesh):

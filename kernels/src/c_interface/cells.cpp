@@ -48,10 +48,10 @@ int mesh_motion_cells_add(mesh_motion_cells* cells, const char* type, int64_t co
         expect(held.held.empty() || kind.dimension == held.dimension, "type", "cells of one dimension");
         Index most = held.nodes;
         for (Index node : rows) {
-            expect(0 <= node && node < std::numeric_limits<Index>::max(), "nodes", "numbers from 0 on");
+            expect(0 <= node && node < std::numeric_limits<Node>::max(), "nodes", "numbers from 0 to 2³¹ − 2");
             most = std::max(most, node + 1);
         }
-        held.held.emplace_back(&kind, copied(rows));
+        held.held.emplace_back(&kind, std::vector<Node>(rows.begin(), rows.end()));
         held.dimension = kind.dimension, held.count += count, held.nodes = most;
     });
 }
@@ -63,7 +63,8 @@ int mesh_motion_boundary_nodes(const mesh_motion_cells* cells, int64_t n, bool* 
         const auto& held = given(cells, "cells");
         const auto marks = array("boundary", boundary, std::array{std::max(n, held.nodes)});
         std::fill(marks.begin(), marks.end(), false);
-        std::vector<Index> all, blocks, local;
+        std::vector<Node> all;
+        std::vector<Index> blocks, local;
         for (const auto& [type, rows] : held.held) {
             all.insert(all.end(), rows.begin(), rows.end());
             blocks.insert(blocks.end(), {static_cast<Index>(rows.size()) / type->nodes, type->nodes});

@@ -38,7 +38,7 @@ inline constexpr struct {
 
 struct mesh_motion_cells {
     mesh_motion::Index dimension = 0, count = 0, nodes = 0;  // of space, of cells, one more than the largest node
-    std::vector<std::pair<const mesh_motion::Kind*, std::vector<mesh_motion::Index>>> held;
+    std::vector<std::pair<const mesh_motion::Kind*, std::vector<mesh_motion::Node>>> held;
 
     mesh_motion::Matrix<const double> points(mesh_motion::Index n, const double* data) const {
         if (n < nodes)
@@ -55,7 +55,7 @@ struct mesh_motion_cells {
     }
 
     /// Type, number within it, and nodes of a cell.
-    std::tuple<const mesh_motion::Kind*, mesh_motion::Index, const mesh_motion::Index*> at(
+    std::tuple<const mesh_motion::Kind*, mesh_motion::Index, const mesh_motion::Node*> at(
         mesh_motion::Index cell) const {
         for (const auto& [type, rows] : held) {
             const auto here = static_cast<mesh_motion::Index>(rows.size()) / type->nodes;

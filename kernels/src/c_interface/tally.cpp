@@ -230,7 +230,7 @@ void by_cell(const mesh_motion_cells& cells, F&& f) {
 /// Marks the nodes of the cells that `wanted` says.
 template <class F>
 void mark_nodes(const mesh_motion_cells& cells, std::vector<char>& marks, F&& wanted) {
-    by_cell(cells, [&](Index cell, const Index* nodes, Index count) {
+    by_cell(cells, [&](Index cell, const Node* nodes, Index count) {
         if (wanted(cell, nodes, count))
             for (Index k = 0; k < count; ++k) marks[nodes[k]] = true;
     });
@@ -253,13 +253,13 @@ int mesh_motion_region_create(const mesh_motion_tally* tally, int64_t n, const d
             metric_of(static_cast<Metric>(own.metric), 1, &found.size[cell], &found.skew[cell], rest, &value);
             bad[cell] = found.inverted[cell] || value < below;
         }
-        mark_nodes(cells, marks, [&](Index cell, const Index*, Index) { return bad[cell]; });
+        mark_nodes(cells, marks, [&](Index cell, const Node*, Index) { return bad[cell]; });
         for (const Index node : array("nodes", nodes, std::array{around})) {
             expect(node >= 0 && node < n, "nodes", "numbers of nodes");
             marks[node] = true;
         }
         const auto touches = [](const std::vector<char>& marked) {
-            return [&marked](Index, const Index* nodes, Index count) {
+            return [&marked](Index, const Node* nodes, Index count) {
                 return std::any_of(nodes, nodes + count, [&](Index node) { return marked[node]; });
             };
         };
@@ -267,10 +267,10 @@ int mesh_motion_region_create(const mesh_motion_tally* tally, int64_t n, const d
             const std::vector<char> before = marks;
             mark_nodes(cells, marks, touches(before));
         }
-        by_cell(cells, [&](Index cell, const Index* nodes, Index count) {
+        by_cell(cells, [&](Index cell, const Node* nodes, Index count) {
             chosen[cell] = bad[cell] || touches(marks)(cell, nodes, count);
         });
-        mark_nodes(cells, here, [&](Index cell, const Index*, Index) { return chosen[cell]; });
+        mark_nodes(cells, here, [&](Index cell, const Node*, Index) { return chosen[cell]; });
         auto made = std::make_unique<HeldRegion>();
         std::vector<Index> row(n);
         for (Index node = 0; node < n; ++node) {

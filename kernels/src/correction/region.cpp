@@ -71,11 +71,11 @@ void couplings(Vector<const float> block, bool of_edge, double* __restrict row) 
 
 }  // namespace
 
-Owned<std::uint8_t, 1> touched_cells(Matrix<const Index> cells, Vector<const bool> marked) {
+Owned<std::uint8_t, 1> touched_cells(Matrix<const Node> cells, Vector<const bool> marked) {
     check_nodes(cells, 0, marked.size());
     std::vector<std::uint8_t> found(cells.shape(0));
     for (Index c = 0; c < cells.shape(0); ++c)
-        for (Index node : cells[c]) found[c] |= marked[node];
+        for (Node node : cells[c]) found[c] |= marked[node];
     return owned(std::move(found));
 }
 

@@ -14,7 +14,7 @@
 namespace mesh_motion {
 
 /// Marks (m) of the cells (m, k) with a marked (n) node.
-Owned<std::uint8_t, 1> touched_cells(Matrix<const Index> cells, Vector<const bool> marked);
+Owned<std::uint8_t, 1> touched_cells(Matrix<const Node> cells, Vector<const bool> marked);
 
 /// (starts, entries, slots, row_starts, columns) of corners (c, d + 1); the free nodes of a pair of diagonals (h, 2),
 /// in one cell but in no corner together, have blocks too.

@@ -39,8 +39,8 @@ void for_filled(Vector<const Index> starts, Vector<const Index> shape, F&& f) {
 /// Share of the pairs that cells must save to be worth their shorter runs: visiting 0.63 of the pairs takes 0.83 of the
 /// direct sum's time, 0.3 takes 0.4, 0.03 takes 0.06 (50 000 points, 5 900 centres in 3D).
 constexpr double worthwhile_fraction = 0.8;
-/// Bound on the grid's size, in cells per centre: surfaces leave most cells of their box empty.
-constexpr double cells_per_centre = 64.0;
+/// Bounds on the grid's size: surfaces leave most cells of their box empty, and every cell takes 8 bytes.
+constexpr double cells_per_centre = 64.0, most_cells = 1 << 27;
 /// Cells are this much wider than the reach, so that rounding of a cell number cannot lose a neighbour.
 constexpr double slack = 1.0 + 1e-6;
 
@@ -94,7 +94,7 @@ CentreLayout sorted_by_cells(Matrix<const double> points, double side, const std
         for (std::size_t axis = 0; axis < 3; ++axis) cells[axis] = std::floor((high[axis] - low[axis]) / side) + 1.0;
         return cells[0] * cells[1] * cells[2];
     };
-    while (count() > cells_per_centre * n) side *= 2.0;
+    while (count() > std::min(cells_per_centre * n, most_cells)) side *= 2.0;
     CentreLayout layout{{}, {}, owned(std::vector(low.begin(), low.end())), 1.0 / side, extent,
                         owned(std::vector<Index>(cells.begin(), cells.end())), {}, 1.0};
     sort_by_cells(points, layout);
@@ -127,7 +127,7 @@ CentreLayout lay_out_on_grid(Matrix<const double> points, Vector<const double> o
     require(origin.size() == 3, "origin: expected three coordinates");
     require(inverse_side >= 0.0 && std::isfinite(inverse_side) && extent >= 0.0 && std::isfinite(extent),
             "inverse_side, extent: expected finite numbers that are not negative");
-    cells_of(shape);
+    require(static_cast<double>(cells_of(shape)) <= most_cells, "shape: expected no more than 2²⁷ cells");
     CentreLayout layout{{}, {}, owned(copied(origin)), inverse_side, extent, owned(copied(shape)), {}, 1.0};
     sort_by_cells(points, layout);
     layout.coordinates = sorted_rows(points, layout.order.view());

@@ -15,7 +15,7 @@ constexpr Index ahead = 16;  // cells fetched before they are needed: of cells i
 
 /// Cells of one type, and the local nodes of their facets.
 struct Block {
-    Matrix<const Index> nodes;  // (cells, width)
+    Matrix<const Node> nodes;  // (cells, width)
     Index first, width;         // number of the first cell, nodes of a cell
     int facets = 0;
     std::array<std::array<int, 4>, facets_per_cell> local{};
@@ -23,7 +23,7 @@ struct Block {
     bool simplex;
     std::array<Index, 4> without{};  // of a simplex: the facet that a local node is not on
 
-    Block(Matrix<const Index> its_nodes, Index its_first, Matrix<const Index> table)
+    Block(Matrix<const Node> its_nodes, Index its_first, Matrix<const Index> table)
         : nodes(its_nodes), first(its_first), width(its_nodes.shape(1)) {
         for (; facets < table.shape(0) && table(facets, 0) >= 0; ++facets)
             for (int& size = sizes[facets]; size < 4 && table(facets, size) >= 0; ++size) {
@@ -42,10 +42,10 @@ struct Block {
     }
 
     Index end() const { return first + nodes.shape(0); }
-    Vector<const Index> cell(Index number) const { return nodes[number - first]; }
+    Vector<const Node> cell(Index number) const { return nodes[number - first]; }
 
     /// Which local node of a facet is the smallest.
-    int smallest(Vector<const Index> cell, int f) const {
+    int smallest(Vector<const Node> cell, int f) const {
         int place = 0;
         for (int i = 1; i < sizes[f]; ++i)
             if (cell[local[f][i]] < cell[local[f][place]]) place = i;
@@ -55,9 +55,9 @@ struct Block {
     /// visit(node) for the different smallest nodes of a cell's facets. The smallest node of a simplex is that of all
     /// its facets but one, which has the second one.
     template <class Visit>
-    void for_smallest(Vector<const Index> cell, Visit&& visit) const {
+    void for_smallest(Vector<const Node> cell, Visit&& visit) const {
         if (simplex) {
-            Index a = std::min(cell[0], cell[1]), b = std::max(cell[0], cell[1]);
+            Node a = std::min(cell[0], cell[1]), b = std::max(cell[0], cell[1]);
             for (Index i = 2; i < width; ++i) {
                 b = std::min(b, std::max(a, cell[i]));
                 a = std::min(a, cell[i]);
@@ -75,7 +75,7 @@ struct Block {
     }
 };
 
-std::vector<Block> described(Vector<const Index> nodes, Matrix<const Index> blocks, Cube<const Index> local) {
+std::vector<Block> described(Vector<const Node> nodes, Matrix<const Index> blocks, Cube<const Index> local) {
     require(blocks.shape(1) == 2 && local.shape(0) == blocks.shape(0), "blocks, local: expected shapes (b, 2), (b, f, 4)");
     require(local.shape(1) <= facets_per_cell && local.shape(2) == 4, "local: expected at most 8 facets of 4 nodes");
     std::vector<Block> found;
@@ -84,7 +84,7 @@ std::vector<Block> described(Vector<const Index> nodes, Matrix<const Index> bloc
         const Index cells = blocks(b, 0), width = blocks(b, 1);
         require(2 <= width && width <= 8 && 0 <= cells && cells <= (nodes.size() - begin) / width,
                 "blocks: expected cells of 2 to 8 nodes, as many as there are nodes for");
-        found.emplace_back(Matrix<const Index>(nodes.data() + begin, {cells, width}), first, local[b]);
+        found.emplace_back(Matrix<const Node>(nodes.data() + begin, {cells, width}), first, local[b]);
         begin += cells * width;
         first += cells;
     }
@@ -145,7 +145,7 @@ class Matcher {
 
     /// Adds the cell's facets whose smallest node it is.
     void add(const Block& block, Index number) {
-        const Vector<const Index> cell = block.cell(number);
+        const Vector<const Node> cell = block.cell(number);
         const Index tag = facets_per_cell * number;
         if (block.simplex) {
             switch (block.width) {
@@ -156,7 +156,7 @@ class Matcher {
         }
         for (int f = 0; f < block.facets; ++f) {
             const int place = block.smallest(cell, f), size = block.sizes[f];
-            const auto at = [&](int i) { return cell[block.local[f][i]]; };
+            const auto at = [&](int i) { return Index{cell[block.local[f][i]]}; };
             if (at(place) != node_) continue;
             if (size == 2) {
                 facets_.push_back({at(1 - place), -1, tag + f, place == 0});
@@ -214,9 +214,9 @@ class Matcher {
     /// The facet of a simplex without the j-th of its sorted nodes is seen from side 1 − j mod 2, and from the other one
     /// where sorting took an odd number of exchanges. A local node goes along in two bits, so that sorting has no branch.
     template <int count>
-    void add_simplex(const Block& block, Vector<const Index> cell, Index tag) {
+    void add_simplex(const Block& block, Vector<const Node> cell, Index tag) {
         std::array<Index, count> sorted;
-        for (int i = 0; i < count; ++i) sorted[i] = 4 * cell[i] + i;
+        for (int i = 0; i < count; ++i) sorted[i] = 4 * Index{cell[i]} + i;
         bool odd = false;
         const auto exchange = [&](int i, int j) {
             const Index a = sorted[i], b = sorted[j];
@@ -245,12 +245,12 @@ class Matcher {
 
 }  // namespace
 
-std::tuple<Owned<Index, 1>, Owned<Index, 2>, Index> match_facets(Vector<const Index> nodes, Matrix<const Index> blocks,
+std::tuple<Owned<Index, 1>, Owned<Index, 2>, Index> match_facets(Vector<const Node> nodes, Matrix<const Index> blocks,
                                                                  Cube<const Index> local, bool pairs) {
     const std::vector<Block> cells = described(nodes, blocks, local);
-    Index least = 0, n = 0;
-    for (Index node : nodes) least = std::min(least, node), n = std::max(n, node + 1);
-    require(least >= 0 && n < 3'000'000'000, "nodes: expected numbers from 0 to 3·10⁹");  // whose squares are numbers
+    Index n = 0;
+    for (Index node : nodes) n = std::max(n, node + 1);
+    require_below(nodes, n, "nodes: expected numbers from 0 on");
     Buckets buckets(cells, n);
 
     std::vector<Found> found((n + nodes_per_task - 1) / nodes_per_task);

@@ -17,7 +17,7 @@ inline constexpr Index facets_per_cell = 8;
 /// Returns the numbers of the facets that one cell has, ascending; if asked, the pairs (m, 2) of those that two have,
 /// ordered by their cells (of more than two the first ones); and the least number of a facet that more cells have, or
 /// two on the same side of it, or −1.
-std::tuple<Owned<Index, 1>, Owned<Index, 2>, Index> match_facets(Vector<const Index> nodes, Matrix<const Index> blocks,
+std::tuple<Owned<Index, 1>, Owned<Index, 2>, Index> match_facets(Vector<const Node> nodes, Matrix<const Index> blocks,
                                                                  Cube<const Index> local, bool pairs);
 
 }  // namespace mesh_motion

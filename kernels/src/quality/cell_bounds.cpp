@@ -79,13 +79,13 @@ double shape_term([[maybe_unused]] const Square<Type::dimension>& j, [[maybe_unu
 }
 
 template <class Type>
-void bound(const double* points, const Index* nodes, double reference, const double* middle, const double* coefficients,
+void bound(const double* points, const Node* nodes, double reference, const double* middle, const double* coefficients,
            double epsilon, std::array<double, 2>& modelled, std::array<double, 2>& least) {
     constexpr int d = Type::dimension, n = static_cast<int>(Type::corners.size());
     std::array<std::array<double, d>, Type::nodes> moved;
     for (int k = 0; k < Type::nodes; ++k) {
         std::array<double, d> y;
-        for (int i = 0; i < d; ++i) y[i] = points[nodes[k] * d + i] - middle[i];
+        for (int i = 0; i < d; ++i) y[i] = points[Index{nodes[k]} * d + i] - middle[i];
         moved[k] = polynomial<d>(y, coefficients);
     }
     double total = 0.0, low = 0.0, high = 0.0, terms = 0.0, terms_high = 0.0;
@@ -98,7 +98,7 @@ void bound(const double* points, const Index* nodes, double reference, const dou
             const int end = corner[a + 1];
             double before = 0.0, after = 0.0;
             for (int i = 0; i < d; ++i) {
-                const double edge = points[nodes[end] * d + i] - points[nodes[origin] * d + i];
+                const double edge = points[Index{nodes[end]} * d + i] - points[Index{nodes[origin]} * d + i];
                 j[i][a] = edge + moved[end][i] - moved[origin][i];
                 before += edge * edge;
                 after += j[i][a] * j[i][a];
@@ -123,7 +123,7 @@ void bound(const double* points, const Index* nodes, double reference, const dou
 
 }  // namespace
 
-void bounded_quality(Matrix<const double> points, Matrix<const Index> nodes, Vector<const double> reference,
+void bounded_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<const double> reference,
                      Vector<const Index> group, Matrix<const double> middles, Cube<const double> coefficients,
                      Vector<const double> remainder, Matrix<double> modelled, Matrix<double> least) {
     const Index m = nodes.shape(0), groups = remainder.size(), dimension = points.shape(1);

@@ -19,7 +19,7 @@ namespace mesh_motion {
 ///
 /// With the least determinants the largest f_k (cell_types.h) follow, hence the least skew n / Σ f_k; with the least
 /// and the largest Σ α_k the least size. A cell with a corner that might be inverted has no bound (−∞).
-void bounded_quality(Matrix<const double> points, Matrix<const Index> nodes, Vector<const double> reference,
+void bounded_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<const double> reference,
                      Vector<const Index> group, Matrix<const double> middles, Cube<const double> coefficients,
                      Vector<const double> remainder, Matrix<double> modelled, Matrix<double> least);
 

@@ -1,6 +1,7 @@
 #include "quality/cell_order.h"
 
 #include <algorithm>
+#include <limits>
 
 #include "parallel.h"
 
@@ -11,10 +12,11 @@ constexpr Index buckets_at_once = 512, cells_at_once = 1 << 13;
 
 }  // namespace
 
-template <class Number, class Order>
-Index sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const Number>>>& pieces, Index nodes,
-                Matrix<Index> rows, Vector<Order> order) {
+template <class Order>
+Index sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const Node>>>& pieces, Index nodes,
+                Matrix<Node> rows, Vector<Order> order) {
     const Index m = rows.shape(0), width = rows.shape(1);
+    require(nodes <= std::numeric_limits<Node>::max(), "nodes: expected fewer than 2³¹");
     require(width > 0 && nodes >= 0, "rows: expected at least one column; nodes: expected a count");
     Index total = 0;
     std::vector<Index> place(nodes + 1);  // where the next row of a first node goes
@@ -39,7 +41,7 @@ Index sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const N
         for_ranges(cells.shape(0), cells_at_once, [&](Index first, Index last) {
             for (Index e = first; e < last; ++e) {
                 const Index at = count_one(place[map[cells(e, 0)]]);  // in any order: what follows sorts the bucket
-                for (Index k = 0; k < width; ++k) rows(at, k) = map[cells(e, k)];
+                for (Index k = 0; k < width; ++k) rows(at, k) = static_cast<Node>(map[cells(e, k)]);
                 order[at] = static_cast<Order>(before + e);
             }
         });
@@ -47,7 +49,7 @@ Index sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const N
     }
     std::vector<Index> repeated((nodes + buckets_at_once - 1) / buckets_at_once, m);
     for_ranges(nodes, buckets_at_once, [&](Index first, Index last) {
-        std::vector<Index> sorted;
+        std::vector<Node> sorted;
         std::vector<std::pair<Index, Order>> places;  // of a bucket's rows, and their order
         const auto row = [&](Index at) { return rows.data() + at * width; };
         const auto note_repetition = [&](Index begin, Index end) {
@@ -77,14 +79,12 @@ Index sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const N
     return least == m ? -1 : least;
 }
 
-template Index sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const std::int32_t>>>&, Index,
-                          Matrix<Index>, Vector<std::int32_t>);
-template Index sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const Index>>>&, Index, Matrix<Index>,
+template Index sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const Node>>>&, Index, Matrix<Node>,
                          Vector<std::int32_t>);
-template Index sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const Index>>>&, Index, Matrix<Index>,
+template Index sort_cells(const std::vector<std::pair<Vector<const Index>, Matrix<const Node>>>&, Index, Matrix<Node>,
                          Vector<Index>);
 
-Index first_row_with_repetition(Matrix<const Index> nodes) {
+Index first_row_with_repetition(Matrix<const Node> nodes) {
     const Index m = nodes.shape(0), width = nodes.shape(1);
     for (Index e = 0; e < m; ++e)
         for (Index i = 0; i < width; ++i)

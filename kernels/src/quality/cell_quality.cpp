@@ -132,7 +132,7 @@ using Four [[gnu::vector_size(4 * sizeof(double))]] = double;
 }
 
 /// The nodes of a chunk's cells, which are checked while they are near.
-inline const Index* checked_rows(Matrix<const double> points, Matrix<const Index> nodes, Index first, Index count) {
+inline const Node* checked_rows(Matrix<const double> points, Matrix<const Node> nodes, Index first, Index count) {
     const auto rows = nodes.rows(first, first + count);
     require_below(rows, points.shape(0), "nodes: expected numbers of points");
     return rows.data();
@@ -149,7 +149,7 @@ auto from_points(Matrix<const double> points, Index count, Cell cell) {
             for (; s + 4 <= count; s += 4) {
                 const auto corners = [&](int node) {
                     std::array<const double*, 4> at;
-                    for (int c = 0; c < 4; ++c) at[c] = points.data() + d * cell(s + c)[node];
+                    for (int c = 0; c < 4; ++c) at[c] = points.data() + d * Index{cell(s + c)[node]};
                     return by_coordinate(at);
                 };
                 const auto origin = corners(corner[0]);
@@ -163,10 +163,10 @@ auto from_points(Matrix<const double> points, Index count, Cell cell) {
             }
         }
         for (; s < count; ++s) {
-            const Index* nodes = cell(s);
-            const double* __restrict origin = points.data() + d * nodes[corner[0]];
+            const Node* nodes = cell(s);
+            const double* __restrict origin = points.data() + d * Index{nodes[corner[0]]};
             for (int j = 0; j < d; ++j) {
-                const double* __restrict end = points.data() + d * nodes[corner[j + 1]];
+                const double* __restrict end = points.data() + d * Index{nodes[corner[j + 1]]};
                 for (int i = 0; i < d; ++i) jacobians.entry[i][j][s] = end[i] - origin[i];
             }
         }
@@ -181,10 +181,10 @@ void for_chunks(Index first, Index last, F&& f) {
 
 /// Judges cells of one block from their nodes.
 template <class Type>
-void judge_rows(Matrix<const double> points, Matrix<const Index> nodes, const double* reference, double* size,
+void judge_rows(Matrix<const double> points, Matrix<const Node> nodes, const double* reference, double* size,
                 double* skew, bool* inverted) {
     for_chunks(0, nodes.shape(0), [&](Index first, Index count) {
-        const Index* rows = checked_rows(points, nodes, first, count);
+        const Node* rows = checked_rows(points, nodes, first, count);
         judge_chunk<Type>(from_points<Type>(points, count, [rows](Index s) { return rows + s * Type::nodes; }), count,
                           reference + first, size + first, skew + first, inverted + first);
     });
@@ -210,7 +210,7 @@ constexpr double tiny = 1e-280;        // products below may have lost digits
 
 }  // namespace
 
-Cells::Cells(Matrix<const double> points, std::vector<Matrix<const Index>> blocks, Vector<const double> reference,
+Cells::Cells(Matrix<const double> points, std::vector<Matrix<const Node>> blocks, Vector<const double> reference,
              Vector<const double> rest)
     : points_(points), reference_(reference), rest_(rest) {
     Index first = 0;
@@ -241,7 +241,7 @@ void Cells::judge(Index first, Index last, double* size, double* skew, bool* inv
 }
 
 void Cells::judge_chosen(Vector<const Index> numbers, double* size, double* skew, bool* inverted) const {
-    std::vector<Index> nodes;
+    std::vector<Node> nodes;
     std::vector<double> reference;
     const Index* at = numbers.begin();
     for (const Block& block : blocks_) {
@@ -278,7 +278,7 @@ Index Cells::mark_near(Index first, Index last, Metric metric, double limit, Ind
             return;
         }
         Jacobians<3> jacobians;
-        const Index* rows = checked_rows(points_, block.nodes, from - block.first, count);
+        const Node* rows = checked_rows(points_, block.nodes, from - block.first, count);
         from_points<Tetra>(points_, count, [rows](Index s) { return rows + s * Tetra::nodes; })(0, jacobians);
         const double* reference = reference_.data() + from;
         const double square = limit * limit * margin, bound = limit * limit * limit * (limit * limit * limit) * margin;
@@ -327,12 +327,12 @@ void metric_of(Metric metric, Index count, const double* size, const double* ske
     throw std::invalid_argument("metric: expected a number from 0 to 5");
 }
 
-void cell_sizes(Matrix<const double> points, Matrix<const Index> nodes, Vector<double> sizes) {
+void cell_sizes(Matrix<const double> points, Matrix<const Node> nodes, Vector<double> sizes) {
     require(sizes.size() == nodes.shape(0), "sizes: expected one entry for each cell");
     with_cell_type(points.shape(1), nodes.shape(1), [&]<class Type>(Type) {
         for_ranges(sizes.size(), judged_at_once, [&](Index begin, Index end) {
             for_chunks(begin, end, [&](Index first, Index count) {
-                const Index* rows = checked_rows(points, nodes, first, count);
+                const Node* rows = checked_rows(points, nodes, first, count);
                 const auto gather =
                     from_points<Type>(points, count, [rows](Index s) { return rows + s * Type::nodes; });
                 Jacobians<Type::dimension> jacobians;
@@ -347,7 +347,7 @@ void cell_sizes(Matrix<const double> points, Matrix<const Index> nodes, Vector<d
     });
 }
 
-void cell_quality(Matrix<const double> points, Matrix<const Index> nodes, Vector<const double> reference,
+void cell_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<const double> reference,
                   Vector<double> size, Vector<double> skew, Vector<bool> inverted) {
     require_results(nodes.shape(0), reference, size, skew, inverted);
     with_cell_type(points.shape(1), nodes.shape(1), [&]<class Type>(Type) {
@@ -358,7 +358,7 @@ void cell_quality(Matrix<const double> points, Matrix<const Index> nodes, Vector
     });
 }
 
-void chosen_quality(Matrix<const double> points, Matrix<const Index> nodes, Vector<const double> reference,
+void chosen_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<const double> reference,
                     Vector<const Index> chosen, Vector<double> size, Vector<double> skew, Vector<bool> inverted) {
     require_results(chosen.size(), Vector<const double>(reference.data(), {chosen.size()}), size, skew, inverted);
     require(reference.size() == nodes.shape(0), "reference: expected one entry for each cell");
@@ -371,7 +371,8 @@ void chosen_quality(Matrix<const double> points, Matrix<const Index> nodes, Vect
                     told[s] = reference[chosen[first + s]];
                     checked_rows(points, nodes, chosen[first + s], 1);
                 }
-                const Index *rows = nodes.data(), *numbers = chosen.data() + first;
+                const Node* rows = nodes.data();
+                const Index* numbers = chosen.data() + first;
                 const auto cell = [=](Index s) { return rows + numbers[s] * Type::nodes; };
                 judge_chunk<Type>(from_points<Type>(points, count, cell), count, told, &size[first], &skew[first],
                                   &inverted[first]);
@@ -380,7 +381,7 @@ void chosen_quality(Matrix<const double> points, Matrix<const Index> nodes, Vect
     });
 }
 
-void transformed_quality(Matrix<const double> points, Matrix<const Index> nodes, Vector<const double> reference,
+void transformed_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<const double> reference,
                          Cube<const double> gradients, Vector<double> size, Vector<double> skew,
                          Vector<bool> inverted) {
     const Index dimension = points.shape(1);
@@ -391,7 +392,7 @@ void transformed_quality(Matrix<const double> points, Matrix<const Index> nodes,
         constexpr int d = Type::dimension;
         for_ranges(nodes.shape(0), judged_at_once, [&](Index begin, Index end) {
             for_chunks(begin, end, [&](Index first, Index count) {
-                const Index* rows = checked_rows(points, nodes, first, count);
+                const Node* rows = checked_rows(points, nodes, first, count);
                 const auto before =
                     from_points<Type>(points, count, [rows](Index s) { return rows + s * Type::nodes; });
                 const auto after = [&](int k, Jacobians<d>& jacobians) {

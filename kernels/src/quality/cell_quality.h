@@ -54,7 +54,7 @@ class Cells {
   public:
     /// Each block's nodes (m_i, k) into points (n, d), reference (m,) sizes and, for the relative metric, the skews at
     /// rest (m,) of all cells (or none).
-    Cells(Matrix<const double> points, std::vector<Matrix<const Index>> blocks, Vector<const double> reference,
+    Cells(Matrix<const double> points, std::vector<Matrix<const Node>> blocks, Vector<const double> reference,
           Vector<const double> rest);
 
     Index size() const { return reference_.size(); }
@@ -71,9 +71,9 @@ class Cells {
 
   private:
     struct Block {
-        Matrix<const Index> nodes;
+        Matrix<const Node> nodes;
         Index first;
-        void (*judge)(Matrix<const double>, Matrix<const Index>, const double*, double*, double*, bool*);
+        void (*judge)(Matrix<const double>, Matrix<const Node>, const double*, double*, double*, bool*);
     };
     /// f(block, first, last) for the cells of each block among the cells first … last − 1.
     template <class F>
@@ -85,18 +85,18 @@ class Cells {
 };
 
 /// sizes (m,) = Σ_k det A_k of each cell.
-void cell_sizes(Matrix<const double> points, Matrix<const Index> nodes, Vector<double> sizes);
+void cell_sizes(Matrix<const double> points, Matrix<const Node> nodes, Vector<double> sizes);
 
 /// Size, skew and inverted (m,) of each cell from its nodes (m, k) and reference sizes (m,).
-void cell_quality(Matrix<const double> points, Matrix<const Index> nodes, Vector<const double> reference,
+void cell_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<const double> reference,
                   Vector<double> size, Vector<double> skew, Vector<bool> inverted);
 
 /// The same of the chosen cells (s,) only, in that order.
-void chosen_quality(Matrix<const double> points, Matrix<const Index> nodes, Vector<const double> reference,
+void chosen_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<const double> reference,
                     Vector<const Index> chosen, Vector<double> size, Vector<double> skew, Vector<bool> inverted);
 
 /// The same with every corner Jacobian A replaced by (I + J) A, J = gradients (m, d, d) of the cell.
-void transformed_quality(Matrix<const double> points, Matrix<const Index> nodes, Vector<const double> reference,
+void transformed_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<const double> reference,
                          Cube<const double> gradients, Vector<double> size, Vector<double> skew, Vector<bool> inverted);
 
 /// The same from edge vectors (e, d): columns (m, corners, d) are ±(edge number + 1).

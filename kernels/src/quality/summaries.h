@@ -8,7 +8,7 @@
 
 namespace mesh_motion {
 
-using Blocks = std::vector<Matrix<const Index>>;
+using Blocks = std::vector<Matrix<const Node>>;
 
 /// The `count` lowest values of a metric, ascending, their cells, of equal values the lower ones, and how many cells
 /// are inverted.

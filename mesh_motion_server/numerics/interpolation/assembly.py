@@ -4,16 +4,13 @@ from typing import NamedTuple
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.arrays import Floats, Integers, Shorts
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.kernels import Basis
 
 __all__ = ["dense_block", "mean_row_entries", "rows_near", "sparse_matrix", "sparse_rows"]
-
-Shorts = NDArray[np.int32]
 
 #: Largest width, in radii, of a grid's cells or of all centres; beyond it, a grid that stores few of its cells is used.
 _WIDER = 1.5

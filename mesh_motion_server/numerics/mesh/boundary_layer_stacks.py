@@ -7,7 +7,7 @@ bisector of a concave corner.
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Integers, Marks
+from mesh_motion_server.numerics.arrays import Integers, Marks, Shorts
 from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["column_feet"]
@@ -52,7 +52,7 @@ def column_feet(cells: CellTable, wall: Integers, layer: Integers, n: int) -> In
     return feet
 
 
-def _steps(cells: CellTable, possible: Marks) -> list[tuple[Integers, Integers]]:
+def _steps(cells: CellTable, possible: Marks) -> list[tuple[Shorts, Shorts]]:
     """Facets and opposite facets (c, k) of the cells whose nodes are all ``possible`` (n,)."""
     found = []
     for block in cells:

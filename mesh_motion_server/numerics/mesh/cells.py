@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.arrays import Floats, Integers, Shorts
 
 __all__ = ["CELL_TYPES", "CellBlock", "CellTable", "CellType"]
 
@@ -137,15 +137,30 @@ class CellBlock:
 
     Attributes
     ----------
-    nodes : (m, n_nodes) int64 array
-        Node indices, 0-based.
+    nodes : (m, n_nodes) int32 array
+        Node indices, 0-based. Every judgement of a mesh reads them all: so they are short.
     """
 
     type: CellType
-    nodes: Integers
+    nodes: Shorts
 
     def __len__(self) -> int:
         return len(self.nodes)
+
+
+def _short(name: str, nodes: NDArray[np.integer]) -> Shorts:
+    """Cells (m, n_nodes) of a type as 32-bit numbers."""
+    if not np.can_cast(nodes.dtype, np.int32):
+        most = np.iinfo(np.int32).max
+        if nodes.max() > most or nodes.min() < -most:
+            row, place = (int(i) for i in np.argwhere((nodes > most) | (nodes < -most))[0])
+            index = int(nodes[row, place])
+            raise InvalidInput(
+                f"cells of type {name!r}, row {row}: node index {index} is out of range, expected 0 to {most}",
+                code="INVALID_ARGUMENT.MESH_DEGENERATE",
+                details={"type": name, "row": row, "index": index},
+            )
+    return np.ascontiguousarray(nodes, dtype=np.int32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +182,7 @@ class CellTable:
         Raises
         ------
         InvalidInput
-            On an unknown type name, a wrong shape, mixed dimensions, or no cell at all.
+            On an unknown type name, a wrong shape, mixed dimensions, an index beyond 32 bits, or no cell at all.
         """
         for name, nodes in cells.items():
             if name not in CELL_TYPES:
@@ -179,7 +194,7 @@ class CellTable:
                     code="INVALID_ARGUMENT.SHAPE",
                 )
         blocks = tuple(
-            CellBlock(cell_type, np.ascontiguousarray(cells[name], dtype=np.int64))
+            CellBlock(cell_type, _short(name, cells[name]))
             for name, cell_type in CELL_TYPES.items()
             if name in cells and len(cells[name])
         )

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks, Shorts
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.boundary_layer_wall import MovingWall
 from mesh_motion_server.numerics.mesh.cells import CellBlock, CellTable
@@ -144,7 +144,7 @@ def _shortest(points: Floats, block: CellBlock) -> Floats:
     return np.asarray(np.sqrt(np.min([_squares(points, block.nodes[:, ends]) for ends in _edges(block)], axis=0)))
 
 
-def _squares(points: Floats, ends: Integers) -> Floats:
+def _squares(points: Floats, ends: Shorts) -> Floats:
     """(m,) squared length of edges (m, 2)."""
     edge = points[ends[:, 1]] - points[ends[:, 0]]
     return np.asarray(np.sum(edge * edge, axis=1))

@@ -46,7 +46,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks, Shorts
 from mesh_motion_server.numerics.mesh.cells import CellBlock, CellTable, CellType
 
 __all__ = [
@@ -214,7 +214,7 @@ def block_slices(cells: CellTable) -> Iterator[tuple[CellBlock, slice]]:
         yield block, slice(first, first + len(block))
 
 
-def judged(cells: CellTable, rest: AtRest) -> tuple[list[Integers], Floats, Floats]:
+def judged(cells: CellTable, rest: AtRest) -> tuple[list[Shorts], Floats, Floats]:
     """Arguments of loops over all cells: the nodes of each block, the reference sizes, the skews at rest if known."""
     skews = skews_of(rest)
     nodes = [np.ascontiguousarray(block.nodes) for block in cells]
@@ -299,7 +299,7 @@ def subset_quality(
     return out if skews is None else replace(out, rest=skews[chosen])
 
 
-def _block_quality(points: Floats, nodes: Integers, reference: Floats, out: CellQuality, rows: slice) -> None:
+def _block_quality(points: Floats, nodes: Shorts, reference: Floats, out: CellQuality, rows: slice) -> None:
     """Quality of cells of one type, written into out[rows]."""
     kernels.cell_quality(
         points,

@@ -7,12 +7,12 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.arrays import Integers
+from mesh_motion_server.numerics.arrays import Integers, Shorts
 
 __all__ = ["sorted_cells"]
 
 
-def sorted_cells(pieces: Sequence[tuple[Integers, Integers]], nodes: int) -> tuple[Integers, NDArray[Any], int]:
+def sorted_cells(pieces: Sequence[tuple[Integers, Integers]], nodes: int) -> tuple[Shorts, NDArray[Any], int]:
     """Cells of one type, renumbered and sorted.
 
     Parameters
@@ -24,19 +24,19 @@ def sorted_cells(pieces: Sequence[tuple[Integers, Integers]], nodes: int) -> tup
 
     Returns
     -------
-    (m, k) int64 array
+    (m, k) int32 array
         Rows ascending; equal rows in the input order.
     (m,) int32 or int64 array
         Input row of each row, counted through the pieces.
     int
         The first row that equals the one before it, or -1.
     """
-    width = np.int32 if nodes <= 2**31 else np.int64
     given = [
-        (np.ascontiguousarray(new, dtype=np.int64), np.ascontiguousarray(cells, dtype=width)) for new, cells in pieces
+        (np.ascontiguousarray(new, dtype=np.int64), np.ascontiguousarray(cells, dtype=np.int32))
+        for new, cells in pieces
     ]
     total = sum(len(cells) for _, cells in given)
-    rows = np.empty((total, given[0][1].shape[1]), dtype=np.int64)
+    rows = np.empty((total, given[0][1].shape[1]), dtype=np.int32)
     # kept as long as the session: int32, where possible, takes half the memory
     order = np.empty(total, dtype=np.int32 if total < 2**31 else np.int64)
     return rows, order, kernels.sort_cells(given, nodes, rows, order)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.arrays import Floats, Integers, Shorts
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.mesh.coincidence import coincident_nodes
 from mesh_motion_server.numerics.mesh.morton import morton_codes
@@ -206,7 +206,7 @@ def _merge_cells(
     partitions: Sequence[PartitionMesh], node_maps: Sequence[Integers], nodes: int
 ) -> tuple[CellTable, tuple[CellOrigin | CellCount, ...]]:
     """All cells in canonical order and where they came from, types in the order of CELL_TYPES."""
-    tables: dict[str, Integers] = {}
+    tables: dict[str, Shorts] = {}
     origins: list[CellOrigin] = []
     counted: list[CellCount] = []
     for name in CELL_TYPES:
