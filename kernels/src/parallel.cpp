@@ -93,9 +93,12 @@ class Pool {
         for (;;) {
             look_out([this] { return places_ > 0; });
             std::unique_lock lock(state_);
-            ++sleeping_;
-            wake_.wait(lock, [this] { return places_ > 0; });
-            --sleeping_;
+            if (places_ == 0) {
+                ++sleeping_;
+                wake_.wait(lock);
+                --sleeping_;
+                if (places_ == 0) continue;  // awake too late for a short loop, but in time for the next one
+            }
             --places_;
             ++busy_;
             Job& job = *job_;

@@ -29,11 +29,16 @@ Index cells_of(Vector<const Index> shape, Index more = 0) {
 template <class F>
 void for_filled(Vector<const Index> starts, Vector<const Index> shape, F&& f) {
     require(starts.size() == cells_of(shape) + 1, "starts: expected one more than cells");
-    Index cell = 0;
+    const Index* at = starts.begin();
     for (Index z = 0; z < shape[2]; ++z)
-        for (Index y = 0; y < shape[1]; ++y)
-            for (Index x = 0; x < shape[0]; ++x, ++cell)
-                if (starts[cell + 1] > starts[cell]) f(cell, x, y, z);
+        for (Index y = 0; y < shape[1]; ++y) {
+            const Index *const row = at, *const end = row + shape[0];
+            for (; *at < *end; ++at) {  // most cells are empty: the next one with a point is searched for
+                if (at[1] == at[0]) at = std::upper_bound(at + 1, end, *at) - 1;
+                f(at - starts.begin(), at - row, y, z);
+            }
+            at = end;
+        }
 }
 
 /// Share of the pairs that cells must save to be worth their shorter runs: visiting 0.63 of the pairs takes 0.83 of the
@@ -49,19 +54,20 @@ void sort_by_cells(Matrix<const double> points, CentreLayout& layout) {
     const Vector<const double> origin = layout.origin.view();
     const Vector<const Index> shape = layout.shape.view();
     const Index n = points.shape(0), cells = cells_of(shape);
-    std::vector<Index> number(n), place(cells + 1);
+    std::vector<Index> number(n), starts(cells + 2);
     for (Index i = 0; i < n; ++i) {
         for (Index axis = 3; axis-- > 0;) {
             const auto last = static_cast<double>(shape[axis] - 1);
             const double along = std::floor((points(i, axis) - origin[axis]) * layout.inverse_side);
             number[i] = number[i] * shape[axis] + static_cast<Index>(along > 0.0 ? std::min(along, last) : 0.0);
         }
-        ++place[number[i] + 1];
+        ++starts[number[i] + 2];
     }
-    std::partial_sum(place.begin(), place.end(), place.begin());
-    layout.starts = owned(place);
+    std::partial_sum(starts.begin(), starts.end(), starts.begin());
     layout.order = owned(std::vector<Index>(n));
-    for (Index i = 0; i < n; ++i) layout.order.values[place[number[i]]++] = i;
+    for (Index i = 0; i < n; ++i) layout.order.values[starts[number[i] + 1]++] = i;  // the ends become the starts
+    starts.pop_back();
+    layout.starts = owned(std::move(starts));
 }
 
 /// Pairs of points of which one is in the cell of the other or next to it.

@@ -194,8 +194,8 @@ class StandardMotion:
     ) -> tuple[Floats, _Solved]:
         """One interpolation from the mesh ``points`` (n, d): the new positions and the solved stage."""
         roles = self.roles
-        # a plain motion reads only the nodes with a role: untouched memory pages cost nothing
-        prescribed = points.copy() if self.layer is not None or self.periodic is not None else np.zeros(points.shape)
+        # a plain motion reads only the nodes with a role
+        prescribed = points.copy() if self.layer is not None or self.periodic is not None else np.empty(points.shape)
         prescribed[roles.moving] = targets
         prescribed[roles.fixed] = self.reference[roles.fixed]
         if self.layer is not None:
@@ -244,19 +244,20 @@ class StandardMotion:
             if self.sliding is None and not len(self.roles.fixed):
                 rigid = fit_rigid_motion(origin, goal) if self.periodic is None else self.periodic.carry(origin, goal)
             carried = origin if rigid is None else rigid.apply(origin)
-            solved = self._levels(points, goal - carried, controls, factors)
+            solved = self._levels(points, origin, goal - carried, controls, factors)
             return replace(solved, stage=replace(solved.stage, rigid=rigid))
 
-    def _levels(self, points: Floats, displacement: Floats, controls: Integers, factors: FactorSource) -> _Solved:
-        """The interpolation of the ``displacement`` (c, d) of control nodes (c,) of the mesh ``points`` (n, d)."""
-        origin = points[controls]
+    def _levels(
+        self, points: Floats, origin: Floats, displacement: Floats, controls: Integers, factors: FactorSource
+    ) -> _Solved:
+        """The interpolation of the ``displacement`` (c, d) of control nodes (c,), at ``origin`` (c, d) in the mesh."""
         if self.periodic is not None:
             box = bounding_box(points)
             generators = self.periodic.generators
             factorization = periodic_factorization_of(origin, generators, box, self.method, factors)
             return _Solved(Stage(None, factorization.solve(displacement)), factorization, controls)
         if self.method.reduction == "none":
-            factorization = self._all_factorized(points, controls, factors)
+            factorization = self._all_factorized(points, origin, controls, factors)
             return _Solved(Stage(None, factorization.solve(displacement)), factorization, controls)
         reduced = interpolate_reduced(origin, displacement, self.method, factors, spacing=self.spacing)
         return _Solved(
@@ -266,21 +267,23 @@ class StandardMotion:
             reduced.error,
         )
 
-    def _all_factorized(self, points: Floats, controls: Integers, factors: FactorSource) -> Factorization:
-        """The factorization of all control nodes (c,) of the mesh ``points`` (n, d).
+    def _all_factorized(
+        self, points: Floats, origin: Floats, controls: Integers, factors: FactorSource
+    ) -> Factorization:
+        """The factorization of all control nodes (c,), at ``origin`` (c, d) in the mesh ``points`` (n, d).
 
         If the boundary has changed too much for the reference mesh's plan, it uses a new plan.
         """
         plan = self.plans.of(controls)
         try:
             if plan is None:
-                return factorization_of(points[controls], self.method, factors)
-            return two_scale_factorization_of(points[controls], bounding_box(points), plan, factors)
+                return factorization_of(origin, self.method, factors)
+            return two_scale_factorization_of(origin, bounding_box(points), plan, factors)
         except NumericalError:
             if not basis_named(self.method.basis).compact:
                 raise
         anew = plan_for(points, controls, self.roles, self.method)
-        return two_scale_factorization_of(points[controls], bounding_box(points), anew, factors)
+        return two_scale_factorization_of(origin, bounding_box(points), anew, factors)
 
     def _tied(self, positions: Floats) -> Floats:
         """Positions (n, d) with periodic images placed by their roots, except the moving nodes."""
