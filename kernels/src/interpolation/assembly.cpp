@@ -20,6 +20,7 @@
 namespace mesh_motion {
 namespace {
 
+constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr Index rows_of_block = 1024, points_of_block = 1 << 12;
 
 /// Finds the runs of centres near a place, by one of two grids.
@@ -96,16 +97,19 @@ class NearCell {
         if (taken_ && cell == cell_) return count_;
         cell_ = cell, taken_ = true, count_ = 0;
         search_.for_runs(x, cell, [&](Index first, Index last) {
-            const Index count = count_ + last - first;
-            for (auto* along : {&x_, &y_, &z_, &squares_})
-                if (static_cast<Index>(along->size()) < count) along->resize(2 * count);
-            if (static_cast<Index>(numbers_.size()) < count) numbers_.resize(2 * count);
+            const Index count = count_ + last - first + lanes;
+            if (static_cast<Index>(numbers_.size()) < count) {
+                for (auto* along : {&x_, &y_, &z_, &squares_}) along->resize(2 * count);
+                numbers_.resize(2 * count);
+            }
             const auto *xs = search_.centres[0].data(), *ys = search_.centres[1].data(), *zs = search_.centres[2].data();
             for (Index j = first; j < last; ++j, ++count_) {
                 x_[count_] = xs[j], y_[count_] = ys[j], z_[count_] = zs[j];
                 if (called_.size()) numbers_[count_] = static_cast<std::int32_t>(called_[j]);
             }
         });
+        // whole registers: what fills them up is nowhere near
+        for (Index at = count_; at % lanes; ++at) x_[at] = infinity, y_[at] = z_[at] = 0.0;
         return count_;
     }
 
@@ -114,32 +118,35 @@ class NearCell {
         const double *xs = x_.data(), *ys = y_.data(), *zs = z_.data();
         double* __restrict squares = squares_.data();
         Index count = 0;
-        for (Index j = 0; j < count_; ++j) {
-            const double dx = at[0] - xs[j], dy = at[1] - ys[j], dz = at[2] - zs[j];
-            squares[j] = dx * dx + dy * dy + dz * dz;
-            count += squares[j] < square_radius;
-        }
+        for (Index first = 0; first < count_; first += lanes)
+            for (Index j = first; j < first + lanes; ++j) {
+                const double dx = at[0] - xs[j], dy = at[1] - ys[j], dz = at[2] - zs[j];
+                squares[j] = dx * dx + dy * dy + dz * dz;
+                count += squares[j] < square_radius;
+            }
         return count;
     }
 
     /// Their numbers and squared distances as `closer` found them; room for a register more than there are.
     void list(double square_radius, std::int32_t* __restrict numbers, double* __restrict squares) const {
-        Index found = 0, j = 0;
+        Index found = 0;
 #ifdef __AVX512F__
-        for (; j + 8 <= count_; j += 8) {
+        const __m512d radius = _mm512_set1_pd(square_radius);
+        for (Index j = 0; j < count_; j += lanes) {
             const __m512d here = _mm512_loadu_pd(&squares_[j]);
-            const __mmask8 close = _mm512_cmp_pd_mask(here, _mm512_set1_pd(square_radius), _CMP_LT_OQ);
-            _mm512_storeu_pd(squares + found, _mm512_maskz_compress_pd(close, here));
+            const __mmask8 close = _mm512_cmp_pd_mask(here, radius, _CMP_LT_OQ);
             const __m256i called = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(&numbers_[j]));
+            _mm512_storeu_pd(squares + found, _mm512_maskz_compress_pd(close, here));
             _mm256_storeu_si256(reinterpret_cast<__m256i*>(numbers + found), _mm256_maskz_compress_epi32(close, called));
             found += std::popcount(static_cast<unsigned>(close));
         }
-#endif
-        for (; j < count_; ++j) {  // kept, or written over by the next: no branch
+#else
+        for (Index j = 0; j < count_; ++j) {  // kept, or written over by the next: no branch
             numbers[found] = numbers_[j];
             squares[found] = squares_[j];
             found += squares_[j] < square_radius;
         }
+#endif
     }
 
   private:

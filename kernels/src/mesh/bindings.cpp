@@ -9,7 +9,7 @@ namespace mesh_motion {
 
 void bind_mesh(nanobind::module_& m) {
     bind(m, "add_values", add_values);
-    bind(m, "bounding_box", bounding_box);
+    bind(m, "bounding_box", corners_of);
     bind(m, "closest_points", closest_points);
     bind(m, "hash_blocks", hash_blocks);
     bind(m, "match_facets", match_facets);

@@ -11,7 +11,7 @@ constexpr Index block = 1 << 16;  // numbers of one task: less than that takes n
 
 }  // namespace
 
-Owned<double, 2> bounding_box(Matrix<const double> points) {
+Owned<double, 2> corners_of(Matrix<const double> points) {
     constexpr Index most = 3 * 8;  // whole points and whole registers, whatever the dimension is
     const Index d = points.shape(1), all = points.size(), width = 8 * d;
     require(all > 0 && d <= 3, "points: expected at least one of 1 to 3 coordinates");

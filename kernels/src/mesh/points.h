@@ -6,7 +6,7 @@
 namespace mesh_motion {
 
 /// (2, d) least and greatest coordinates of finite points (n, d), n ≥ 1.
-Owned<double, 2> bounding_box(Matrix<const double> points);
+Owned<double, 2> corners_of(Matrix<const double> points);
 
 /// out[k] += values[k].
 void add_values(Vector<const double> values, Vector<double> out);

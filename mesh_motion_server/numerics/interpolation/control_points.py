@@ -6,6 +6,7 @@ from scipy.spatial import cKDTree
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.mesh.spacing import local_spacing
 
 __all__ = ["checked_control_points"]
 
@@ -13,8 +14,13 @@ __all__ = ["checked_control_points"]
 _SAME_POINT = 1e-13
 
 
-def checked_control_points(control_points: ArrayLike) -> Floats:
+def checked_control_points(control_points: ArrayLike, spacing: Floats | None = None) -> Floats:
     """A contiguous copy of (nc, d) control points, d = 1, 2 or 3.
+
+    Parameters
+    ----------
+    spacing : (nc,) array, optional
+        Of :func:`~mesh_motion_server.numerics.mesh.spacing.local_spacing`, if it is known.
 
     Raises
     ------
@@ -25,11 +31,10 @@ def checked_control_points(control_points: ArrayLike) -> Floats:
     if len(points) < 2:
         return points
     extent = float(np.max(points.max(axis=0) - points.min(axis=0)))
-    distances, neighbours = cKDTree(points).query(points, k=2)
-    same = np.flatnonzero(distances[:, 1] <= _SAME_POINT * extent)
+    same = np.flatnonzero((local_spacing(points) if spacing is None else spacing) <= _SAME_POINT * extent)
     if same.size:
         first = int(same[0])
-        second = int(next(j for j in (*neighbours[first], *same) if j != first))
+        second = int(next(j for j in (*cKDTree(points).query(points[first], k=2)[1], *same) if j != first))
         raise InvalidInput(
             f"control points {first} and {second} coincide at {points[first].tolist()}",
             hint="merge duplicated boundary nodes, or leave one of the two out",

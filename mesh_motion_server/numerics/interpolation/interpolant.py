@@ -94,7 +94,12 @@ class Factorization(Protocol):
 
 
 def factorize(
-    control_points: ArrayLike, *, basis: str = DEFAULT_BASIS, support_radius: float | None, solver: str = "auto"
+    control_points: ArrayLike,
+    *,
+    basis: str = DEFAULT_BASIS,
+    support_radius: float | None,
+    solver: str = "auto",
+    spacing: Floats | None = None,
 ) -> AllCentreFactorization:
     """Prepare the interpolation from control points, with the linear polynomial (thesis §2.1.2) if the basis needs it.
 
@@ -109,6 +114,8 @@ def factorize(
     solver : {"auto", "dense", "sparse", "iterative"}
         Of a positive definite basis; "auto" chooses by the number of points and the fraction of nonzero entries
         (:func:`~mesh_motion_server.numerics.interpolation.factorizations.choice.choose_solver`).
+    spacing : (nc,) array, mesh length unit, optional
+        Distance of each point to the nearest other one, if it is known.
 
     Raises
     ------
@@ -122,7 +129,7 @@ def factorize(
     """
     row = basis_named(basis)
     radius = checked_radius(support_radius, row)
-    points = checked_control_points(control_points)
+    points = checked_control_points(control_points, spacing)
     layout = CentreLayout.build(points, row, radius)
     if row.needs_polynomial:
         linear = LinearBasis.around(points)

@@ -194,7 +194,7 @@ class CellTable:
                     code="INVALID_ARGUMENT.SHAPE",
                 )
         blocks = tuple(
-            CellBlock(cell_type, _short(name, cells[name]))
+            CellBlock(cell_type, _short(name, np.asarray(cells[name])))
             for name, cell_type in CELL_TYPES.items()
             if name in cells and len(cells[name])
         )

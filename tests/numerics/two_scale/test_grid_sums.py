@@ -10,6 +10,7 @@ from mesh_motion_server.numerics.interpolation.kernels import BASES
 from mesh_motion_server.numerics.interpolation.two_scale.boxes import nested_boxes
 from mesh_motion_server.numerics.interpolation.two_scale.grid_sums import grid_sums, on_grid
 from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedGrid
+from mesh_motion_server.numerics.mesh.spacing import local_spacing
 
 POINTS = np.vstack([sphere(120, 0.15), walls(5)])
 COUNTS, LOW, SPACING = (37, 30, 37), np.full(3, -2.0 / 32.0), 1.0 / 32.0
@@ -66,7 +67,7 @@ def test_a_short_radius_few_points_and_a_plane_are_left_to_the_direct_sum() -> N
 
 def test_a_whole_nest_with_a_polynomial_is_near_the_direct_sum() -> None:
     interpolant, largest = _interpolant("tps", 2.5)
-    grid = NestedGrid(nested_boxes(POINTS, np.zeros(3), np.ones(3)), np.zeros(3), 3)
+    grid = NestedGrid(nested_boxes(POINTS, local_spacing(POINTS), np.zeros(3), np.ones(3)), np.zeros(3), 3)
     direct = evaluation.displacement(interpolant, grid.points())
     assert np.abs(on_grid(interpolant, grid) - direct).max() <= 5e-5 * largest
 

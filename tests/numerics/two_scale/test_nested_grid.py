@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.interpolation.two_scale.boxes import MARGIN, nested_boxes
 from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedGrid
+from mesh_motion_server.numerics.mesh.spacing import local_spacing
 
 Floats = NDArray[np.float64]
 
@@ -18,7 +19,7 @@ def _grid(d: int) -> NestedGrid:
     coarse[30:, :d] = rng.random((30, d))
     high = np.zeros(3)
     high[:d] = 1.0
-    return NestedGrid(nested_boxes(coarse, np.zeros(3), high), np.zeros(3), d)
+    return NestedGrid(nested_boxes(coarse, local_spacing(coarse), np.zeros(3), high), np.zeros(3), d)
 
 
 def _places(d: int, count: int = 2000) -> Floats:
@@ -97,7 +98,11 @@ def test_values_and_slopes_pass_through_every_rim(d: int) -> None:
 def test_the_error_falls_with_the_fourth_power_of_the_spacing() -> None:
     errors = []
     for factor in (1.0, 2.0):  # a domain twice as wide has twice the spacing
-        grid = NestedGrid(nested_boxes(np.zeros((1, 3)), np.zeros(3), np.array([factor, factor, 0.0])), np.zeros(3), 2)
+        grid = NestedGrid(
+            nested_boxes(np.zeros((1, 3)), np.full(1, np.inf), np.zeros(3), np.array([factor, factor, 0.0])),
+            np.zeros(3),
+            2,
+        )
         x = _places(2)
         values, _ = _values(grid, np.sin(4.0 * grid.points()), x)
         errors.append(np.abs(values - np.sin(4.0 * x[:, :2])).max())

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.spacing import local_spacing
 
 __all__ = ["MARGIN", "Box", "nested_boxes"]
 
@@ -54,8 +53,10 @@ class Box:
         return math.prod(n + 5 if n > 0 else 1 for n in self.cells.tolist())
 
 
-def nested_boxes(coarse: Floats, low: Floats, high: Floats) -> list[Box]:
+def nested_boxes(coarse: Floats, closeness: Floats, low: Floats, high: Floats) -> list[Box]:
     """Boxes, coarsest first, for coarse points (m, 3) in the domain from ``low`` to ``high`` (3,).
+
+    ``closeness`` (m,) is each point's distance to the nearest other one.
 
     Every box lies within its parent.
     """
@@ -65,7 +66,6 @@ def nested_boxes(coarse: Floats, low: Floats, high: Floats) -> list[Box]:
     boxes = [Box(0, spacing, np.zeros(3, dtype=np.int64), whole, -1)]
     if len(coarse) < 2:
         return boxes
-    closeness = local_spacing(coarse)
     last = boxes
     for level in range(1, _MAX_LEVELS):
         fine = coarse[closeness < spacing / _RESOLUTION]

@@ -164,18 +164,22 @@ class TwoScalePlan:
             If the coarse matrix is singular to working precision.
         """
         chosen = np.ascontiguousarray(points[self.coarse])
-        coarse = factorize(chosen, basis=self.basis, support_radius=self.support_radius, solver="dense")
-        grid = self._grid(padded(chosen), padded(np.stack([low, high])), points.shape[1]) if self.gridded else None
+        spacing = local_spacing(chosen)
+        coarse = factorize(
+            chosen, basis=self.basis, support_radius=self.support_radius, solver="dense", spacing=spacing
+        )
+        corners = padded(np.stack([low, high]))
+        grid = self._grid(padded(chosen), spacing, corners, points.shape[1]) if self.gridded else None
         distinct = points[self.distinct]
         systems = [CompactSystem.build(level, distinct) for level in self.levels]
         return TwoScaleFactorization(points, self, coarse, grid, systems)
 
-    def _grid(self, chosen: Floats, corners: Floats, dimension: int) -> NestedGrid:
+    def _grid(self, chosen: Floats, spacing: Floats, corners: Floats, dimension: int) -> NestedGrid:
         """The grid of a domain between two corners (2, 3), as far as the coarse points (m, 3) reach."""
         if basis_named(self.basis).compact and self.support_radius is not None:
             corners[0] = np.maximum(corners[0], chosen.min(axis=0) - self.support_radius)
             corners[1] = np.minimum(corners[1], chosen.max(axis=0) + self.support_radius)
-        return NestedGrid(nested_boxes(chosen, corners[0], corners[1]), corners[0], dimension)
+        return NestedGrid(nested_boxes(chosen, spacing, corners[0], corners[1]), corners[0], dimension)
 
 
 @dataclass(frozen=True, eq=False)
