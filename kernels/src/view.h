@@ -1,9 +1,11 @@
 // Arrays as the loops see them: a pointer that never goes without its shape.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <new>
 #include <stdexcept>
@@ -119,13 +121,12 @@ auto view_of(Container& local) {
 /// Refuses numbers of something of which there are n, unless all are from 0 to n − 1.
 template <class T, std::size_t N>
 void require_below(View<const T, N> numbers, Index n, const char* expected) {
-    const auto last = static_cast<std::uint64_t>(n) - 1;
-    std::uint64_t signs = 0;  // a difference below 0 has the highest bit, and so has a number below 0
-    for (T number : numbers) {
-        const auto bits = static_cast<std::uint64_t>(static_cast<Index>(number));
-        signs |= bits | (last - bits);
-    }
-    require(signs >> 63 == 0, expected);
+    using Bits = std::make_unsigned_t<T>;
+    constexpr int highest = 8 * sizeof(T) - 1;
+    const auto last = static_cast<Bits>(std::min<Index>(n - 1, std::numeric_limits<std::make_signed_t<T>>::max()));
+    Bits signs = 0;  // a difference below 0 has the highest bit, and so has a number below 0
+    for (T number : numbers) signs |= static_cast<Bits>(number) | (last - static_cast<Bits>(number));
+    require(signs >> highest == 0, expected);
 }
 
 /// Refuses starts of parts of n entries that do not ascend up to n.

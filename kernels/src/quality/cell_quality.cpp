@@ -131,26 +131,50 @@ using Four [[gnu::vector_size(4 * sizeof(double))]] = double;
             Four{at[0][2], at[1][2], at[2][2], at[3][2]}};
 }
 
-/// The nodes of a chunk's cells, which are checked while they are near.
-inline const Node* checked_rows(Matrix<const double> points, Matrix<const Node> nodes, Index first, Index count) {
-    const auto rows = nodes.rows(first, first + count);
-    require_below(rows, points.shape(0), "nodes: expected numbers of points");
-    return rows.data();
+/// The same where a fourth number may be read beyond each position: the points need not be taken apart by loads.
+[[gnu::always_inline]] inline std::array<Four, 3> by_coordinate_and_more(const std::array<const double*, 4>& at) {
+    std::array<Four, 4> p;
+    for (int c = 0; c < 4; ++c) std::memcpy(&p[c], at[c], sizeof p[c]);
+    const Four a = __builtin_shufflevector(p[0], p[1], 0, 4, 2, 6), b = __builtin_shufflevector(p[2], p[3], 0, 4, 2, 6),
+               c = __builtin_shufflevector(p[0], p[1], 1, 5, 3, 7), d = __builtin_shufflevector(p[2], p[3], 1, 5, 3, 7);
+    return {__builtin_shufflevector(a, b, 0, 1, 4, 5), __builtin_shufflevector(c, d, 0, 1, 4, 5),
+            __builtin_shufflevector(a, b, 2, 3, 6, 7)};
 }
+
+/// The nodes of a chunk's cells, which are checked while they are near.
+struct Rows {
+    const Node* first;
+    bool inside = false;  // none is the last point, beyond which nothing may be read
+
+    Rows(Matrix<const double> points, Matrix<const Node> nodes, Index begin, Index count) {
+        const auto rows = nodes.rows(begin, begin + count);
+        require_below(rows, points.shape(0), "nodes: expected numbers of points");
+        first = rows.data();
+        const auto last = static_cast<std::uint32_t>(std::min<Index>(points.shape(0) - 2, std::numeric_limits<Node>::max()));
+        std::uint32_t signs = 0;
+        for (Node node : rows) signs |= last - static_cast<std::uint32_t>(node);
+        inside = points.shape(0) > 1 && signs >> 31 == 0;
+    }
+
+    template <class Type>
+    auto cells() const {
+        return [rows = first](Index s) { return rows + s * Type::nodes; };
+    }
+};
 
 /// Writes the Jacobians of the corners k of cells from positions; cell(s) are the nodes of the cell s.
 template <class Type, class Cell>
-auto from_points(Matrix<const double> points, Index count, Cell cell) {
+auto from_points(Matrix<const double> points, Index count, Cell cell, bool inside = false) {
     constexpr int d = Type::dimension;
     return [=](int k, Jacobians<d>& jacobians) {
         const auto& corner = Type::corners[k];
         Index s = 0;
-        if constexpr (d == 3 && register_lanes >= 4) {  // slower than one by one in narrower registers
+        const auto by_four = [&](auto take_apart) {
             for (; s + 4 <= count; s += 4) {
                 const auto corners = [&](int node) {
                     std::array<const double*, 4> at;
                     for (int c = 0; c < 4; ++c) at[c] = points.data() + d * Index{cell(s + c)[node]};
-                    return by_coordinate(at);
+                    return take_apart(at);
                 };
                 const auto origin = corners(corner[0]);
                 for (int j = 0; j < d; ++j) {
@@ -161,6 +185,10 @@ auto from_points(Matrix<const double> points, Index count, Cell cell) {
                     }
                 }
             }
+        };
+        if constexpr (d == 3 && register_lanes >= 4) {  // slower than one by one in narrower registers
+            if (inside) by_four([](const auto& at) { return by_coordinate_and_more(at); });
+            else by_four([](const auto& at) { return by_coordinate(at); });
         }
         for (; s < count; ++s) {
             const Node* nodes = cell(s);
@@ -184,9 +212,9 @@ template <class Type>
 void judge_rows(Matrix<const double> points, Matrix<const Node> nodes, const double* reference, double* size,
                 double* skew, bool* inverted) {
     for_chunks(0, nodes.shape(0), [&](Index first, Index count) {
-        const Node* rows = checked_rows(points, nodes, first, count);
-        judge_chunk<Type>(from_points<Type>(points, count, [rows](Index s) { return rows + s * Type::nodes; }), count,
-                          reference + first, size + first, skew + first, inverted + first);
+        const Rows rows(points, nodes, first, count);
+        judge_chunk<Type>(from_points<Type>(points, count, rows.cells<Type>(), rows.inside), count, reference + first,
+                          size + first, skew + first, inverted + first);
     });
 }
 
@@ -278,8 +306,8 @@ Index Cells::mark_near(Index first, Index last, Metric metric, double limit, Ind
             return;
         }
         Jacobians<3> jacobians;
-        const Node* rows = checked_rows(points_, block.nodes, from - block.first, count);
-        from_points<Tetra>(points_, count, [rows](Index s) { return rows + s * Tetra::nodes; })(0, jacobians);
+        const Rows rows(points_, block.nodes, from - block.first, count);
+        from_points<Tetra>(points_, count, rows.cells<Tetra>(), rows.inside)(0, jacobians);
         const double* reference = reference_.data() + from;
         const double square = limit * limit * margin, bound = limit * limit * limit * (limit * limit * limit) * margin;
         const auto mark = [&](auto is_relative, const double* rest) {
@@ -332,9 +360,8 @@ void cell_sizes(Matrix<const double> points, Matrix<const Node> nodes, Vector<do
     with_cell_type(points.shape(1), nodes.shape(1), [&]<class Type>(Type) {
         for_ranges(sizes.size(), judged_at_once, [&](Index begin, Index end) {
             for_chunks(begin, end, [&](Index first, Index count) {
-                const Node* rows = checked_rows(points, nodes, first, count);
-                const auto gather =
-                    from_points<Type>(points, count, [rows](Index s) { return rows + s * Type::nodes; });
+                const Rows rows(points, nodes, first, count);
+                const auto gather = from_points<Type>(points, count, rows.cells<Type>(), rows.inside);
                 Jacobians<Type::dimension> jacobians;
                 std::fill_n(&sizes[first], count, 0.0);
                 for (int k = 0; k < static_cast<int>(Type::corners.size()); ++k) {
@@ -369,7 +396,7 @@ void chosen_quality(Matrix<const double> points, Matrix<const Node> nodes, Vecto
                 double told[chunk];
                 for (Index s = 0; s < count; ++s) {
                     told[s] = reference[chosen[first + s]];
-                    checked_rows(points, nodes, chosen[first + s], 1);
+                    require_below(nodes[chosen[first + s]], points.shape(0), "nodes: expected numbers of points");
                 }
                 const Node* rows = nodes.data();
                 const Index* numbers = chosen.data() + first;
@@ -392,9 +419,8 @@ void transformed_quality(Matrix<const double> points, Matrix<const Node> nodes, 
         constexpr int d = Type::dimension;
         for_ranges(nodes.shape(0), judged_at_once, [&](Index begin, Index end) {
             for_chunks(begin, end, [&](Index first, Index count) {
-                const Node* rows = checked_rows(points, nodes, first, count);
-                const auto before =
-                    from_points<Type>(points, count, [rows](Index s) { return rows + s * Type::nodes; });
+                const Rows rows(points, nodes, first, count);
+                const auto before = from_points<Type>(points, count, rows.cells<Type>(), rows.inside);
                 const auto after = [&](int k, Jacobians<d>& jacobians) {
                     before(k, jacobians);
                     for (Index s = 0; s < count; ++s) {
