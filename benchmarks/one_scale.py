@@ -22,11 +22,15 @@ class _OneScale(StandardMotion):
     solver: str = "iterative"
 
     def _all_factorized(
-        self, points: NDArray[np.float64], controls: NDArray[np.int64], factors: FactorSource
+        self,
+        points: NDArray[np.float64],
+        origin: NDArray[np.float64],
+        controls: NDArray[np.int64],
+        factors: FactorSource,
     ) -> Factorization:
-        del factors
+        del points, controls, factors
         basis, radius = self.method.basis, self.method.support_radius
-        return factorize(points[controls], basis=basis, support_radius=radius, solver=self.solver)
+        return factorize(origin, basis=basis, support_radius=radius, solver=self.solver)
 
 
 def in_one_scale(model: MotionModel, solver: str = "iterative") -> MotionModel:
