@@ -102,6 +102,8 @@ struct Stencil {
     }
 };
 
+using Eight [[gnu::vector_size(8 * sizeof(double))]] = double;
+
 /// sums[f] = Σ of the W numbers at each point of a stencil, for F sets of weights. Numbers of a line along the last
 /// axis lie beside each other: they fill the vectors, whatever W is. Points of a line are `step` numbers apart.
 template <int A, int W, int F, class Step>
@@ -109,28 +111,37 @@ template <int A, int W, int F, class Step>
                                                const std::array<Index, A>& stride,
                                                const std::array<const Four*, A> (&weights)[F], double (&sums)[F][W]) {
     constexpr int leading = A == 3 ? 16 : A == 2 ? 4 : 1;
-    Quad lines[F][2][W] = {};  // even and odd points apart: one sum would wait for each product
+    // a line's 4 W numbers in the widest registers; even and odd lines apart: one sum would wait for each product
+    constexpr int wide = W / 2, narrow = W % 2;
+    std::array<Eight, wide> eights[F][2] = {};
+    std::array<Quad, narrow> quads[F][2] = {};
 #pragma GCC unroll 16
     for (int p = 0; p < leading; ++p) {
         const int layer[] = {A == 3 ? p / 4 : p, p % 4};
         const double* line = first;
         for (int axis = 0; axis < A - 1; ++axis) line += layer[axis] * stride[axis] * step;
-        Quad numbers[W];
-        if constexpr (std::is_same_v<Step, Index>)
-            numbers[0] = Quad{line[0], line[step], line[2 * step], line[3 * step]};
-        else
-            for (int q = 0; q < W; ++q) std::memcpy(&numbers[q], line + 4 * q, sizeof(Quad));
+        std::array<Eight, wide> eight;
+        std::array<Quad, narrow> quad;
+        if constexpr (std::is_same_v<Step, Index>) {
+            quad[0] = Quad{line[0], line[step], line[2 * step], line[3 * step]};
+        } else {
+            for (int q = 0; q < wide; ++q) std::memcpy(&eight[q], line + 8 * q, sizeof(Eight));
+            for (int q = 0; q < narrow; ++q) std::memcpy(&quad[q], line + 8 * wide, sizeof(Quad));
+        }
         for (int f = 0; f < F; ++f) {
             double weight = 1.0;
             for (int axis = 0; axis < A - 1; ++axis) weight *= (*weights[f][axis])[layer[axis]];
-            for (int q = 0; q < W; ++q) lines[f][p % 2][q] += weight * numbers[q];
+            for (int q = 0; q < wide; ++q) eights[f][p % 2][q] += weight * eight[q];
+            for (int q = 0; q < narrow; ++q) quads[f][p % 2][q] += weight * quad[q];
         }
     }
     for (int f = 0; f < F; ++f) {
         const Four& last = *weights[f][A - 1];
-        for (int q = 0; q < W; ++q) lines[f][0][q] += lines[f][1][q];
+        for (int q = 0; q < wide; ++q) eights[f][0][q] += eights[f][1][q];
+        for (int q = 0; q < narrow; ++q) quads[f][0][q] += quads[f][1][q];
         double line[4 * W];
-        std::memcpy(line, lines[f][0], sizeof line);
+        if constexpr (wide > 0) std::memcpy(line, eights[f][0].data(), sizeof eights[f][0]);
+        if constexpr (narrow > 0) std::memcpy(line + 8 * wide, quads[f][0].data(), sizeof(Quad));
         for (int c = 0; c < W; ++c)
             sums[f][c] = (last[0] * line[c] + last[1] * line[W + c]) +
                          (last[2] * line[2 * W + c] + last[3] * line[3 * W + c]);
