@@ -143,7 +143,7 @@ typedef struct mesh_motion_cells mesh_motion_cells;
 /* No cells; add_... appends count cells of one type with their nodes (count, nodes of the type). Cell numbers run
  * through the blocks as they are added; the server's order is that of the types in this list: line (d = 1); triangle,
  * quad (2); tetra, hexahedron, wedge, pyramid (3). Nodes in the order of VTK, but a wedge as in Gmsh: nodes 0, 1, 2
- * anticlockwise as seen from 3, 4, 5.
+ * anticlockwise as seen from 3, 4, 5; their numbers are below 2^31 - 1 and kept as 32 bits.
  */
 MESH_MOTION_API int mesh_motion_cells_create(mesh_motion_cells **cells);
 MESH_MOTION_API int mesh_motion_cells_add(mesh_motion_cells *cells, const char *type, int64_t count,

@@ -35,7 +35,7 @@ def _values(centres: np.ndarray, places: np.ndarray) -> np.ndarray:
 def test_rows_are_those_of_all_centres(d: int) -> None:
     centres, places = _centres(d), _places(d)
     layout = CentreLayout.build(centres, C2, RADIUS)
-    rows = sparse_rows(layout, C2, RADIUS, places)
+    rows = sparse_rows(layout, C2, RADIUS, places).matrix(len(centres))
     np.testing.assert_allclose(rows.toarray(), _values(centres, places), atol=1e-13)
     matrix = sparse_matrix(layout, C2, RADIUS)
     own = padded(centres[layout.order])
@@ -50,7 +50,7 @@ def test_every_point_is_stored_once() -> None:
 
 def test_places_far_away_and_not_finite_find_nothing() -> None:
     places = [(1e300, 0.0, 0.0), (-1e300, 0.0, 0.0), (np.inf, 0.5, 0.5), (0.5, np.nan, 0.5), (5.0, 5.0, 5.0)]
-    assert sparse_rows(CentreLayout.build(_centres(3), C2, RADIUS), C2, RADIUS, np.array(places)).nnz == 0
+    assert len(sparse_rows(CentreLayout.build(_centres(3), C2, RADIUS), C2, RADIUS, np.array(places)).data) == 0
 
 
 def test_cells_become_wider_rather_than_too_many() -> None:

@@ -26,12 +26,13 @@ def test_products_are_those_of_the_dense_matrix(k: int) -> None:
 def test_conjugate_gradients_solve_each_column(k: int) -> None:
     points = np.random.default_rng(k).random((2500, 3))  # more than one block of rows
     layout = CentreLayout.build(points, C2, 0.12)
-    matrix, inverse = sparse_rows(layout, C2, 0.12, points), SparseInverse(points, C2, 0.12, 16)
+    rows, inverse = sparse_rows(layout, C2, 0.12, points), SparseInverse(points, C2, 0.12, 16)
+    matrix = rows.matrix(len(points))
     right = np.random.default_rng(1).normal(size=(2500, k))
     right[:, 1] = 0.0
-    found = inverse.conjugate_gradients(matrix, right, limit=1e-9, most=200)
+    found = inverse.conjugate_gradients(rows, right, limit=1e-9, most=200)
     assert 1 < found.iterations < 200
     np.testing.assert_allclose(matrix @ found.solution, right, atol=2e-9)
     np.testing.assert_allclose(right - matrix @ found.solution, found.residual, atol=1e-12)
     np.testing.assert_array_equal(found.solution[:, 1], 0.0)
-    assert inverse.conjugate_gradients(matrix, right, limit=1e-9, most=2).iterations == 2
+    assert inverse.conjugate_gradients(rows, right, limit=1e-9, most=2).iterations == 2

@@ -10,7 +10,7 @@ from mesh_motion_server.numerics.arrays import Floats, Integers, Shorts
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.kernels import Basis
 
-__all__ = ["dense_block", "mean_row_entries", "rows_near", "sparse_matrix", "sparse_rows"]
+__all__ = ["SparseRows", "dense_block", "mean_row_entries", "rows_near", "sparse_matrix", "sparse_rows"]
 
 #: Largest width, in radii, of a grid's cells or of all centres; beyond it, a grid that stores few of its cells is used.
 _WIDER = 1.5
@@ -78,21 +78,36 @@ def mean_row_entries(layout: CentreLayout, support_radius: float) -> float:
     return float(np.mean(kernels.count_near(points, search.coordinates, support_radius, *search.grid)))
 
 
+class SparseRows(NamedTuple):
+    """A sparse matrix in compressed rows by SciPy's names; it is made for every state of a mesh, and never checked.
+
+    Attributes
+    ----------
+    indptr : (m + 1,) int32 array
+    indices, data : (e,) int32 and float64 arrays
+    """
+
+    indptr: Shorts
+    indices: Shorts
+    data: Floats
+
+    def matrix(self, columns: int) -> csr_array:
+        """(m, columns) the same for SciPy."""
+        return csr_array((self.data, self.indices, self.indptr), shape=(len(self.indptr) - 1, columns))
+
+
 def sparse_matrix(layout: CentreLayout, basis: Basis, support_radius: float) -> csr_array:
     """(nc, nc) interpolation matrix of a compact basis, rows and columns in the layout's order."""
     points, search = np.ascontiguousarray(layout.coordinates.T), _search(layout, support_radius)
-    return _sparse(search, basis, support_radius, points, search.order)
+    return _sparse(search, basis, support_radius, points, search.order).matrix(len(points))
 
 
-def sparse_rows(layout: CentreLayout, basis: Basis, support_radius: float, points: Floats) -> csr_array:
+def sparse_rows(layout: CentreLayout, basis: Basis, support_radius: float, points: Floats) -> SparseRows:
     """(n, nc) values of a compact basis at (n, 3) points, columns in the control points' own order."""
     search = _search(layout, support_radius)
     return _sparse(search, basis, support_radius, points, layout.order[search.order])
 
 
-def _sparse(search: _Search, basis: Basis, support_radius: float, points: Floats, numbers: Integers) -> csr_array:
+def _sparse(search: _Search, basis: Basis, support_radius: float, points: Floats, numbers: Integers) -> SparseRows:
     """φ between points (n, 3) and the sorted centres, which have the column ``numbers`` (nc,)."""
-    pointers, columns, entries = kernels.near_rows(
-        basis.code, points, search.coordinates, numbers, support_radius, *search.grid
-    )
-    return csr_array((entries, columns, pointers), shape=(len(points), len(numbers)))
+    return SparseRows(*kernels.near_rows(basis.code, points, search.coordinates, numbers, support_radius, *search.grid))

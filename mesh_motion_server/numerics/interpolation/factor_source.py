@@ -104,7 +104,7 @@ def factorization_of(control_points: Floats, method: Method, factors: FactorSour
     """
     basis, radius = method.basis, method.support_radius
     digest = hashlib.sha256(repr((basis, radius, control_points.shape)).encode())
-    digest.update(np.ascontiguousarray(control_points).data)
+    digest.update(point_digest(control_points))
     return factors.get_or_make(digest.digest(), lambda: factorize(control_points, basis=basis, support_radius=radius))[
         0
     ]
@@ -119,7 +119,7 @@ def two_scale_factorization_of(
     """
     digest = hashlib.sha256(repr(("two-scale", plan.support_radius, control_points.shape)).encode())
     digest.update(np.ascontiguousarray(box).data)
-    digest.update(np.ascontiguousarray(control_points).data)
+    digest.update(point_digest(control_points))
     return factors.get_or_make(digest.digest(), lambda: plan.factorize(control_points, box[0], box[1]))[0]
 
 

@@ -5,6 +5,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.interpolation.assembly import SparseRows
 
 __all__ = ["nbytes", "product"]
 
@@ -18,6 +19,6 @@ def product(matrix: csr_array, vectors: Floats) -> Floats:
     return out
 
 
-def nbytes(matrix: csr_array) -> int:
+def nbytes(matrix: csr_array | SparseRows) -> int:
     """Memory of a matrix."""
     return int(matrix.data.nbytes + matrix.indices.nbytes + matrix.indptr.nbytes)

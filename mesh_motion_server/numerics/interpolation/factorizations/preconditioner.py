@@ -16,6 +16,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.interpolation.assembly import SparseRows
 from mesh_motion_server.numerics.interpolation.factorizations.conjugate_gradients import Iterated
 from mesh_motion_server.numerics.interpolation.factorizations.thinning import nearest_preceding, nested_levels
 from mesh_motion_server.numerics.interpolation.kernels import Basis
@@ -63,7 +64,7 @@ class SparseInverse:
         """(n, k) preconditioned residual."""
         return product(self._transposed, product(self._factor, residual))
 
-    def conjugate_gradients(self, matrix: csr_array, right: Floats, *, limit: float, most: int) -> Iterated:
+    def conjugate_gradients(self, matrix: SparseRows, right: Floats, *, limit: float, most: int) -> Iterated:
         """Solve with the (n, n) matrix for right-hand sides (n, k), by the function of the same name.
 
         Parameters

@@ -21,11 +21,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.interpolation.assembly import sparse_rows
+from mesh_motion_server.numerics.interpolation.assembly import SparseRows, sparse_rows
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.factorizations.conjugate_gradients import largest
 from mesh_motion_server.numerics.interpolation.factorizations.preconditioner import SparseInverse
@@ -172,14 +171,14 @@ class CompactSystem:
     ----------
     points : (m, d) array, mesh length unit
         The members' positions.
-    matrix : (m, m) csr_array
+    matrix : SparseRows
         Rows and columns in the members' order, which is the preconditioner's.
     """
 
     level: CompactLevel
     points: Floats
     layout: CentreLayout
-    matrix: csr_array
+    matrix: SparseRows
 
     @classmethod
     def build(cls, level: CompactLevel, points: Floats) -> CompactSystem:

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from scipy.sparse import csr_array
 
 from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.interpolation.assembly import rows_near, sparse_rows
+from mesh_motion_server.numerics.interpolation.assembly import SparseRows, rows_near, sparse_rows
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
 from mesh_motion_server.numerics.interpolation.sparse_products import nbytes
 from mesh_motion_server.numerics.threads import limited_to
@@ -29,12 +28,12 @@ class NearOperator:
     ----------
     rows : (r,) int64 array
         Places that the level may reach, neighbours next to each other; at all others it vanishes.
-    matrix : (r, nc) csr_array
+    matrix : SparseRows
         Its functions there.
     """
 
     rows: Integers
-    matrix: csr_array
+    matrix: SparseRows
 
     @classmethod
     def build(
