@@ -11,6 +11,7 @@ namespace mesh_motion {
 namespace {
 
 constexpr Index products = 1 << 16;  // of one task, in the mean
+constexpr Index ahead = 8;          // rows fetched before they are needed
 constexpr Index rows_of_block = 1 << 10, rows_of_vectors = 1 << 13;
 
 using Quads = std::vector<Quad>;
@@ -26,8 +27,7 @@ class SparseRows {
         bool known = 0 <= pointers[0] && pointers[rows] <= entries.size();
         for (Index i = 0; i < rows; ++i) known &= pointers[i] <= pointers[i + 1];
         require(known, "pointers: expected numbers of entries, ascending");
-        for (std::int32_t j : columns) known &= (0 <= j) & (j < length);
-        require(known, "columns: expected numbers of rows of the vectors");
+        require_below(columns, length, "columns: expected numbers of rows of the vectors");
     }
 
     bool empty(Index i) const { return pointers_[i] == pointers_[i + 1]; }
@@ -96,13 +96,13 @@ void add_product(Vector<const Index> rows, Vector<const std::int32_t> pointers, 
     const Index n = rows.size(), k = out.shape(1), groups = groups_of(k);
     require(weights.shape(1) == k, "weights: expected as many columns as in out");
     const SparseRows matrix(pointers, columns, entries, n, weights.shape(0));
-    bool known = true;
-    for (Index i : rows) known &= (0 <= i) & (i < out.shape(0));
-    require(known, "rows: expected numbers of rows of out");
+    require_below(rows, out.shape(0), "rows: expected numbers of rows of out");
     const Quads vectors = in_quads(weights);
     const Index rows_of_a_task = std::max<Index>(1, products * n / std::max<Index>(1, entries.size()));
     for_ranges(n, rows_of_a_task, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {
+            // rows are neighbours in space and not in memory
+            if (i + ahead < end) __builtin_prefetch(&out(rows[i + ahead], 0), 1);
             if (matrix.empty(i)) continue;
             for (Index g = 0; g < groups; ++g) {
                 Quad sum;
