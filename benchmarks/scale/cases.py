@@ -70,8 +70,7 @@ class Case:
             displacements = motion.displacements(body, max(_STEADY_PARTS, steps))[:steps]
         else:
             displacements = np.repeat(motion.displacements(body, 1), steps, axis=0)
-        cells = {name: nodes.astype(np.int32) for name, nodes in mesh.cells.items()}  # as clients send them
-        return Task(mesh.points, cells, mesh.moving, mesh.fixed, displacements)
+        return Task(mesh.points, mesh.cells, mesh.moving, mesh.fixed, displacements)
 
 
 #: By name.

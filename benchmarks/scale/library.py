@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from unittest.mock import patch
 
@@ -105,6 +105,7 @@ def _warm_up(task: Task) -> None:
 def measured(case: Case, folder: Path, repeat: int) -> Figures:
     """The figures of a case; the shortest of ``repeat`` steps counts."""
     task = case.task(folder, repeat)
+    task = replace(task, cells={name: nodes.astype(np.int32) for name, nodes in task.cells.items()})  # as clients send
     _warm_up(task)
     memory = _Memory()
     setup, model = timed(lambda: model_of(task, Method(**{"quality_metric": "size-skew", **case.method})))
