@@ -7,6 +7,9 @@
 
 namespace mesh_motion {
 
+/// Bytes that a processor core takes at once: what two threads write to all the time should not lie in the same ones.
+inline constexpr std::size_t cache_line = 64;
+
 /// Threads that this process may use: MESH_MOTION_THREADS, or the cores it may run on.
 int available_threads();
 /// Threads that the calling thread's loops use; all that are available until set.

@@ -256,7 +256,8 @@ std::tuple<Owned<Index, 1>, Owned<Index, 2>, Index> match_facets(Vector<const No
     std::vector<Found> found((n + nodes_per_task - 1) / nodes_per_task);
     for_ranges(n, nodes_per_task, [&](Index first, Index last) {
         buckets.sort(first, last);
-        Matcher matcher(n, found[first / nodes_per_task], pairs);
+        Found own;
+        Matcher matcher(n, own, pairs);
         const auto block_of = [&](Index number) {
             auto block = cells.begin();
             while (number >= block->end()) ++block;
@@ -271,6 +272,7 @@ std::tuple<Owned<Index, 1>, Owned<Index, 2>, Index> match_facets(Vector<const No
             }
             matcher.match();
         }
+        found[first / nodes_per_task] = std::move(own);
     });
 
     std::vector<Index> single;

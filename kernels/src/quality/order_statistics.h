@@ -6,6 +6,7 @@
 #pragma once
 
 #include "lanes.h"
+#include "parallel.h"
 #include "view.h"
 
 namespace mesh_motion {
@@ -37,7 +38,7 @@ using Brackets = std::array<Bracket, percentiles>;
 Brackets brackets_of(std::vector<double>& sample);
 
 /// What is known of the values of a task after one pass.
-class Tally {
+class alignas(cache_line) Tally {
   public:
     Tally();
     /// The next values of the task: all but the last ones are a multiple of 128.
@@ -64,7 +65,7 @@ std::pair<double, double> minimum_and_mean(const std::vector<Tally>& tallies, In
 bool percentile_of(const std::vector<Tally>& tallies, Index m, Index p, const Bracket& bracket, double& found);
 
 /// The lowest values of many, with their numbers; of equal ones those with the lowest numbers.
-class Lowest {
+class alignas(cache_line) Lowest {
   public:
     explicit Lowest(Index count) : count_(count) {}
     /// Values with the numbers first, first + 1 …; those above the limit are left out.

@@ -145,11 +145,9 @@ std::tuple<Owned<double, 1>, Owned<Index, 1>, Index> lowest_cells(Matrix<const d
         Judged found(static_cast<Index>(near.size()));
         cells.judge_chosen(view_of(near), found.size.data(), found.skew.data(), found.inverted.get());
         fill(ranked, cells, near, found);
-        Lowest own(count);
         for (std::size_t k = 0; k < near.size(); ++k)
-            if (found.values[k] <= limit) own.add(found.values[k], near[k]);
-        own.trim();
-        lowest[task] = std::move(own);
+            if (found.values[k] <= limit) lowest[task].add(found.values[k], near[k]);
+        lowest[task].trim();
         inversions[task] = std::count(found.inverted.get(), found.inverted.get() + near.size(), true);
     });
     Lowest all(count);
@@ -194,23 +192,18 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
     const auto pass = [&](std::vector<std::vector<double>>* kept, bool tally) {
         for_ranges(m, task_size, [&](Index begin, Index end) {
             const Index task = begin / task_size;
-            // of this thread alone: neighbours in memory would be taken from each other with every chunk
-            std::array<Tally, 4> own_tallies;
-            Lowest own_lowest(count);
             Index turned = 0;
             for (Index first = begin; first < end; first += chunk) {
                 const Index n = std::min(chunk, end - first);
                 turned += for_metrics(cells, metrics, first, n, [&](Index k, const double* own) {
                     if (kept) std::copy_n(own, n, (*kept)[k].data() + first);
                     if (!tally) return;
-                    own_tallies[k].add(own, n, brackets.empty() ? nullptr : &brackets[k]);
-                    if (k == place) own_lowest.add(own, first, n, limit);
+                    tallies[k][task].add(own, n, brackets.empty() ? nullptr : &brackets[k]);
+                    if (k == place) lowest[task].add(own, first, n, limit);
                 });
             }
             if (!tally) return;
-            for (Index k = 0; k < kinds; ++k) tallies[k][task] = std::move(own_tallies[k]);
-            own_lowest.trim();
-            lowest[task] = std::move(own_lowest);
+            lowest[task].trim();
             inversions[task] = turned;
         });
     };
@@ -274,20 +267,16 @@ std::tuple<Owned<double, 2>, Owned<Index, 2>, Owned<Index, 1>, Index> counted_ce
     for_ranges(m, task_size, [&](Index begin, Index end) {
         const Index task = begin / task_size;
         std::vector<Bins> here(kinds, Bins(bins));
-        std::array<Tally, 4> own_tallies;
-        Lowest own_lowest(count);
         Index turned = 0;
         for (Index first = begin; first < end; first += chunk) {
             const Index n = std::min(chunk, end - first);
             turned += for_metrics(cells, metrics, first, n, [&](Index k, const double* own) {
-                own_tallies[k].add(own, n, nullptr);
+                tallies[k][task].add(own, n, nullptr);
                 here[k].add(own, n, places[k].data() + first);
-                if (k == place) own_lowest.add(own, first, n, limit);
+                if (k == place) lowest[task].add(own, first, n, limit);
             });
         }
-        for (Index k = 0; k < kinds; ++k) tallies[k][task] = std::move(own_tallies[k]);
-        own_lowest.trim();
-        lowest[task] = std::move(own_lowest);
+        lowest[task].trim();
         inversions[task] = turned;
         for (Index k = 0; k < kinds; ++k) {
             most[k][task] = *std::max_element(here[k].most.begin(), here[k].most.end());
