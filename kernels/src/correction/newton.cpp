@@ -50,19 +50,22 @@ struct System {
     /// Row i times x.
     std::array<double, d> row(Index i, const double* x) const {
         std::array<double, d> sum{};
-        [[maybe_unused]] Quad products{};
+        using Two [[gnu::vector_size(2 * sizeof(double))]] = double;
+        [[maybe_unused]] Two both{};
         for (Index e = row_starts[i]; e < row_starts[i + 1]; ++e) {
             const double *block = blocks.data() + e * d * d, *from = x + Index{columns[e]} * d;
-            if constexpr (d == 2) {  // a block is a register; nine numbers are faster one by one
+            if constexpr (d == 2) {  // a block is a register, its columns added one by one; nine numbers are faster alone
                 Quad whole;
                 std::memcpy(&whole, block, sizeof whole);
-                products += whole * Quad{from[0], from[1], from[0], from[1]};
+                const Quad products = whole * Quad{from[0], from[1], from[0], from[1]};
+                both += __builtin_shufflevector(products, products, 0, 2);
+                both += __builtin_shufflevector(products, products, 1, 3);
             } else {
                 for (int r = 0; r < d; ++r)
                     for (int q = 0; q < d; ++q) sum[r] += block[r * d + q] * from[q];
             }
         }
-        if constexpr (d == 2) sum = {products[0] + products[1], products[2] + products[3]};
+        if constexpr (d == 2) sum = {both[0], both[1]};
         return sum;
     }
 
