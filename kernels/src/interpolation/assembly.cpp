@@ -158,24 +158,6 @@ class NearCell {
     std::vector<std::int32_t> numbers_;
 };
 
-/// Numbers one after the other, with room that nobody has filled with zeros.
-template <class T>
-struct Growing {
-    std::unique_ptr<T[]> values;
-    Index size = 0, room = 0;
-
-    /// The place of `count` more, with `beyond` more that may be written over.
-    T* more(Index count, Index beyond) {
-        if (size + count + beyond > room) {
-            room = 2 * (size + count + beyond);
-            auto wider = std::make_unique_for_overwrite<T[]>(room);
-            std::copy_n(values.get(), size, wider.get());
-            values = std::move(wider);
-        }
-        return values.get() + std::exchange(size, size + count);
-    }
-};
-
 }  // namespace
 
 std::pair<Owned<Index, 1>, Owned<double, 2>> rows_near(Matrix<const double> points, Vector<const Index> unasked,
@@ -275,8 +257,8 @@ SparseMatrix near_rows(int code, Matrix<const double> points, Matrix<const doubl
     const double inverse_radius = 1.0 / radius;
     const Index n = points.shape(0);
     struct Part {
-        Growing<std::int32_t> columns;
-        Growing<double> entries;
+        UnfilledVector<std::int32_t> columns;
+        UnfilledVector<double> entries;
     };
     std::vector<Part> parts((n + rows_of_block - 1) / rows_of_block);
     std::vector<Index> ends(n + 1);
@@ -289,8 +271,13 @@ SparseMatrix near_rows(int code, Matrix<const double> points, Matrix<const doubl
                 const Index count = cell.take(x) ? cell.closer(x, radius * radius) : 0;
                 ends[i + 1] = count;
                 if (count == 0) continue;  // nothing near: most points of cells that only touch a centre's
-                double* __restrict entry = part.entries.more(count, lanes);
-                cell.list(radius * radius, part.columns.more(count, lanes), entry);
+                const std::size_t at = part.entries.size();
+                part.columns.resize(at + count + lanes);
+                part.entries.resize(at + count + lanes);
+                double* __restrict entry = part.entries.data() + at;
+                cell.list(radius * radius, part.columns.data() + at, entry);
+                part.columns.resize(at + count);
+                part.entries.resize(at + count);
                 for (Index e = 0; e < count; ++e) entry[e] = basis.phi(std::sqrt(entry[e]) * inverse_radius);
             }
             parts[begin / rows_of_block] = std::move(part);
@@ -302,8 +289,8 @@ SparseMatrix near_rows(int code, Matrix<const double> points, Matrix<const doubl
     UnfilledVector<double> entries(ends[n]);
     for_blocks(static_cast<Index>(parts.size()), [&](Index b) {
         const Part part = std::exchange(parts[b], {});
-        std::copy_n(part.columns.values.get(), part.columns.size, columns.begin() + ends[b * rows_of_block]);
-        std::copy_n(part.entries.values.get(), part.entries.size, entries.begin() + ends[b * rows_of_block]);
+        std::copy(part.columns.begin(), part.columns.end(), columns.begin() + ends[b * rows_of_block]);
+        std::copy(part.entries.begin(), part.entries.end(), entries.begin() + ends[b * rows_of_block]);
     });
     return {owned(std::vector<std::int32_t>(ends.begin(), ends.end())), owned(std::move(columns)),
             owned(std::move(entries))};
