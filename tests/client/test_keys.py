@@ -2,18 +2,10 @@
 
 import os
 import signal
-import time
-from contextlib import closing
 
 import numpy as np
 import pytest
-import zmq
 from mesh_motion_client import SessionError, Unavailable, connect
-from mesh_motion_client.connection import Connection, ConnectionLost
-from mesh_motion_protocol.messages import Hello
-from zmq.utils.monitor import recv_monitor_message
-
-from proofs.waiting import wait_until
 
 TOLD = np.full((4, 2), 0.125)
 SECONDS = 30.0
@@ -51,19 +43,3 @@ def test_a_client_without_keys_is_told_to_give_some(keyed_server):
 def test_a_client_with_keys_is_told_that_there_are_none(lasting_server, keyed_server):
     with pytest.raises((SessionError, Unavailable), match="key"):
         connect(lasting_server.endpoint, timeout=3.0, keys=keyed_server.alice)
-
-
-def test_a_connection_that_ends_just_before_a_request_is_sent_does_not_hang(lasting_server, keyed_server):
-    with closing(Connection(lasting_server.endpoint, keyed_server.alice)) as connection:
-        connection._events.rcvtimeo = int(1000 * SECONDS)
-        while recv_monitor_message(connection._events)["event"] != zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL:
-            pass
-        wait_until(lambda: not connection._socket.poll(0, zmq.POLLOUT), "ZeroMQ gave the connection up")
-        while connection._events.poll(0):
-            recv_monitor_message(connection._events)  # as if the check before the request had come a moment too early
-        with pytest.raises(ConnectionLost):
-            connection.request(Hello(client=b"a" * 16, sequence=1, agent="test", features=[]), deadline_in(SECONDS))
-
-
-def deadline_in(seconds):
-    return time.monotonic() + seconds

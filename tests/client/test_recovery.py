@@ -3,13 +3,16 @@
 import os
 import signal
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
+import zmq
 from mesh_motion_client import QualityRefused, SessionError, Timeout, Unavailable
-from mesh_motion_client.connection import Connection
+from mesh_motion_client.connection import Connection, ConnectionLost
 from mesh_motion_client.control import Control
 from mesh_motion_protocol.digests import request_digest
+from mesh_motion_protocol.messages import Hello
 
 from proofs.waiting import wait_until
 
@@ -135,3 +138,12 @@ def test_a_join_that_failed_leaves_no_connection_behind(server, session, monkeyp
     with pytest.raises(SessionError, match="seeded"):
         session.move(UP)
     assert session.move(UP).iteration == 1
+
+
+def test_a_connection_that_ends_just_before_a_request_is_sent_does_not_hang(tmp_path):
+    endpoint = f"ipc://{tmp_path}/nobody"  # never connected, so no event tells the check before the request
+    with closing(Connection(endpoint)) as connection:
+        connection._socket.disconnect(endpoint)
+        wait_until(lambda: not connection._socket.poll(0, zmq.POLLOUT), "ZeroMQ gave the connection up")
+        with pytest.raises(ConnectionLost):
+            connection.request(Hello(client=b"a" * 16, sequence=1, agent="test", features=[]), time.monotonic() + 30.0)
