@@ -86,9 +86,24 @@ template <class Type>
     }
 }
 
+/// Size, skew and Σ sign α (0 of what is no number) of a cell from Σ α, Σ f and Σ sign α of its n corners.
+template <int n>
+[[gnu::always_inline]] inline void judge_cell(double extent, double terms, double told, double& size, double& skew,
+                                              double& signs) {
+    // min(|τ|, 1/|τ|) with the sign of τ, by one division
+    const bool smaller = std::abs(extent) <= std::abs(told);
+    const double ratio = (smaller ? extent : told) / (smaller ? told : extent);
+    const double shape = std::abs(signs) == n ? n / terms : 0.0;
+    // a number minus itself is 0 and a NaN or an infinity is not: positions that are no numbers are the worst
+    const bool valid = (extent - extent == 0.0) & (terms == terms) & (ratio == ratio);
+    size = valid ? ratio : -infinity;
+    skew = valid ? shape : -infinity;
+    signs = valid ? signs : 0.0;
+}
+
 /// Judges `count` ≤ chunk cells. gather(k, jacobians) writes the Jacobians of their corners k.
 template <class Type, class Gather>
-void judge_chunk(Gather&& gather, Index count, const double* reference, double* __restrict size,
+void judge_chunk(Gather&& gather, Index count, const double* __restrict reference, double* __restrict size,
                  double* __restrict skew, bool* __restrict inverted) {
     constexpr int n = static_cast<int>(Type::corners.size());
     Jacobians<Type::dimension> jacobians;
@@ -99,27 +114,23 @@ void judge_chunk(Gather&& gather, Index count, const double* reference, double* 
             const Corner<Type::dimension> corner(jacobians, s);
             const double alpha = corner.determinant(), term = shape_term<Type>(corner, alpha);
             const double sign = (alpha > smallest ? 1.0 : 0.0) - (alpha < -smallest ? 1.0 : 0.0);
-            extent[s] = k ? extent[s] + alpha : alpha;
-            terms[s] = k ? terms[s] + term : term;
             signs[s] = k ? signs[s] + sign : sign;
+            if constexpr (n == 1) {  // divisions take as long as all the rest, and go on beside it
+                judge_cell<n>(alpha, term, reference[s], size[s], skew[s], signs[s]);
+            } else {
+                extent[s] = k ? extent[s] + alpha : alpha;
+                terms[s] = k ? terms[s] + term : term;
+            }
         }
     }
-    for (Index s = 0; s < count; ++s) {
-        // min(|τ|, 1/|τ|) with the sign of τ, by one division
-        const double told = reference[s];
-        const bool smaller = std::abs(extent[s]) <= std::abs(told);
-        const double ratio = (smaller ? extent[s] : told) / (smaller ? told : extent[s]);
-        const double shape = std::abs(signs[s]) == n ? n / terms[s] : 0.0;
-        // a number minus itself is 0 and a NaN or an infinity is not: positions that are no numbers are the worst
-        const bool valid = (extent[s] - extent[s] == 0.0) & (terms[s] == terms[s]) & (ratio == ratio);
-        size[s] = valid ? ratio : -infinity;
-        skew[s] = valid ? shape : -infinity;
-        inverted[s] = !valid | (signs[s] < n);
-    }
+    for (Index s = 0; n > 1 && s < count; ++s)
+        judge_cell<n>(extent[s], terms[s], reference[s], size[s], skew[s], signs[s]);
+    for (Index s = 0; s < count; ++s) inverted[s] = signs[s] < n;
 }
 
 using Two [[gnu::vector_size(2 * sizeof(double))]] = double;
 using Four [[gnu::vector_size(4 * sizeof(double))]] = double;
+using Eight [[gnu::vector_size(8 * sizeof(double))]] = double;
 
 /// The coordinates of four positions, by coordinate.
 [[gnu::always_inline]] inline std::array<Four, 3> by_coordinate(const std::array<const double*, 4>& at) {
@@ -131,14 +142,32 @@ using Four [[gnu::vector_size(4 * sizeof(double))]] = double;
             Four{at[0][2], at[1][2], at[2][2], at[3][2]}};
 }
 
-/// The same where a fourth number may be read beyond each position: the points need not be taken apart by loads.
-[[gnu::always_inline]] inline std::array<Four, 3> by_coordinate_and_more(const std::array<const double*, 4>& at) {
-    std::array<Four, 4> p;
-    for (int c = 0; c < 4; ++c) std::memcpy(&p[c], at[c], sizeof p[c]);
-    const Four a = __builtin_shufflevector(p[0], p[1], 0, 4, 2, 6), b = __builtin_shufflevector(p[2], p[3], 0, 4, 2, 6),
-               c = __builtin_shufflevector(p[0], p[1], 1, 5, 3, 7), d = __builtin_shufflevector(p[2], p[3], 1, 5, 3, 7);
-    return {__builtin_shufflevector(a, b, 0, 1, 4, 5), __builtin_shufflevector(c, d, 0, 1, 4, 5),
-            __builtin_shufflevector(a, b, 2, 3, 6, 7)};
+/// The same of as many positions as a register has lanes, where a fourth number may be read beyond each.
+template <std::size_t count>
+[[gnu::always_inline]] inline auto by_coordinate_and_more(const std::array<const double*, count>& at) {
+    if constexpr (count == 8) {  // twice the work of four by the same instructions: cells 0 and 2, 1 and 3 … in a register
+        std::array<Eight, 4> p;
+        for (int c = 0; c < 4; ++c) {
+            Four low, high;
+            std::memcpy(&low, at[c + (c & 2)], sizeof low);
+            std::memcpy(&high, at[c + (c & 2) + 2], sizeof high);
+            p[c] = __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7);
+        }
+        const auto even = [](Eight a, Eight b) { return __builtin_shufflevector(a, b, 0, 8, 2, 10, 4, 12, 6, 14); };
+        const auto odd = [](Eight a, Eight b) { return __builtin_shufflevector(a, b, 1, 9, 3, 11, 5, 13, 7, 15); };
+        const Eight a = even(p[0], p[1]), b = even(p[2], p[3]), c = odd(p[0], p[1]), d = odd(p[2], p[3]);
+        return std::array<Eight, 3>{__builtin_shufflevector(a, b, 0, 1, 4, 5, 8, 9, 12, 13),
+                                    __builtin_shufflevector(c, d, 0, 1, 4, 5, 8, 9, 12, 13),
+                                    __builtin_shufflevector(a, b, 2, 3, 6, 7, 10, 11, 14, 15)};
+    } else {
+        std::array<Four, 4> p;
+        for (int c = 0; c < 4; ++c) std::memcpy(&p[c], at[c], sizeof p[c]);
+        const auto even = [](Four a, Four b) { return __builtin_shufflevector(a, b, 0, 4, 2, 6); };
+        const auto odd = [](Four a, Four b) { return __builtin_shufflevector(a, b, 1, 5, 3, 7); };
+        const Four a = even(p[0], p[1]), b = even(p[2], p[3]), c = odd(p[0], p[1]), d = odd(p[2], p[3]);
+        return std::array<Four, 3>{__builtin_shufflevector(a, b, 0, 1, 4, 5), __builtin_shufflevector(c, d, 0, 1, 4, 5),
+                                   __builtin_shufflevector(a, b, 2, 3, 6, 7)};
+    }
 }
 
 /// The nodes of a chunk's cells, which are checked while they are near.
@@ -169,26 +198,28 @@ auto from_points(Matrix<const double> points, Index count, Cell cell, bool insid
     return [=](int k, Jacobians<d>& jacobians) {
         const auto& corner = Type::corners[k];
         Index s = 0;
-        const auto by_four = [&](auto take_apart) {
-            for (; s + 4 <= count; s += 4) {
+        const auto together = [&]<int number>(std::integral_constant<int, number>, auto take_apart) {
+            for (; s + number <= count; s += number) {
                 const auto corners = [&](int node) {
-                    std::array<const double*, 4> at;
-                    for (int c = 0; c < 4; ++c) at[c] = points.data() + d * Index{cell(s + c)[node]};
+                    std::array<const double*, number> at;
+                    for (int c = 0; c < number; ++c) at[c] = points.data() + d * Index{cell(s + c)[node]};
                     return take_apart(at);
                 };
                 const auto origin = corners(corner[0]);
                 for (int j = 0; j < d; ++j) {
                     const auto end = corners(corner[j + 1]);
                     for (int i = 0; i < d; ++i) {
-                        const Four edge = end[i] - origin[i];
+                        const auto edge = end[i] - origin[i];
                         std::memcpy(&jacobians.entry[i][j][s], &edge, sizeof edge);
                     }
                 }
             }
         };
         if constexpr (d == 3 && register_lanes >= 4) {  // slower than one by one in narrower registers
-            if (inside) by_four([](const auto& at) { return by_coordinate_and_more(at); });
-            else by_four([](const auto& at) { return by_coordinate(at); });
+            if (inside)
+                together(std::integral_constant<int, register_lanes>{}, [](const auto& at) { return by_coordinate_and_more(at); });
+            else
+                together(std::integral_constant<int, 4>{}, [](const auto& at) { return by_coordinate(at); });
         }
         for (; s < count; ++s) {
             const Node* nodes = cell(s);

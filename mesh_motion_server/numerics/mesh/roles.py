@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Integers
+from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["ROLES", "SLIDING_ROLES", "BoundaryRoles", "Patch", "nodes_with"]
 
@@ -84,6 +84,17 @@ class BoundaryRoles:
     def prescribed(self) -> Integers:
         """(k + f,) moving and fixed nodes, ascending."""
         return np.union1d(self.moving, self.fixed)
+
+    @cached_property
+    def _among_prescribed(self) -> Integers:
+        """(k,) places of the moving nodes among the prescribed ones."""
+        return np.searchsorted(self.prescribed, self.moving)
+
+    def prescribed_positions(self, targets: Floats, reference: Floats) -> Floats:
+        """(k + f, d) positions of the prescribed nodes: those that move at targets (k, d), others as in (n, d)."""
+        positions = reference.take(self.prescribed, axis=0)
+        positions[self._among_prescribed] = targets
+        return positions
 
     @cached_property
     def all(self) -> Integers:

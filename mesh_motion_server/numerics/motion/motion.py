@@ -212,8 +212,11 @@ class MotionModel(PreparedMesh):
         if self.method.displacement != "relative":
             return False
         some = slice(None, None, max(len(self.points) // _SAMPLE, 1))
-        boundary, moved = step.targets - step.committed[self.roles.moving], trial.points[some] - step.committed[some]
-        furthest, furthest_node = (np.max(np.sum(vectors**2, axis=1), initial=0.0) for vectors in (boundary, moved))
+        boundary, moved = (
+            step.targets - step.committed.take(self.roles.moving, axis=0),
+            trial.points[some] - step.committed[some],
+        )
+        furthest, furthest_node = (np.einsum("ij,ij->i", v, v).max(initial=0.0) for v in (boundary, moved))
         return bool(furthest_node > _OVERSHOOT**2 * furthest) and not np.array_equal(step.committed, self.points)
 
     def _layer_for(self, plain: _Predicted) -> BoundaryLayer | None:

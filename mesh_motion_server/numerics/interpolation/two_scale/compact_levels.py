@@ -183,7 +183,7 @@ class CompactSystem:
     @classmethod
     def build(cls, level: CompactLevel, points: Floats) -> CompactSystem:
         """Assemble a level for all control points (n, d)."""
-        members = np.ascontiguousarray(points[level.members])
+        members = points.take(level.members, axis=0)
         layout = CentreLayout.build(members, BASIS, level.radius)
         return cls(level, members, layout, sparse_rows(layout, BASIS, level.radius, padded(members)))
 
@@ -208,7 +208,7 @@ class CompactSystem:
             If the residual stays above 1e-9 of the scale, or for a level before the last above 1e-6.
         """
         weights, iterations = self._conjugate_gradients(
-            residual[self.level.members], scale, _TOLERANCE if last else _WIDE_TOLERANCE
+            residual.take(self.level.members, axis=0), scale, _TOLERANCE if last else _WIDE_TOLERANCE
         )
         return Interpolant(self.points, weights, BASIS, self.level.radius, self.layout), iterations
 

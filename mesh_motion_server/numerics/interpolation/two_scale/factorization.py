@@ -170,7 +170,7 @@ class TwoScalePlan:
         )
         corners = padded(np.stack([low, high]))
         grid = self._grid(padded(chosen), spacing, corners, points.shape[1]) if self.gridded else None
-        distinct = points[self.distinct]
+        distinct = points.take(self.distinct, axis=0)
         systems = [CompactSystem.build(level, distinct) for level in self.levels]
         return TwoScaleFactorization(points, self, coarse, grid, systems)
 
