@@ -129,7 +129,7 @@ void Tally::add_piece(const double* values, Index count, const Brackets* bracket
             below_b -= less_b;
             below_c -= less_c;
             const Counts upto_a = value < a.high, upto_b = value < b.high, upto_c = value < c.high;
-            marks += marks - ((~less_a & upto_a) | (~less_b & upto_b) | (~less_c & upto_c));
+            marks += marks - ((less_a ^ upto_a) | (less_b ^ upto_b) | (less_c ^ upto_c));  // low ≤ high
         };
         for (Index v = 0; v < whole; ++v) note(values + v * lanes, values + v * lanes);
         if (rest) note(padded, last);
