@@ -76,7 +76,7 @@ def compute(
     """
     base = mesh.points if move_input.frame == "reference" else committed
     moving = mesh.moving
-    boundary = BoundaryDisplacement(base[moving], move_input.boundary_displacement)
+    boundary = BoundaryDisplacement(base.take(moving, axis=0), move_input.boundary_displacement)
     targets = boundary.origin + boundary.displacement
     _check_places(targets, mesh)
     try:

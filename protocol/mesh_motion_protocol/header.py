@@ -27,6 +27,9 @@ _KINDS = bytes(
     for byte in range(256)
 )  # fmt: skip
 
+#: Most values: they are told by their type before anything slower is asked.
+_LEAVES = frozenset({float, str, int, bool, bytes, type(None)})
+
 
 def pack(header: Mapping[str, Any]) -> bytes:
     """Pack a map of plain values.
@@ -79,6 +82,8 @@ def unpack(frame: bytes | memoryview) -> dict[str, Any]:
 
 def plain(value: Any) -> Any:
     """Turn numpy scalars and tuples inside ``value`` into what msgpack knows."""
+    if type(value) in _LEAVES:
+        return value
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, Mapping):
@@ -131,7 +136,7 @@ def _no_extension(code: int, _data: bytes) -> Any:
 
 def _check_containers(value: Any, depth: int = 1) -> None:
     """Depth and items of nested maps and arrays."""
-    if not isinstance(value, (Mapping, list)):
+    if type(value) in _LEAVES or not isinstance(value, (Mapping, list)):
         return
     _admitted(len(value), depth, _too_large)
     for item in value.values() if isinstance(value, Mapping) else value:

@@ -110,6 +110,8 @@ def check_value(value: Any, spec: FieldSpec, *, finite: bool) -> None:
 
 def _check_kind(value: Any, kind: Any, where: str, finite: bool) -> None:
     """The type of ``value``, recursively."""
+    if kind is Any and _is_plain(value, finite):
+        return  # without a name for each of its items
     origin = get_origin(kind) or kind
     if origin is Any:
         origin = _plain_type(value, where)
@@ -138,6 +140,20 @@ def _check_kind(value: Any, kind: Any, where: str, finite: bool) -> None:
 _NAMES = {"str": "text", "bytes": "binary", "int": "an integer", "float": "a number", "bool": "true or false",
           "list": "an array", "dict": "a map"}  # fmt: skip
 _PLAIN = (type(None), bool, int, float, str, bytes, list, dict)
+
+
+def _is_plain(value: Any, finite: bool) -> bool:
+    """Whether nothing is wrong with a value of any type."""
+    kind = type(value)
+    if kind is float:
+        return not finite or math.isfinite(value)
+    if kind is int:
+        return value in _INTEGERS
+    if kind is list:
+        return all(_is_plain(item, finite) for item in value)
+    if kind is dict:
+        return all(type(key) is str and _is_plain(item, finite) for key, item in value.items())
+    return kind in _PLAIN
 
 
 def _plain_type(value: Any, where: str) -> type:

@@ -2,7 +2,7 @@
 
 The receiver makes anonymous memory and offers it with its request; a sender on its machine writes the arrays there.
 A random key at its beginning shows that both mean the same memory: in another container a process's number may be that
-of another process. The sender writes to the descriptor and maps nothing, so nobody's truncation can end it.
+of another process. Its size is sealed, so the sender can map it: nobody's truncation can end it.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import stat
 import sys
 import weakref
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,9 @@ from mesh_motion_protocol.errors import ProtocolError
 
 if sys.platform == "linux":
     import fcntl
+
+    #: Pages are there at once: a fault for each one takes longer than the copy.
+    _FLAGS = mmap.MAP_SHARED | mmap.MAP_POPULATE
 
 __all__ = ["FEATURE", "SUPPORTED", "SharedMemory", "is_large", "written"]
 
@@ -34,6 +38,8 @@ _LEAST_BYTES = 1 << 20
 _KEY_BYTES = 16
 #: Arrays begin at multiples of this, the first one behind the key.
 _ALIGNMENT = 64
+#: Memories that a sender keeps mapped, whose owners may be gone: four of each of some ranks.
+_MAPPED = 64
 
 
 class SharedMemory:
@@ -56,12 +62,13 @@ class SharedMemory:
     """
 
     def __init__(self, nbytes: int) -> None:
-        descriptor = os.memfd_create("mesh-motion")
+        descriptor = os.memfd_create("mesh-motion", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
         weakref.finalize(self, os.close, descriptor)
         key = secrets.token_bytes(_KEY_BYTES)
         os.ftruncate(descriptor, nbytes + 4 * _ALIGNMENT)
         os.pwrite(descriptor, key, 0)
-        self._map = mmap.mmap(descriptor, 0)
+        fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK)
+        self._map = mmap.mmap(descriptor, 0, flags=_FLAGS)
         self.offer = {"process": os.getpid(), "descriptor": descriptor, "key": key}
 
     def holds(self, nbytes: int) -> bool:
@@ -101,49 +108,47 @@ def written(offer: Mapping[str, Any], arrays: Sequence[NDArray[Any]]) -> dict[in
     dict
         Index → where it lies. Empty where the offer is none, or not of memory that this process may write to.
     """
-    memory = _opened(offer) if SUPPORTED else None
-    if memory is None:
+    process, descriptor, key = offer.get("process"), offer.get("descriptor"), offer.get("key")
+    if type(process) is not int or type(descriptor) is not int or type(key) is not bytes or not SUPPORTED:
         return {}
-    found: dict[int, int] = {}
+    places: dict[int, int] = {}
+    end = _ALIGNMENT
+    for index, array in enumerate(arrays):
+        if is_large(array):
+            places[index] = end
+            end += -(-array.nbytes // _ALIGNMENT) * _ALIGNMENT
+    if not places:
+        return {}
     try:
-        at, room = _ALIGNMENT, os.fstat(memory).st_size
-        for index, array in enumerate(arrays):
-            if is_large(array) and at + array.nbytes <= room:
-                raw = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<")).reshape(-1).data.cast("B")
-                _write(memory, raw, at)
-                found[index] = at
-                at += -(-raw.nbytes // _ALIGNMENT) * _ALIGNMENT
-    except OSError:
+        memory = _mapped(process, descriptor, key, end)
+    except (OSError, ValueError):
         return {}
+    for index, at in places.items():
+        array = arrays[index]
+        np.frombuffer(memory, array.dtype.newbyteorder("<"), array.size, at)[:] = array.reshape(-1)
+    return places
+
+
+@lru_cache(_MAPPED)
+def _mapped(process: int, descriptor: int, key: bytes, nbytes: int) -> mmap.mmap:
+    """The first bytes of anonymous memory that begins with the key, and that nobody can make smaller.
+
+    Raises
+    ------
+    OSError, ValueError
+        If there is none, or less.
+    """
+    path = f"/proc/{process}/fd/{descriptor}"
+    if not stat.S_ISREG(os.stat(path).st_mode):  # opening anything else might do something
+        raise OSError(f"{path} is no file")
+    memory = os.open(path, os.O_RDWR)
+    try:
+        sealed = fcntl.fcntl(memory, fcntl.F_GET_SEALS) & fcntl.F_SEAL_SHRINK  # of no file that has a name
+        if not sealed or os.pread(memory, _KEY_BYTES, 0) != key:
+            raise OSError(f"{path} is not the memory that is offered")
+        if os.fstat(memory).st_size < nbytes:
+            raise OSError(f"{path} is too small")
+        os.posix_fallocate(memory, 0, nbytes)  # a lack of memory is an error here, and would be the end later
+        return mmap.mmap(memory, nbytes, flags=_FLAGS)
     finally:
         os.close(memory)
-    return found
-
-
-def _opened(offer: Mapping[str, Any]) -> int | None:
-    """A descriptor of anonymous memory that begins with the offer's key."""
-    process, descriptor, key = offer.get("process"), offer.get("descriptor"), offer.get("key")
-    if type(process) is not int or type(descriptor) is not int or type(key) is not bytes or len(key) != _KEY_BYTES:
-        return None
-    path = f"/proc/{process}/fd/{descriptor}"
-    try:
-        if not stat.S_ISREG(os.stat(path).st_mode):  # opening anything else might do something
-            return None
-        memory = os.open(path, os.O_RDWR)
-    except OSError:
-        return None
-    try:
-        fcntl.fcntl(memory, fcntl.F_GET_SEALS)  # refused for a file on a disk
-        named = os.fstat(memory).st_nlink  # as a file in a folder of memory (tmpfs) is, which may have seals too
-        if not named and os.pread(memory, _KEY_BYTES, 0) == key:
-            return memory
-    except OSError:
-        pass
-    os.close(memory)
-    return None
-
-
-def _write(memory: int, raw: memoryview, at: int) -> None:
-    done = 0
-    while done < raw.nbytes:
-        done += os.pwrite(memory, raw[done:], at + done)

@@ -44,6 +44,24 @@ def test_a_small_array_and_one_that_does_not_fit_have_frames():
         assert content(memory) == before
 
 
+def test_memory_that_could_be_cut_off_is_left_alone():
+    """Who maps a file that somebody makes smaller is ended by a signal."""
+    unsealed = os.memfd_create("unsealed")
+    os.pwrite(unsealed, b"k" * 16 + bytes(2 * ROWS.nbytes), 0)
+    assert len(encode(moved(), {"process": os.getpid(), "descriptor": unsealed, "key": b"k" * 16})) == 3
+    os.close(unsealed)
+    memory = SharedMemory(ROWS.nbytes)
+    with pytest.raises(PermissionError):
+        os.ftruncate(memory.offer["descriptor"], 0)
+
+
+def test_a_sender_takes_no_more_of_it_than_it_needs():
+    memory = SharedMemory(ROWS.nbytes)
+    os.ftruncate(memory.offer["descriptor"], 1 << 40)  # larger than any machine's
+    assert len(encode(moved(), memory.offer)) == 2
+    assert 512 * os.fstat(memory.offer["descriptor"]).st_blocks < 2 * ROWS.nbytes
+
+
 def test_memory_is_free_when_no_array_lies_in_it():
     memory = SharedMemory(ROWS.nbytes)
     row = decode(encode(moved(), memory.offer), memory=memory).displacement[5]

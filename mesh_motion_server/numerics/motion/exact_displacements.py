@@ -35,11 +35,12 @@ def settle(moved: Floats, base: Floats, nodes: Integers, displacement: Floats) -
     nodes : (k,) int64 array
         Nodes whose ``displacement`` (k, d) is given, mesh length unit.
     """
-    before = moved[nodes]
+    before = moved.take(nodes, axis=0)
     changed = kernels.round_differences(moved.reshape(-1), base.reshape(-1))
-    elsewhere = changed - int(np.count_nonzero(moved[nodes] != before))
-    moved[nodes] = base[nodes] + displacement
-    return elsewhere == 0 and bool(np.array_equal(moved[nodes], before))
+    elsewhere = changed - int(np.count_nonzero(moved.take(nodes, axis=0) != before))
+    told = base.take(nodes, axis=0) + displacement
+    moved[nodes] = told
+    return elsewhere == 0 and bool(np.array_equal(told, before))
 
 
 def differences_of(moved: Floats, base: Floats, rows: Integers) -> Floats:
