@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, Self, TypeVar
 
-__all__ = ["Figures", "MachineLimits", "Rates", "Seconds", "WireFigures", "of_threads", "timed"]
+__all__ = ["Figures", "MachineLimits", "Rates", "Seconds", "StartFigures", "WireFigures", "of_threads", "timed"]
 
 T = TypeVar("T")
 
@@ -49,6 +49,31 @@ class _Read:
         """From a dict whose dicts are :class:`Seconds`."""
         known = {field.name for field in fields(cls)}
         return cls(**{k: Seconds(**v) if isinstance(v, dict) else v for k, v in values.items() if k in known})
+
+
+@dataclass(frozen=True)
+class StartFigures(_Read):
+    """Of starting.
+
+    Attributes
+    ----------
+    help : Seconds
+        Of ``mesh-motion --help``.
+    ready : Seconds
+        A server until it is ready.
+    opened : Seconds
+        ``connect()`` with a private server, and opening a mesh.
+    worker_bytes : int
+        Resident set of the process of a small session.
+    played : Seconds
+        ``mesh-motion play`` of one step, with its private server, picture and VTU files.
+    """
+
+    help: Seconds
+    ready: Seconds
+    opened: Seconds
+    worker_bytes: int
+    played: Seconds
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from benchmarks.scale.cases import CASES, MESHES, Case
-from benchmarks.scale.figures import Figures, MachineLimits, WireFigures, of_threads
+from benchmarks.scale.figures import Figures, MachineLimits, StartFigures, WireFigures, of_threads
 
 __all__ = ["Results", "exponent", "growth", "smaller"]
 
@@ -29,6 +29,7 @@ class Results:
         Figures by the name of a case.
     wire : dict
         Figures by the name of a case.
+    start : StartFigures or None
     """
 
     limits: MachineLimits
@@ -36,6 +37,7 @@ class Results:
     threads: int = 1
     library: dict[str, Figures] = field(default_factory=dict)
     wire: dict[str, WireFigures] = field(default_factory=dict)
+    start: StartFigures | None = None
 
     def save(self, path: Path) -> None:
         """Write JSON."""
@@ -51,6 +53,7 @@ class Results:
             found["threads"],
             {name: Figures.read(values) for name, values in found["library"].items()},
             {name: WireFigures.read(values) for name, values in found["wire"].items()},
+            StartFigures.read(found["start"]) if found.get("start") else None,
         )
 
 

@@ -18,7 +18,7 @@ from benchmarks.correction.cost import Cost
 from benchmarks.fresh import measured_in_fresh_process
 from benchmarks.peers.comparison import compare
 from benchmarks.peers.meshes import load_or_build
-from benchmarks.scale.figures import Figures, MachineLimits, WireFigures
+from benchmarks.scale.figures import Figures, MachineLimits, StartFigures, WireFigures
 from benchmarks.scale.results import Results
 from benchmarks.scale.truth import Truth
 from benchmarks.summary.evidence import Evidence
@@ -82,6 +82,10 @@ def _wire(run: _Run, job: Job) -> None:
     run.evidence.results.wire[job.name] = WireFigures.read(run.measured("scale.wire", job))
 
 
+def _start(run: _Run, job: Job) -> None:
+    run.evidence.results.start = StartFigures.read(run.measured("start", job))
+
+
 def _truth(run: _Run, job: Job) -> None:
     run.evidence.truths[job.name] = Truth(**run.measured("scale.truth", job))
 
@@ -106,6 +110,7 @@ _JOBS: dict[str, Callable[[_Run, Job], None]] = {
     "truth": _truth,
     "correction": _correction,
     "peer": _peer,
+    "start": _start,
 }
 
 

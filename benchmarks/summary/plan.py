@@ -16,10 +16,10 @@ class Job:
 
     Attributes
     ----------
-    kind : {"library", "wire", "truth", "correction", "peer"}
+    kind : {"library", "wire", "truth", "correction", "peer", "start"}
     name : str
         A case of :mod:`benchmarks.scale` (the first three kinds), of :mod:`benchmarks.correction` or of
-        :mod:`benchmarks.peers`.
+        :mod:`benchmarks.peers`; the mesh that :mod:`benchmarks.start` opens.
     seconds : float
         About what it takes.
     system : str
@@ -59,6 +59,7 @@ def _peers(case: str, **seconds: float) -> list[Job]:
 
 _SMALL = [
     *_library("steady", M3=6, M2=6, M1=5),
+    Job("start", "M3", 15),
     *_wire("steady", M3=25),
     *_library("large", M3=6, M2=6),
     *_peers("M3-T3-1", ours_plain=7, dense_rbf=12, kratos_laplacian=8, openfoam_converged=9),
@@ -71,6 +72,7 @@ _SMALL = [
 _FULL = [
     *_library("steady", M3=6, M4=16),
     *_wire("steady", M4=50, M3=25),
+    Job("start", "M3", 25),
     *_library("steady", M5=80, M2=6, M7=16, M1=5, M6=5, W2=6, S2=6, W3=7, S3=7),
     *_library("large", M3=6, M4=16, M2=6, M7=16),
     *_truths(M3=8, M4=45, M2=5, M7=15),

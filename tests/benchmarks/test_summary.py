@@ -15,9 +15,10 @@ from benchmarks.peers.comparison import CASES as PEERS
 from benchmarks.peers.comparison import Outcome
 from benchmarks.peers.judge import Verdict
 from benchmarks.peers.measurement import Measurement
+from benchmarks.peers.meshes import MESHES
 from benchmarks.peers.systems import SYSTEMS
 from benchmarks.scale.cases import CASES as SCALE
-from benchmarks.scale.figures import Figures, MachineLimits, Rates, Seconds, WireFigures
+from benchmarks.scale.figures import Figures, MachineLimits, Rates, Seconds, StartFigures, WireFigures
 from benchmarks.scale.results import Results
 from benchmarks.scale.truth import Truth
 from benchmarks.summary import command
@@ -74,7 +75,7 @@ def test_seconds_are_measured_by_the_dense_sum(evidence: Evidence) -> None:
     assert anchor(evidence).factor == pytest.approx(0.5)
     evidence.results.limits = replace(evidence.results.limits, pair_rate=1e7)
     assert anchor(evidence).factor == pytest.approx(2.0)
-    assert row(evidence, "M3, 3D").asked == "≤ 0.03 s"
+    assert row(evidence, "M3, 3D").asked == "≤ 0.03 s (0.015 there)"
     evidence.outcomes.append(outcome("M4-T3-1", "dense-rbf", 202.5))
     assert anchor(evidence).factor == pytest.approx(1.5)
     assert "M4" in anchor(evidence).text
@@ -103,6 +104,23 @@ def test_an_aim_is_met_or_not_or_not_measured(evidence: Evidence) -> None:
     assert row(evidence, "M2: correction to the maximum").met is None
     assert row(evidence, "M3: quality next to the body").measured == "97.6 % (0.400 of 0.410)"
     assert row(evidence, "M4: times faster than IDWarp").measured == "109, over the wire"
+
+
+def test_what_is_met_only_as_it_was_written_says_so(evidence: Evidence) -> None:
+    evidence.results.library["M3-steady"] = figures(50_144, 0.014)  # 15 ms there, 7.5 here
+    found = row(evidence, "M3, 3D")
+    assert (found.met, found.as_written) == (False, True)
+    assert "0.014 s | as written |" in aims_table(evidence)
+    assert "1 more as they were written" in aims_table(evidence)
+
+
+def test_starting_is_measured_as_a_user_meets_it(evidence: Evidence, tmp_path: Path) -> None:
+    found = StartFigures.read(measured_in_fresh_process("start", 2, "M1", str(tmp_path), "1"))
+    assert 0.0 < found.help.wall < found.opened.wall
+    assert 0.0 < found.ready.cpu < found.played.cpu
+    assert 2e7 < found.worker_bytes < 4e8
+    evidence.results.start = found
+    assert row(evidence, "a small session").measured == f"{found.worker_bytes / 1e6:.3g} MB"
 
 
 def test_the_fastest_other_system_counts(evidence: Evidence) -> None:
@@ -148,7 +166,7 @@ def test_the_pages_have_their_blocks() -> None:
 
 @pytest.mark.parametrize("plan", PLANS)
 def test_plans_name_what_exists(plan: str) -> None:
-    known = {"library": SCALE, "wire": SCALE, "truth": SCALE, "correction": CORRECTIONS, "peer": PEERS}
+    known = {"library": SCALE, "wire": SCALE, "truth": SCALE, "correction": CORRECTIONS, "peer": PEERS, "start": MESHES}
     jobs = PLANS[plan]
     for job in jobs:
         assert job.name in known[job.kind], job.text
