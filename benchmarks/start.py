@@ -1,7 +1,8 @@
 """What starting costs: ``python -m benchmarks.start MESH FOLDER REPEAT`` prints JSON.
 
 As a user meets it: the command's help, a server until it is ready, ``connect()`` and opening the mesh in a program,
-the process that a small session has, and one step of 22 000 nodes played from a case file, with pictures and VTU files.
+the process that a small session has, and one step of 22 000 nodes without a correction, played from a case file with
+pictures and VTU files.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ body = "moving"
 box = "fixed"
 [[motion]]
 patch = "body"
-rigid = { translation = [-0.05, -0.05], rotation = 10.0, centre = [0.5, 0.5] }
+rigid = { translation = [-0.01, -0.01], rotation = 2.0, centre = [0.5, 0.5] }
 [steps]
 count = 1
 """
