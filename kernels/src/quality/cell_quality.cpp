@@ -145,7 +145,7 @@ using Eight [[gnu::vector_size(8 * sizeof(double))]] = double;
 /// The same of as many positions as a register has lanes, where a fourth number may be read beyond each.
 template <std::size_t count>
 [[gnu::always_inline]] inline auto by_coordinate_and_more(const std::array<const double*, count>& at) {
-    if constexpr (count == 8) {  // twice the work of four by the same instructions: cells 0 and 2, 1 and 3 … in a register
+    if constexpr (count == 8) {  // by as many instructions as four; a register takes the cells 0 and 2, 1 and 3, 4 and 6 …
         std::array<Eight, 4> p;
         for (int c = 0; c < 4; ++c) {
             Four low, high;
@@ -216,10 +216,9 @@ auto from_points(Matrix<const double> points, Index count, Cell cell, bool insid
             }
         };
         if constexpr (d == 3 && register_lanes >= 4) {  // slower than one by one in narrower registers
-            if (inside)
-                together(std::integral_constant<int, register_lanes>{}, [](const auto& at) { return by_coordinate_and_more(at); });
-            else
-                together(std::integral_constant<int, 4>{}, [](const auto& at) { return by_coordinate(at); });
+            const auto more = [](const auto& at) { return by_coordinate_and_more(at); };
+            if (inside) together(std::integral_constant<int, register_lanes>{}, more);
+            else together(std::integral_constant<int, 4>{}, [](const auto& at) { return by_coordinate(at); });
         }
         for (; s < count; ++s) {
             const Node* nodes = cell(s);

@@ -212,10 +212,8 @@ class MotionModel(PreparedMesh):
         if self.method.displacement != "relative":
             return False
         some = slice(None, None, max(len(self.points) // _SAMPLE, 1))
-        boundary, moved = (
-            step.targets - step.committed.take(self.roles.moving, axis=0),
-            trial.points[some] - step.committed[some],
-        )
+        boundary = step.targets - step.committed.take(self.roles.moving, axis=0)
+        moved = trial.points[some] - step.committed[some]
         furthest, furthest_node = (np.einsum("ij,ij->i", v, v).max(initial=0.0) for v in (boundary, moved))
         return bool(furthest_node > _OVERSHOOT**2 * furthest) and not np.array_equal(step.committed, self.points)
 
