@@ -121,11 +121,11 @@ mutants: $(VENV)/.development
 	$(BIN)/python tests/mutation
 
 # The sanitizer's library must be loaded before Python; Python's own arenas and leaks at its end are not our matter. Without
-# -S the editable install would find its own kernels first, whatever PYTHONPATH says.
+# -S the editable install would find its own kernels first, whatever PYTHONPATH says. OpenBLAS is not instrumented: none of its threads.
 SANITIZED = cmake -S kernels -B out/sanitize/$(1) -DMESH_MOTION_LEVELS=v3 -DMESH_MOTION_SANITIZE=$(2) \
     -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python --log-level=WARNING && cmake --build out/sanitize/$(1) -j $(JOBS) \
   && LD_PRELOAD="$$($(CXX) -print-file-name=$(3)) $$($(CXX) -print-file-name=libstdc++.so)" PYTHONPATH=$(CURDIR)/out/sanitize/$(1):$(CURDIR):$(CURDIR)/protocol:$(CURDIR)/adapters/python:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
-    ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=halt_on_error=1 TSAN_OPTIONS=halt_on_error=1 MESH_MOTION_THREADS=3 \
+    ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=halt_on_error=1 TSAN_OPTIONS=halt_on_error=1:die_after_fork=0 MESH_MOTION_THREADS=3 OPENBLAS_NUM_THREADS=1 \
     $(BIN)/python -S -m pytest -q -m "not nightly" --timeout 3000 $(SANITIZED_TESTS)
 SANITIZED_TESTS ?= tests/kernels tests/numerics
 sanitize: $(VENV)/.development
