@@ -11,24 +11,30 @@ from contextlib import contextmanager
 from functools import cache
 
 import mesh_motion_kernels as kernels
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import LibController, ThreadpoolController
 
 __all__ = ["for_each_tile", "one_blas_thread"]
 
 
 @cache
-def _controller() -> ThreadpoolController:
-    """Finding the loaded BLAS libraries takes milliseconds: once."""
+def _libraries() -> list[LibController]:
+    """All that are loaded; finding them takes milliseconds: once."""
     import scipy.linalg  # noqa: F401, PLC0415  SciPy's own BLAS must be loaded to be found
 
-    return ThreadpoolController()
+    return list(ThreadpoolController().select(user_api="blas").lib_controllers)
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Limit every loaded BLAS to one thread, and restore."""
-    with _controller().limit(limits=1, user_api="blas"):
+    several = [(library, found) for library in _libraries() if (found := library.get_num_threads()) != 1]
+    for library, _ in several:
+        library.set_num_threads(1)
+    try:
         yield
+    finally:
+        for library, found in several:
+            library.set_num_threads(found)
 
 
 def for_each_tile(task: Callable[[int, int], None], size: int, tile: int) -> None:
