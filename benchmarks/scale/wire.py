@@ -22,7 +22,7 @@ from benchmarks.scale.library import FIRST_SHARE
 
 __all__ = ["measured"]
 
-#: Steps before those that are alike: memory is made for answers that both sides keep, the first one comes by the socket.
+#: Steps before those that are alike: both sides make memory for the answers that they keep.
 _SETTLING = 5
 _LARGE_REPEAT = 1  # a rollback keeps the cache: a second large step would not be a first one
 
