@@ -69,7 +69,8 @@ class Pool {
         {
             const std::lock_guard lock(state_);
             while (started_ < threads - 1) std::thread([this, own = ++started_] { serve(own); }).detach();
-            if (static_cast<int>(shares_.size()) != threads) shares_ = std::vector<Share>(threads);
+            if (static_cast<int>(shares_.size()) < threads) shares_ = std::vector<Share>(threads);
+            shared_by_ = threads;
             for (int t = 0; t < threads; ++t) {
                 shares_[t].next.store(job.count * t / threads, std::memory_order_relaxed);
                 shares_[t].end = job.count * (t + 1) / threads;
@@ -100,15 +101,15 @@ class Pool {
     }
 
     /// The thread's own share, then what is left of the others.
-    void work(Job& job, std::size_t own) {
-        for (std::size_t k = 0; k < shares_.size(); ++k) {
-            Share& share = shares_[(own + k) % shares_.size()];
+    void work(Job& job, int own) {
+        for (int k = 0; k < shared_by_; ++k) {
+            Share& share = shares_[(own + k) % shared_by_];
             for (Index block; (block = share.next.fetch_add(1, std::memory_order_relaxed)) < share.end && !job.failed;)
                 job.attempt(block);
         }
     }
 
-    [[noreturn]] void serve(std::size_t own) {
+    [[noreturn]] void serve(int own) {
         for (;;) {
             look_out([this] { return places_ > 0; });
             std::unique_lock lock(state_);
@@ -131,8 +132,8 @@ class Pool {
     std::mutex one_job_, state_;
     std::condition_variable wake_, idle_;
     Job* job_ = nullptr;
-    std::vector<Share> shares_;  // changed while no thread is busy
-    int started_ = 0;
+    std::vector<Share> shares_;  // the first of them count; changed while no thread is busy
+    int shared_by_ = 0, started_ = 0;
     std::atomic<int> sleeping_ = 0, places_ = 0, busy_ = 0;  // changed under the lock, looked at without
 };
 
