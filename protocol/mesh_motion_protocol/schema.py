@@ -103,63 +103,55 @@ def check_value(value: Any, spec: FieldSpec, *, finite: bool) -> None:
     """
     if spec.kind is float and type(value) is int:
         value = float(value)
-    _check_kind(value, spec.kind, spec.name, finite)
+    try:
+        _check_kind(value, spec.kind, finite)
+    except _WrongValueError as wrong:
+        where = spec.name + "".join(reversed(wrong.steps))
+        message, code = f"{where} {wrong}", f"INVALID_ARGUMENT.{wrong.subcode}"
+        raise ProtocolError(message, code=code, details={"field": where}) from None
     for marker in spec.markers:
         _check_marker(value, marker, spec.name)
 
 
-def _check_kind(value: Any, kind: Any, where: str, finite: bool) -> None:
+class _WrongValueError(Exception):
+    """What is wrong with a value, and the steps from it to its field: only an error gives each item a name."""
+
+    def __init__(self, text: str, subcode: str = "HEADER") -> None:
+        super().__init__(text)
+        self.subcode = subcode
+        self.steps: list[str] = []
+
+
+def _check_kind(value: Any, kind: Any, finite: bool) -> None:
     """The type of ``value``, recursively."""
-    if kind is Any and _is_plain(value, finite):
-        return  # without a name for each of its items
-    origin = get_origin(kind) or kind
-    if origin is Any:
-        origin = _plain_type(value, where)
-    if origin is float and type(value) is int:
+    found = type(value)
+    if kind is Any:
+        wanted, inner = found, Any
+        if found not in _PLAIN:
+            raise _WrongValueError(f"has a value of type {found.__name__}, which the wire does not know")
+    else:
+        wanted, inner = get_origin(kind) or kind, (Any, *get_args(kind))[-1]
+    if wanted is float and found is int:
         return
-    if type(value) is not origin:
-        wanted = getattr(origin, "__name__", str(origin))
-        raise _malformed(f"{where} must be {_NAMES.get(wanted, wanted)}, got {type(value).__name__}", where)
-    if origin is float and finite and not math.isfinite(value):
-        raise ProtocolError(
-            f"{where} must be finite, got {value}", code="INVALID_ARGUMENT.NONFINITE", details={"field": where}
-        )
-    if origin is int and value not in _INTEGERS:
-        raise _malformed(f"{where} must fit in 64 bits with sign, got {value}", where)
-    inner = get_args(kind)
-    if origin is list:
-        for index, item in enumerate(value):
-            _check_kind(item, inner[0] if inner else Any, f"{where}[{index}]", finite)
-    elif origin is dict:
-        for key, item in value.items():
-            if type(key) is not str:
-                raise _malformed(f"{where} must have text keys, got {type(key).__name__}", where)
-            _check_kind(item, inner[1] if inner else Any, f"{where}.{key}", finite)
+    if found is not wanted:
+        raise _WrongValueError(f"must be {_PLAIN.get(wanted, wanted.__name__)}, got {found.__name__}")
+    if found is float and finite and not math.isfinite(value):
+        raise _WrongValueError(f"must be finite, got {value}", "NONFINITE")
+    if found is int and value not in _INTEGERS:
+        raise _WrongValueError(f"must fit in 64 bits with sign, got {value}")
+    for step in value if found is dict else range(len(value)) if found is list else ():
+        if found is dict and type(step) is not str:
+            raise _WrongValueError(f"must have text keys, got {type(step).__name__}")
+        try:
+            _check_kind(value[step], inner, finite)
+        except _WrongValueError as wrong:
+            wrong.steps.append(f".{step}" if found is dict else f"[{step}]")
+            raise
 
 
-_NAMES = {"str": "text", "bytes": "binary", "int": "an integer", "float": "a number", "bool": "true or false",
-          "list": "an array", "dict": "a map"}  # fmt: skip
-_PLAIN = (type(None), bool, int, float, str, bytes, list, dict)
-
-
-def _is_plain(value: Any, finite: bool) -> bool:
-    """Whether nothing is wrong with a value of any type."""
-    kind = type(value)
-    if kind is float:
-        return not finite or math.isfinite(value)
-    if kind is int:
-        return value in _INTEGERS
-    if kind is list:
-        return all(_is_plain(item, finite) for item in value)
-    if kind is dict:
-        return all(type(key) is str and _is_plain(item, finite) for key, item in value.items())
-    return kind in _PLAIN
-
-
-def _plain_type(value: Any, where: str) -> type:
-    if type(value) not in _PLAIN:
-        raise _malformed(f"{where} has a value of type {type(value).__name__}, which the wire does not know", where)
-    return type(value)
+#: What the wire knows, as errors say it.
+_PLAIN = {str: "text", bytes: "binary", int: "an integer", float: "a number", bool: "true or false",
+          list: "an array", dict: "a map", type(None): "null"}  # fmt: skip
 
 
 def _check_marker(value: Any, marker: Length | Choice | Range, where: str) -> None:
@@ -177,7 +169,3 @@ def _check_marker(value: Any, marker: Length | Choice | Range, where: str) -> No
         raise ProtocolError(
             f"{where} must be {wanted}, got {shown}", code="INVALID_ARGUMENT.VALUE", details={"field": where}
         )
-
-
-def _malformed(message: str, where: str) -> ProtocolError:
-    return ProtocolError(message, code="INVALID_ARGUMENT.HEADER", details={"field": where})
