@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -49,9 +50,9 @@ def serve(
     mesh-motion serve --monitor 127.0.0.1:7441
     mesh-motion serve --endpoint tcp://0.0.0.0:7440 --keys keys
     """
-    from mesh_motion_server.transport.processes import use_one_blas_thread
+    from mesh_motion_server.transport.processes import repeatable_libraries
 
-    use_one_blas_thread()
+    os.environ.update(repeatable_libraries())
     from mesh_motion_server.transport.serve import serve as serve_sessions
 
     levels = ("debug", "info", "warning", "error")

@@ -8,6 +8,8 @@ import mesh_motion_kernels as kernels
 import pytest
 from python_runs import said_by_python
 
+from mesh_motion_server.transport.processes import repeatable_libraries
+
 _SCRIPT = Path(__file__).with_name("moves.py")
 _BUILT = sorted(found.parent.name for found in Path(kernels.__file__).parent.glob("*/_kernels*"))
 #: What this machine can run of what is built.
@@ -16,8 +18,8 @@ LEVELS = [level for level in _BUILT if level <= kernels._widest()]
 
 @functools.cache
 def _digests(level: str) -> dict[tuple[str, str], str]:
-    """By case and threads, of a process of its own. BLAS gets one thread, as in a worker."""
-    chosen = {"MESH_MOTION_LEVEL": level, "MESH_MOTION_THREADS": "3", "OPENBLAS_NUM_THREADS": "1"}
+    """By case and threads, of a process of its own with libraries as in a worker."""
+    chosen = {"MESH_MOTION_LEVEL": level, "MESH_MOTION_THREADS": "3"} | repeatable_libraries()
     lines = [line.split("\t") for line in said_by_python(_SCRIPT, env=os.environ | chosen).splitlines()]
     return {(case, threads): digest for case, threads, digest in lines}
 

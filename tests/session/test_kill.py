@@ -15,7 +15,7 @@ def test_a_few_kills() -> None:
     assert result.passed
     assert result.details["kills"] == 18
     assert result.details["acknowledged"] > 3
-    assert 0 < result.details["asked_again"] <= result.details["recovered"]
+    assert result.details["asked_again"] <= result.details["recovered"]  # none where the kills come too early
 
 
 def test_a_session_that_answers_otherwise_is_found(tmp_path: Path) -> None:

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from python_runs import said_by_python
 
 from mesh_motion_server.operation.tally import TALLY
-from mesh_motion_server.transport.processes import spawn
+from mesh_motion_server.transport.processes import repeatable_libraries, spawn
 
 MODULE = """
 import os, signal, sys
@@ -52,8 +53,24 @@ def told(*names: str, **options: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize("anew", [False, True])
 def test_the_threads_of_loops_and_of_blas_are_told(anew: bool) -> None:
-    names = told("MESH_MOTION_THREADS", "OPENBLAS_NUM_THREADS", threads=3, anew=anew)["names"]
-    assert names == {"MESH_MOTION_THREADS": "3", "OPENBLAS_NUM_THREADS": "1"}
+    expected = {"MESH_MOTION_THREADS": "3", "OPENBLAS_NUM_THREADS": "1"} | repeatable_libraries()
+    assert told(*expected, threads=3, anew=anew)["names"] == expected
+
+
+LIBRARIES = """
+import numpy, scipy.linalg, threadpoolctl
+print(numpy.lib.introspect.opt_func_info("^log$")["log"]["dd"]["current"])
+for library in threadpoolctl.threadpool_info():
+    print(library["internal_api"], library["architecture"], library["num_threads"])
+"""
+
+
+def test_libraries_take_the_code_of_any_processor_with_avx2() -> None:
+    if "OPENBLAS_CORETYPE" not in repeatable_libraries():
+        pytest.skip("this processor has no AVX2")
+    log, *blas = said_by_python("-c", LIBRARIES, env=os.environ | repeatable_libraries()).splitlines()
+    assert not {"AVX512_SKX", "X86_V4"} & set(log.split())
+    assert set(blas) == {"openblas Haswell 1"}
 
 
 def test_a_child_has_its_own_counts_signals_and_descriptors() -> None:
