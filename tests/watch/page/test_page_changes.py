@@ -164,8 +164,7 @@ def test_a_press_on_a_session_counts_though_it_steps(tab: Browser, server: Serve
     row = tab.driver.find_element(By.CSS_SELECTOR, f"[data-session='{FLAG}'] .second")
     ActionChains(tab.driver).click_and_hold(row).perform()
     order = tab.texts("#sessions .name")
-    tab.run(STEPPED, FLAG)
-    assert "step 777" in tab.text(f"[data-session='{FLAG}']")
+    assert "step 777" in tab.run(STEPPED, FLAG)
     ActionChains(tab.driver).release().perform()
     await_session(tab, FLAG)
     assert tab.texts("#sessions .name") == order
@@ -191,11 +190,12 @@ def test_step_and_qualities_are_of_one_moment(tab: Browser, server: ServerProces
         tab.wait(lambda step=step: tab.text("#figures dd").split()[0] == step, f"step {step} is shown")
 
 
-#: A session has made steps, and changed later than all others.
+#: A session has made steps, and changed later than all others; what its row says until the next list comes.
 STEPPED = """
 const m = globalThis.monitor;
 const [first] = arguments;
 const last = m.sessions.find((one) => one.session === first);
 const others = m.sessions.filter((one) => one.session !== first);
 m.list.show([{ ...last, minimum_of: 777, spark: [0.5, 0.4] }, ...others], m.chosen);
+return document.querySelector(`[data-session='${first}']`).textContent;
 """
