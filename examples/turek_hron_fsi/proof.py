@@ -235,7 +235,7 @@ def main() -> int:
         path = kept / f"{options.case}-{name}.npz"
         if options.only in (None, name) and not options.read:
             run = play(options.case, options.solver, name, options.out)
-            np.savez_compressed(path, allow_pickle=False, **{key: run[key].astype(np.float32) for key in run})
+            np.savez_compressed(path, **{key: run[key].astype(np.float32) for key in run})
         if path.exists():
             with np.load(path) as record:
                 runs[name] = {key: record[key].astype(np.float64) for key in record.files}

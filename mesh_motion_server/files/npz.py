@@ -60,7 +60,7 @@ def write_npz(path: Path | str, mesh: MeshFile) -> None:
     if mesh.global_ids is not None:
         arrays[_IDS] = mesh.global_ids
     with replacing(Path(path)) as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays)
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # none has the name of an argument
 
 
 def read_points(path: Path, shape: tuple[int, ...]) -> Floats:

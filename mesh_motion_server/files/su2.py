@@ -6,6 +6,7 @@ without blanks or empty, rows with or without their number at the end, two count
 https://su2code.github.io/docs_v7/Mesh-File/
 """
 
+import warnings
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -160,8 +161,9 @@ def _columns(rows: _Rows, columns: Sequence[int], dtype: type[np.generic]) -> ND
     if not rows or not columns:  # loadtxt warns in both cases
         return np.empty((len(rows), len(columns)), dtype=dtype)
     try:
-        return np.loadtxt(rows, dtype=dtype, comments=None, usecols=columns, ndmin=2)
-    except ValueError as error:
+        with warnings.catch_warnings(action="error"):  # before NumPy 2.3, 1.5 for an integer is one
+            return np.loadtxt(rows, dtype=dtype, comments=None, usecols=columns, ndmin=2)
+    except (ValueError, DeprecationWarning) as error:
         for row in rows if len(rows) > 1 else ():  # find the wrong row
             _columns([row], columns, dtype)
         given, needed = len(rows[0].split()), max(columns) + 1

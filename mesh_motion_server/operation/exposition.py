@@ -14,7 +14,7 @@ from prometheus_client.core import (
     InfoMetricFamily,
     Metric,
 )
-from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_latest
+from prometheus_client.exposition import generate_latest
 from prometheus_client.registry import Collector
 
 from mesh_motion_server.operation.metrics import METRICS, PREFIX
@@ -23,7 +23,7 @@ from mesh_motion_server.operation.tally import Tally
 
 __all__ = ["CONTENT_TYPE", "exposition"]
 
-CONTENT_TYPE = CONTENT_TYPE_PLAIN_0_0_4
+CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 
 class _Collector(Collector):

@@ -243,7 +243,7 @@ class Coupling:
         """Keep what the solid does not: in one piece, before the solid accepts the window."""
         path = self._folder / f"coupling-{window}.npz"
         with path.with_suffix(".new").open("wb") as file:
-            np.savez(file, allow_pickle=False, before=before, **self._acceleration.state())
+            np.savez(file, before=before, **self._acceleration.state())  # type: ignore[arg-type]  # none is named as an argument
             file.flush()
             os.fsync(file.fileno())
         path.with_suffix(".new").replace(path)
