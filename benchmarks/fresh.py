@@ -9,9 +9,9 @@ import subprocess
 import sys
 from typing import Any
 
-from mesh_motion_server.transport.processes import repeatable_libraries
-
 __all__ = ["measured_in_fresh_process"]
+
+_LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def measured_in_fresh_process(module: str, threads: int, *words: str, timeout: float | None = None) -> dict[str, Any]:
@@ -22,7 +22,7 @@ def measured_in_fresh_process(module: str, threads: int, *words: str, timeout: f
     subprocess.SubprocessError
         If it fails, or takes longer than the timeout in seconds.
     """
-    environment = {**os.environ, **repeatable_libraries(), "MESH_MOTION_THREADS": str(threads)}
+    environment = {**os.environ, **dict.fromkeys(_LIBRARIES, "1"), "MESH_MOTION_THREADS": str(threads)}
     environment["OMP_WAIT_POLICY"] = "passive"
     command = [sys.executable, "-m", f"benchmarks.{module}", *words]
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True, start_new_session=True) as child:
