@@ -36,7 +36,7 @@ PYTEST = -n $(JOBS) --dist loadfile --durations 40 --durations-min 5
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all test-fast wheel release manual lock lint format prove prove-full drivers mutants sanitize peers bench bench-quick studies docs adapters mok flap turek docker docker-openfoam clean
+.PHONY: help demo test test-all test-fast wheel release manual lock lint format prove prove-full drivers mutants sanitize sanitize-addresses sanitize-threads peers bench bench-quick studies docs adapters mok flap turek docker docker-openfoam clean
 
 help:
 	@sed -n '1,24s/^# \{0,1\}//p' Makefile
@@ -126,10 +126,12 @@ SANITIZED = cmake -S kernels -B out/sanitize/$(1) -DMESH_MOTION_LEVELS=v3 -DMESH
     -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python --log-level=WARNING && cmake --build out/sanitize/$(1) -j $(JOBS) \
   && LD_PRELOAD="$$($(CXX) -print-file-name=$(3)) $$($(CXX) -print-file-name=libstdc++.so)" PYTHONPATH=$(CURDIR)/out/sanitize/$(1):$(CURDIR):$(CURDIR)/protocol:$(CURDIR)/adapters/python:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
     ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=halt_on_error=1 TSAN_OPTIONS=halt_on_error=1:die_after_fork=0 MESH_MOTION_THREADS=3 OPENBLAS_NUM_THREADS=1 \
-    $(BIN)/python -S -m pytest -q -m "not nightly" --timeout 3000 $(SANITIZED_TESTS)
+    $(BIN)/python -S -m pytest -q -m "not nightly" --timeout 3000 -p no:cacheprovider $(SANITIZED_TESTS)
 SANITIZED_TESTS ?= tests/kernels tests/numerics
-sanitize: $(VENV)/.development
+sanitize: sanitize-addresses sanitize-threads
+sanitize-addresses: $(VENV)/.development
 	$(call SANITIZED,address,address$(comma)undefined,libasan.so)
+sanitize-threads: $(VENV)/.development
 	$(call SANITIZED,thread,thread,libtsan.so)
 comma := ,
 
