@@ -2,6 +2,7 @@
 
 import gc
 import logging
+import os
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import settings
 
 from mesh_motion_server import failpoints
+from mesh_motion_server.transport.processes import repeatable_libraries
 from proofs.failpoint_plan import PLAN
 
 #: Examples that hypothesis draws for a test: `make test` takes the first, `make test-all` the second.
@@ -49,6 +51,19 @@ def logs_of_their_own() -> Iterator[None]:
     root.setLevel(level)
     for handler in [handler for handler in root.handlers if handler not in before]:
         root.removeHandler(handler)
+
+
+_CODE_OF_LIBRARIES = tuple(repeatable_libraries())
+
+
+@pytest.fixture(autouse=True)
+def libraries_of_their_own() -> Iterator[None]:
+    """`serve` in this process chooses the code of its children's libraries; children of the next test choose anew."""
+    before = {name: os.environ[name] for name in _CODE_OF_LIBRARIES if name in os.environ}
+    yield
+    for name in set(_CODE_OF_LIBRARIES) - set(before):
+        os.environ.pop(name, None)
+    os.environ.update(before)
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -50,9 +49,9 @@ def serve(
     mesh-motion serve --monitor 127.0.0.1:7441
     mesh-motion serve --endpoint tcp://0.0.0.0:7440 --keys keys
     """
-    from mesh_motion_server.transport.processes import repeatable_libraries
+    from mesh_motion_server.transport.processes import use_repeatable_libraries
 
-    os.environ.update(repeatable_libraries())
+    use_repeatable_libraries()
     from mesh_motion_server.transport.serve import serve as serve_sessions
 
     levels = ("debug", "info", "warning", "error")

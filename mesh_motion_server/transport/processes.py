@@ -16,6 +16,7 @@ import signal
 import socket
 import sys
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -38,6 +39,7 @@ __all__ = [
     "offer_to_the_oom_killer",
     "repeatable_libraries",
     "spawn",
+    "use_repeatable_libraries",
     "wake_on_signals",
 ]
 
@@ -189,7 +191,7 @@ def _begin(supervisor: int, line: int) -> None:
             with contextlib.suppress(OSError):  # the listing's own
                 os.close(descriptor)
     TALLY.take()
-    os.environ.update(repeatable_libraries())
+    use_repeatable_libraries()
 
 
 def _end_with(live: Callable[[], int]) -> NoReturn:
@@ -213,12 +215,20 @@ def repeatable_libraries() -> dict[str, str]:
 
     Both choose their code by the processor, and its sums and logarithms differ in the last bit. So OpenBLAS, which the
     wheels of NumPy and SciPy have, takes its code for AVX2, and NumPy none for AVX-512. A steady step takes no longer.
-    Set this before numpy is imported.
     """
     names = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "OMP_NUM_THREADS")
     threads = dict.fromkeys(names, "1")
     code = {"OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": _AVX512}
     return threads | code if _has_avx2() else threads
+
+
+def use_repeatable_libraries() -> None:
+    """Set that environment here; call this before numpy is imported.
+
+    NumPy warns of names that it does not know, and does not start where warnings are errors.
+    """
+    os.environ.update(repeatable_libraries())
+    warnings.filterwarnings("ignore", "During parsing environment variable: 'NPY_DISABLE", ImportWarning)
 
 
 def _has_avx2() -> bool:

@@ -73,6 +73,11 @@ def test_libraries_take_the_code_of_any_processor_with_avx2() -> None:
     assert set(blas) == {"openblas Haswell 1"}
 
 
+def test_numpy_starts_where_its_warnings_are_errors() -> None:
+    module = "mesh_motion_server.transport.processes"
+    said_by_python("-W", "error", "-c", f"from {module} import use_repeatable_libraries as use; use(); import numpy")
+
+
 def test_a_child_has_its_own_counts_signals_and_descriptors() -> None:
     """0 to 2, its line, /dev/null and the listing."""
     TALLY.count("worker_starts")
