@@ -161,7 +161,7 @@ def _columns(rows: _Rows, columns: Sequence[int], dtype: type[np.generic]) -> ND
     if not rows or not columns:  # loadtxt warns in both cases
         return np.empty((len(rows), len(columns)), dtype=dtype)
     try:
-        with warnings.catch_warnings(action="error"):  # before NumPy 2.3, 1.5 for an integer is one
+        with warnings.catch_warnings(action="error", category=DeprecationWarning):  # NumPy < 2.3: 1.5 is an integer
             return np.loadtxt(rows, dtype=dtype, comments=None, usecols=columns, ndmin=2)
     except (ValueError, DeprecationWarning) as error:
         for row in rows if len(rows) > 1 else ():  # find the wrong row

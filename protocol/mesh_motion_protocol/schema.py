@@ -139,11 +139,11 @@ def _check_kind(value: Any, kind: Any, finite: bool) -> None:
         raise _WrongValueError(f"must be finite, got {value}", "NONFINITE")
     if found is int and value not in _INTEGERS:
         raise _WrongValueError(f"must fit in 64 bits with sign, got {value}")
-    for step in value if found is dict else range(len(value)) if found is list else ():
+    for step, item in value.items() if found is dict else enumerate(value) if found is list else ():
         if found is dict and type(step) is not str:
             raise _WrongValueError(f"must have text keys, got {type(step).__name__}")
         try:
-            _check_kind(value[step], inner, finite)
+            _check_kind(item, inner, finite)
         except _WrongValueError as wrong:
             wrong.steps.append(f".{step}" if found is dict else f"[{step}]")
             raise

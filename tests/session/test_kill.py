@@ -18,6 +18,13 @@ def test_a_few_kills() -> None:
     assert result.details["asked_again"] <= result.details["recovered"]  # none where the kills come too early
 
 
+def test_a_reply_that_is_asked_for_again_is_counted() -> None:
+    witness = Witness()
+    witness.hear(["resumed 0 0.1", "reply 1 1 aa"])
+    witness.hear(["resumed 1 0.1", "reply 1 1 aa", "reply 2 2 bb"])
+    assert (witness.repeats, witness.last, len(witness.recoveries)) == (1, 2, 1)
+
+
 def test_a_session_that_answers_otherwise_is_found(tmp_path: Path) -> None:
     witness = kill_again_and_again(tmp_path, Random(3), Budget(3))
     require_undisturbed(tmp_path, witness)
