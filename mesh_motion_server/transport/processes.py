@@ -233,7 +233,7 @@ def use_repeatable_libraries() -> None:
 
 def _has_avx2() -> bool:
     """As Linux tells of the first processor. The compiled loops know too, but they make their threads when loaded."""
-    with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="ascii") as lines:
+    with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="latin-1") as lines:
         return any(line.startswith("flags") and {"avx2", "fma"} <= set(line.split()) for line in lines)
     return False
 
