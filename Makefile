@@ -1,6 +1,7 @@
 # make demo   plays the thesis' cases, standard against corrected: a table and pictures in out/demo
 # make test   runs a core of every area's tests, two files at a time (JOBS=4 for more), in about six minutes
-# make test-all runs all of them, as CI does: whole runs, each page of the documentation, many drawn examples, in half an hour
+# make test-all runs all of them, as CI does: whole runs, each page of the documentation, many drawn examples, in half an hour;
+#             what fails runs once more, alone, and is named as flaky if it then passes
 # make manual writes docs/man anew after a change of a command
 # make wheel  builds the distributions into dist, the wheel for every instruction set, and tries it in an empty environment
 # make lock   writes the exact versions and hashes of all packages anew (requirements/)
@@ -39,7 +40,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help demo test test-all test-fast wheel release manual lock lint format prove prove-full drivers mutants sanitize sanitize-addresses sanitize-threads peers bench bench-quick studies docs adapters mok flap turek docker docker-openfoam clean
 
 help:
-	@sed -n '1,24s/^# \{0,1\}//p' Makefile
+	@sed -n '1,25s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -67,7 +68,7 @@ test: $(VENV)/.development
 	$(BIN)/pytest -m "not nightly" $(PYTEST)
 
 test-all: $(VENV)/.development
-	$(BIN)/pytest --hypothesis-profile many $(PYTEST)
+	$(BIN)/python -m pytest -p tools.once_more --hypothesis-profile many $(PYTEST)
 
 test-fast: $(VENV)/.development
 	$(BIN)/pytest -m "not slow"
@@ -122,11 +123,12 @@ mutants: $(VENV)/.development
 
 # The sanitizer's library must be loaded before Python; Python's own arenas and leaks at its end are not our matter. Without
 # -S the editable install would find its own kernels first, whatever PYTHONPATH says. OpenBLAS is not instrumented: none of its threads.
+# No second runs here nor in the proofs: a race, or a broken promise, that shows itself once is a fault.
 SANITIZED = cmake -S kernels -B out/sanitize/$(1) -DMESH_MOTION_LEVELS=v3 -DMESH_MOTION_SANITIZE=$(2) \
     -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python --log-level=WARNING && cmake --build out/sanitize/$(1) -j $(JOBS) \
   && LD_PRELOAD="$$($(CXX) -print-file-name=$(3)) $$($(CXX) -print-file-name=libstdc++.so)" PYTHONPATH=$(CURDIR)/out/sanitize/$(1):$(CURDIR):$(CURDIR)/protocol:$(CURDIR)/adapters/python:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
     ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=halt_on_error=1 TSAN_OPTIONS=halt_on_error=1:die_after_fork=0 MESH_MOTION_THREADS=3 OPENBLAS_NUM_THREADS=1 \
-    $(BIN)/python -S -m pytest -q -m "not nightly" --timeout 3000 -p no:cacheprovider $(SANITIZED_TESTS)
+    $(BIN)/python -S -m pytest -q -m "not nightly" --timeout 3000 -o faulthandler_timeout=3600 -p no:cacheprovider $(SANITIZED_TESTS)
 SANITIZED_TESTS ?= tests/kernels tests/numerics
 sanitize: sanitize-addresses sanitize-threads
 sanitize-addresses: $(VENV)/.development
