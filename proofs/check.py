@@ -9,6 +9,9 @@ from typing import Any
 
 __all__ = ["BrokenPromise", "Budget", "Check", "Result", "require"]
 
+#: A row may take so many times what it takes on two cores, and this long beside that; seconds.
+_SLACK, _AT_LEAST = 10.0, 600.0
+
 
 class BrokenPromise(Exception):
     """A check has seen what must never happen; the message says what, and where to look."""
@@ -97,6 +100,10 @@ class Check:
     def count(self, plan: str) -> int:
         """How many in the plan "short" or "full"."""
         return {"short": self.short, "full": self.full}[plan]
+
+    def limit(self, count: int, seconds: float | None) -> float:
+        """Seconds after which a run with this count, or with this time of its own, hangs: it fails."""
+        return _AT_LEAST + _SLACK * (self.seconds * count / self.short if seconds is None else seconds)
 
     def target_of(self, count: int | None) -> str:
         """The target with its count; None: with n, for as many as fit in a time."""

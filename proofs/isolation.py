@@ -28,6 +28,7 @@ from mesh_motion_protocol.messages import Open, Opened, Ping
 
 from mesh_motion_server.operation.room import resident_bytes
 from proofs.check import Budget, Check, Result, require
+from proofs.limited_context import limited_context
 from proofs.neighbours import KINDS
 from proofs.scheduling import turns_of
 from proofs.stand_in_server import StandInServer
@@ -56,6 +57,8 @@ _SERVICE = "proofs.isolation_service"
 _ECHO = """
 import sys, zmq
 socket = zmq.Context().socket(zmq.ROUTER)
+socket.sndtimeo = socket.rcvtimeo = 600_000
+socket.linger = 0
 print(socket.bind("tcp://127.0.0.1:*").addr, flush=True)
 while True:
     socket.send_multipart(socket.recv_multipart())
@@ -72,10 +75,9 @@ class Pings:
     """
 
     def __init__(self, endpoints: Mapping[str, str]) -> None:
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._context = limited_context(_PATIENCE)
         self._sockets = {name: self._context.socket(zmq.DEALER) for name in endpoints}
         for name, endpoint in endpoints.items():
-            self._sockets[name].setsockopt(zmq.LINGER, 0)
             self._sockets[name].connect(endpoint)
         self._frames = [bytes(frame) for frame in encode(Ping(client=b"isolation pinger"[:16], sequence=1))]
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import faulthandler
 import json
 import os
 import platform
+import signal
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError
@@ -26,6 +29,9 @@ __all__ = ["HEADING", "Outcome", "Plan", "chosen", "line_of", "prove"]
 
 _PACKAGES = ("numpy", "scipy", "msgpack", "pyzmq")
 _ROW = "{check:<15} {target:<63} {got:<63} {seed:>6} {seconds:>8} {verdict}"
+
+#: The second try to end a row that hangs comes so much later, seconds.
+_AGAIN_SECONDS = 60.0
 
 #: The first line of the table.
 HEADING = _ROW.format(check="check", target="target", got="got", seed="seed", seconds="seconds", verdict="").rstrip()
@@ -153,17 +159,43 @@ def _outcome(check: Check, plan: Plan, seconds: float | None, progress: Callable
     start = time.monotonic()
     trace = ""
     try:
-        result = check.run(plan.seed, budget)
-    except Exception as error:
+        with _limited(check.limit(count, seconds)):
+            result = check.run(plan.seed, budget)
+    except (Exception, _Hangs) as error:
         trace = traceback.format_exc()
         result = Result(_one_line(error), False, {})
     taken = time.monotonic() - start
     return Outcome(check.name, target, result.got, plan.seed, taken, result.passed, result.details, trace)
 
 
-def _one_line(error: Exception) -> str:
+class _Hangs(BaseException):
+    """A row is over its limit; nothing in a row that takes errors takes this one."""
+
+
+@contextmanager
+def _limited(seconds: float) -> Iterator[None]:
+    """Raise :class:`_Hangs` in whatever waits after this time, and again each minute if the end of the row waits too.
+
+    A loop that looks for no signal ends with the process, which writes where its threads are.
+    """
+
+    def give_up(*_: object) -> None:
+        raise _Hangs(f"not done within {seconds:g} s")
+
+    handler = signal.signal(signal.SIGALRM, give_up)
+    timer = signal.setitimer(signal.ITIMER_REAL, seconds, _AGAIN_SECONDS)
+    faulthandler.dump_traceback_later(seconds + 10 * _AGAIN_SECONDS, exit=True, file=2)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+        signal.setitimer(signal.ITIMER_REAL, *timer)
+        signal.signal(signal.SIGALRM, handler)
+
+
+def _one_line(error: BaseException) -> str:
     """Type, message and notes of an exception."""
-    words = " ".join([f"{type(error).__name__}: {error}", *getattr(error, "__notes__", ())])
+    words = " ".join([f"{type(error).__name__.lstrip('_')}: {error}", *getattr(error, "__notes__", ())])
     return " ".join(words.split())[:400]
 
 

@@ -6,6 +6,7 @@ import itertools
 import os
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self
 
@@ -16,6 +17,7 @@ from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.messages import Message
 
 from proofs.check import BrokenPromise
+from proofs.limited_context import shared_context
 
 __all__ = ["Wire"]
 
@@ -44,8 +46,7 @@ class Wire:
         self.frames: list[bytes] = []
         self.seconds = 0.0
         self._client, self._numbers = os.urandom(16), itertools.count(1)
-        self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
-        self._socket.setsockopt(zmq.LINGER, 0)
+        self._socket: zmq.Socket[bytes] = shared_context().socket(zmq.DEALER)
         if keys is not None:
             keys.protect(self._socket)
         self._events: zmq.Socket[bytes] = self._socket.get_monitor_socket(_REFUSALS)
@@ -73,8 +74,17 @@ class Wire:
         return decode(self.frames)
 
     def send(self, request: Message) -> None:
-        """Send a request, and do not wait."""
-        self._socket.send_multipart(encode(request))
+        """Send a request, and do not wait for its reply.
+
+        Raises
+        ------
+        BrokenPromise
+            If nothing takes it: the server has refused the connection.
+        """
+        try:
+            self._socket.send_multipart(encode(request))
+        except zmq.Again:
+            raise BrokenPromise(f"{request.type} cannot be sent: the server takes nothing from this client") from None
 
     def receive(self, request: Message, seconds: float) -> Any:
         """The reply to this request, None if there is none in time; those to others are passed over."""
@@ -87,8 +97,9 @@ class Wire:
 
     def is_refused(self, requests: Sequence[Message]) -> bool:
         """Send requests and say whether the handshake is refused, so that none of them is answered."""
-        for request in requests:
-            self.send(request)
+        with suppress(zmq.Again):  # refused already: there is no peer that one could wait for
+            for request in requests:
+                self._socket.send_multipart(encode(request), zmq.NOBLOCK)
         poller = zmq.Poller()
         poller.register(self._socket, zmq.POLLIN)
         poller.register(self._events, zmq.POLLIN)

@@ -96,7 +96,9 @@ def test_a_run_without_failures_stays_as_it_is(tmp_path: Path) -> None:
 def test_what_no_signal_ends_is_ended_and_named(tmp_path: Path) -> None:
     blocked = "signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGALRM])"
     source = f"import signal\ndef test_bad():\n    {blocked}\n    time.sleep(60)"
-    (tmp_path / "pytest.ini").write_text("[pytest]\ntimeout = 1\nfaulthandler_timeout = 2\nfaulthandler_exit_on_timeout = true\n")
+    (tmp_path / "pytest.ini").write_text(
+        "[pytest]\ntimeout = 1\nfaulthandler_timeout = 2\nfaulthandler_exit_on_timeout = true\n"
+    )
     status, output = ran(tmp_path, source, "-n1", "--max-worker-restart=0")
     assert status == 1, output
     assert "crashed while running 'test_given.py::test_bad'" in output

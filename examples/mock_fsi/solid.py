@@ -118,7 +118,8 @@ def main() -> int:
     structure: Structure | None = None
     with zmq.Context() as context, context.socket(zmq.REP) as socket:
         socket.setsockopt(zmq.LINGER, 2000)
-        socket.setsockopt(zmq.RCVTIMEO, int(options.patience * 1000))
+        for option in (zmq.RCVTIMEO, zmq.SNDTIMEO):
+            socket.setsockopt(option, int(options.patience * 1000))
         socket.bind(options.bind)
         sys.stdout.write(f"solid: listening on {socket.getsockopt_string(zmq.LAST_ENDPOINT)}\n")
         sys.stdout.flush()

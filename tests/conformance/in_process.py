@@ -26,6 +26,7 @@ from mesh_motion_server.transport.gateway import Gateway
 from mesh_motion_server.transport.protection import Protection, Rights
 from mesh_motion_server.transport.registry import Registry
 from mesh_motion_server.transport.worker import Worker
+from proofs.limited_context import limited_context
 
 
 class Line:
@@ -92,7 +93,7 @@ class InProcessServer:
         )
         self.numbers, self.later, self.workers = itertools.count(1), deque(), []
         self.store = SessionStore(folder)
-        self.context = zmq.Context()
+        self.context = limited_context()
         self.control = Control(
             Registry(self.store),
             self.settings,

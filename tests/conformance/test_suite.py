@@ -19,6 +19,8 @@ from mesh_motion_conformance.runner import run, selected
 from mesh_motion_conformance.server import server_cases
 from mesh_motion_conformance.spec_tables import TABLES, read_spec, rendered
 
+from proofs.limited_context import limited_context
+
 ROOT = Path(__file__).resolve().parents[2]
 SPEC = ROOT / "protocol" / "SPEC.md"
 README = ROOT / "protocol" / "conformance" / "README.md"
@@ -178,7 +180,7 @@ def test_what_is_no_endpoint_is_nobody():
 
 
 def test_a_server_with_keys_is_told_apart():
-    with zmq.Context() as context, context.socket(zmq.ROUTER) as router:
+    with limited_context() as context, context.socket(zmq.ROUTER) as router:
         router.curve_server, router.curve_secretkey = True, zmq.curve_keypair()[1]
         port = router.bind_to_random_port("tcp://127.0.0.1")
         with pytest.raises(Unreachable, match="asks for keys"):
@@ -186,5 +188,5 @@ def test_a_server_with_keys_is_told_apart():
 
 
 def test_who_greets_is_somebody():
-    with zmq.Context() as context, context.socket(zmq.ROUTER) as router:
+    with limited_context() as context, context.socket(zmq.ROUTER) as router:
         require_somebody(f"tcp://127.0.0.1:{router.bind_to_random_port('tcp://127.0.0.1')}", 30.0)

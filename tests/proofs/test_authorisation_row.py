@@ -1,11 +1,13 @@
 """The row of authorisation: all questions once, and servers that answer wrongly or tell strangers something."""
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from random import Random
 
 import pytest
+from mesh_motion_protocol.messages import Ping
 
 from mesh_motion_server.security.authorisation import Verdict, decide
 from proofs import authorisation_matrix as row
@@ -54,6 +56,15 @@ def found(stage: Stage, cell: Cell) -> str:
     with pytest.raises(BrokenPromise) as raised:
         row.judge(cell, row.outcome(stage, cell))
     return str(raised.value)
+
+
+def test_requests_after_the_refusal_do_not_wait_for_a_peer(tmp_path: Path) -> None:
+    with stage(tmp_path) as made, Wire(made.server.endpoint, made.unknown) as wire:
+        assert wire._events.poll(30_000), "refused"
+        time.sleep(0.2)  # libzmq takes the only peer away
+        begun = time.monotonic()
+        assert wire.is_refused([wire.request(Ping)] * 2)
+        assert time.monotonic() - begun < 20
 
 
 @pytest.mark.nightly

@@ -35,6 +35,8 @@ def test_judgement(busy: dict[str, float], growth: int, kept: bool) -> None:
 _ONE_PROCESS = """
 import time, zmq
 socket = zmq.Context().socket(zmq.ROUTER)
+socket.sndtimeo = socket.rcvtimeo = 600_000
+socket.linger = 0
 print(socket.bind("tcp://127.0.0.1:*").addr, flush=True)
 number = 0
 while True:

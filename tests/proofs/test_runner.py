@@ -3,17 +3,20 @@
 import json
 import signal
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
+import zmq
 
 from mesh_motion_server.commands.cli import ExitStatus
 from mesh_motion_server.errors import InvalidInput
 from proofs import table
 from proofs.__main__ import main
 from proofs.check import BrokenPromise, Budget, Check, Result, require
+from proofs.limited_context import limited_context
 from proofs.runner import HEADING, Plan, chosen, prove
 from proofs.waiting import wait_until
 
@@ -69,6 +72,30 @@ def test_what_fails_does_not_keep_the_others_from_running(tmp_path: Path) -> Non
     assert broken["got"] == "BrokenPromise: step 7 is lost (life 3)"
     assert 'require(False, "step 7 is lost")' in broken["traceback"]
     assert (missed["traceback"], missed["details"]) == ("", {"short": 1})
+
+
+def test_a_row_that_hangs_fails_by_its_name_and_the_next_one_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def hangs(seed: int, budget: Budget) -> Result:
+        with limited_context() as context, context.socket(zmq.DEALER) as dealer, suppress(Exception):
+            dealer.send(b"a send that nothing takes")
+        return Result("", True, {})
+
+    monkeypatch.setattr(Check, "limit", lambda *_: 0.3)
+    passed, lines, proof = proved(tmp_path, check("hanging", hangs), GOOD)
+    assert not passed
+    assert [line.split()[0] for line in lines[1:]] == ["hanging", "good"]
+    assert [line.split()[-1] for line in lines[1:]] == ["FAIL", "PASS"]
+    assert proof["checks"][0]["got"] == "Hangs: not done within 0.3 s"
+    assert "in hangs" in proof["checks"][0]["traceback"]
+    assert signal.getitimer(signal.ITIMER_REAL)[0] > 1, "the limit of this test is kept"
+
+
+def test_every_row_has_a_limit_that_grows_with_its_count() -> None:
+    for row in table.CHECKS:
+        assert 10 * row.seconds < row.limit(row.short, None) <= row.limit(row.full, None)
+        assert row.limit(row.short, 30.0) == 900.0
 
 
 def test_the_proof_says_what_it_was_measured_on(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from mesh_motion_protocol.key_files import PublicKey, SecretKey
 from mesh_motion_protocol.messages import Join, Open
 
 from mesh_motion_server.security.key_folder import make_client_keys
+from proofs.limited_context import limited_context
 from proofs.server_process import ServerProcess
 
 HERE = Path(__file__).parent
@@ -36,13 +37,11 @@ class Wire:
 
     def __init__(self, context, endpoint, keys=None, routing_id=b"", *, at_once=True):
         self.socket = context.socket(zmq.DEALER)
-        self.socket.setsockopt(zmq.LINGER, 0)
         if keys:
             self.socket.curve_serverkey, self.socket.curve_secretkey = keys.server.encode(), keys.secret.encode()
             self.socket.curve_publickey = zmq.curve_public(keys.secret.encode())
         if routing_id:
             self.socket.setsockopt(zmq.ROUTING_ID, routing_id)
-        self.socket.setsockopt(zmq.SNDTIMEO, int(1000 * PATIENCE))  # one without a peer would wait for ever
         self.endpoint = endpoint
         self.client, self.sequence = uuid.uuid4().bytes, 0
         if at_once:
@@ -99,7 +98,7 @@ def lasting_server(tmp_path_factory):
 
 @pytest.fixture
 def connect():
-    context = zmq.Context()
+    context = limited_context()
     wires = []
 
     def connect(endpoint, keys=None, routing_id=b"", *, at_once=True):

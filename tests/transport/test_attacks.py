@@ -17,6 +17,7 @@ from mesh_motion_server.security.key_folder import admit, make_server_keys
 from mesh_motion_server.transport.protection import Protection, user_of
 from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
 from proofs.attacks import ended, endless_message, forged_user, half_open, oversized_hello, ready, storm
+from proofs.limited_context import limited_context
 from proofs.waiting import wait_until
 
 MIB = 1 << 20
@@ -26,9 +27,8 @@ ONES = np.ones((2, 2))
 @contextlib.contextmanager
 def careless(**options):
     """A ROUTER of somebody who has not read docs/security.md, and its context."""
-    context = zmq.Context()
+    context = limited_context()
     socket = context.socket(zmq.ROUTER)
-    socket.setsockopt(zmq.LINGER, 0)
     for name, value in options.items():
         socket.setsockopt(getattr(zmq, name), value)
     port = socket.bind_to_random_port("tcp://127.0.0.1")
@@ -233,7 +233,7 @@ def handler(context, status):
 def protected(status, *, enforce=True, handled=True):
     """A CURVE endpoint whose handler is right or wrong."""
     protection = Protection(zmq.curve_keypair()[1].decode(), "")
-    context = zmq.Context()
+    context = limited_context()
     with contextlib.ExitStack() as stack:
         stack.callback(context.term)
         turn = stack.enter_context(handler(context, status)) if handled else lambda: None

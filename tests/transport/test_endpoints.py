@@ -7,6 +7,7 @@ import pytest
 import zmq
 
 from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, bind_first, lock_folder
+from proofs.limited_context import limited_context
 
 
 @pytest.mark.parametrize(
@@ -79,7 +80,7 @@ def test_data_endpoints_take_a_port_of_their_range_and_are_told_under_another_ho
 
 
 def test_the_first_free_address_is_taken():
-    with zmq.Context() as context, context.socket(zmq.ROUTER) as one, context.socket(zmq.ROUTER) as other:
+    with limited_context() as context, context.socket(zmq.ROUTER) as one, context.socket(zmq.ROUTER) as other:
         taken = bind_first(one, ["tcp://127.0.0.1:*"])
         free = bind_first(other, [taken, "tcp://127.0.0.1:*"])
         assert free != taken

@@ -12,6 +12,7 @@ from mesh_motion_protocol.messages import Ping
 
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport import template, worker
+from proofs.limited_context import limited_context
 
 
 class Line:
@@ -62,7 +63,7 @@ class Host:
 
 @pytest.fixture
 def dealer():
-    with zmq.Context() as context, context.socket(zmq.DEALER) as dealer:
+    with limited_context() as context, context.socket(zmq.DEALER) as dealer:
         dealer.linger = 0
         yield dealer
 
@@ -97,7 +98,7 @@ def test_a_connection_made_at_once_keeps_the_lease(dealer, tmp_path, monkeypatch
 
 
 def test_who_only_looks_on_keeps_no_lease():
-    with zmq.Context() as context, context.socket(zmq.ROUTER) as router:
+    with limited_context() as context, context.socket(zmq.ROUTER) as router:
         lease = worker.Lease(router, 0.0)
         port = router.bind_to_random_port("tcp://127.0.0.1")
         with context.socket(zmq.DEALER) as holder, context.socket(zmq.DEALER) as viewer:

@@ -26,7 +26,7 @@ def start_watched(start, **settings):
 
 def raw_connection(server):
     host, _, port = address_of(server).removeprefix("http://").rpartition(":")
-    return socket.create_connection((host, int(port)))
+    return socket.create_connection((host, int(port)), timeout=60)
 
 
 @contextlib.contextmanager

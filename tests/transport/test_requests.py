@@ -52,7 +52,7 @@ def test_garbage_on_the_wire_below_zeromq_is_survived(server, connect):
     host, _, port = server.endpoint.removeprefix("tcp://").rpartition(":")
     rng = np.random.default_rng(5)
     for size in (0, 1, 10, 64, 1000, 100_000):
-        with socket.create_connection((host, int(port))) as raw:
+        with socket.create_connection((host, int(port)), timeout=60) as raw:
             try:
                 raw.sendall(rng.bytes(size))
             except OSError:

@@ -9,6 +9,7 @@ import zmq
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.template import _host, _tell_progress
 from mesh_motion_server.transport.worker import Worker
+from proofs.limited_context import limited_context
 
 
 class Line:
@@ -43,7 +44,7 @@ class Host:
 
 def test_a_new_holder_is_heard_of_before_anything_is_written_for_him() -> None:
     line = Line({"order": "reclaim", "token": b"t"})
-    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    context = limited_context()
     socket = context.socket(zmq.ROUTER)
     worker = Worker(line, socket, Host(line), ServerSettings(), None)  # type: ignore[arg-type]
     try:

@@ -352,6 +352,9 @@ static outcome connect_to(mm_context *context, connection *connection, const cha
         return fail(context, "RESOURCE_EXHAUSTED", "", "no socket: %s", zmq_strerror(zmq_errno()));
     }
     set_option(socket, ZMQ_LINGER, 0);
+    /* no call lasts longer, whatever has been forgotten: a send does not wait, a receive follows a poll */
+    set_option(socket, ZMQ_SNDTIMEO, 60000);
+    set_option(socket, ZMQ_RCVTIMEO, 60000);
     set_option(socket, ZMQ_RECONNECT_IVL, 50);
     set_option(socket, ZMQ_RECONNECT_IVL_MAX, 1000);
     set_option(socket, ZMQ_HEARTBEAT_IVL, 5000);

@@ -87,6 +87,8 @@ class OpenFoam:
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.REP)
         self._socket.setsockopt(zmq.LINGER, 0)
+        for option in (zmq.SNDTIMEO, zmq.RCVTIMEO):
+            self._socket.setsockopt(option, round(1000 * patience))
         self._socket.bind(f"ipc://{self._folder.name}/fluid")
         self._process: subprocess.Popen[bytes] | None = None
 

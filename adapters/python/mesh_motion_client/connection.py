@@ -33,6 +33,8 @@ __all__ = ["Connection", "ConnectionLost", "DamagedReply", "seconds_left"]
 _WATCH_SECONDS = 1.0
 #: Largest frame that is taken: that of the protocol, and what CURVE puts around it.
 _MOST_BYTES = FRAME_BYTES + 64
+#: No call of the socket lasts longer, whatever has been forgotten: a send does not wait, a receive follows a poll.
+_MOST_MILLISECONDS = 60_000
 _WATCHED = zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
 
 
@@ -58,6 +60,8 @@ class Connection:
         self.endpoint = endpoint
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self._socket.setsockopt(zmq.LINGER, 0)
+        for option in (zmq.SNDTIMEO, zmq.RCVTIMEO):
+            self._socket.setsockopt(option, _MOST_MILLISECONDS)
         self._socket.setsockopt(zmq.MAXMSGSIZE, _MOST_BYTES)
         self._socket.setsockopt(zmq.RECONNECT_IVL, 50)
         self._socket.setsockopt(zmq.RECONNECT_IVL_MAX, 1000)

@@ -46,6 +46,8 @@ class Line:
         self.sequence = 0
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self._socket.setsockopt(zmq.LINGER, 0)
+        for option in (zmq.SNDTIMEO, zmq.RCVTIMEO):
+            self._socket.setsockopt(option, round(1000 * seconds))
         self._socket.setsockopt(zmq.IPV6, int("[" in endpoint))
         self._events: zmq.Socket[bytes] = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         self._socket.connect(endpoint)

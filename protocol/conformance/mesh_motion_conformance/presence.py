@@ -30,6 +30,8 @@ def require_somebody(endpoint: str, seconds: float) -> None:
     """
     socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
     socket.setsockopt(zmq.LINGER, 0)
+    for option in (zmq.SNDTIMEO, zmq.RCVTIMEO):
+        socket.setsockopt(option, round(1000 * seconds))
     socket.setsockopt(zmq.IPV6, int("[" in endpoint))
     events = socket.get_monitor_socket(_CONNECTED | _GREETED | _AGAIN | _NOT_ADMITTED)
     try:

@@ -35,7 +35,7 @@ async def left_of(burst: int) -> int:
     server = await asyncio.get_running_loop().create_server(protocol, "127.0.0.1", 0, backlog=64)
     with ExitStack() as lines:
         for _ in range(burst):  # the system takes them in, the loop gets to them afterwards
-            lines.enter_context(socket.create_connection(server.sockets[0].getsockname()))
+            lines.enter_context(socket.create_connection(server.sockets[0].getsockname(), timeout=60))
         async with asyncio.timeout(60):
             while made[0] < burst:
                 await asyncio.sleep(0)

@@ -39,8 +39,7 @@ def address(server: ServerProcess) -> tuple[str, int]:
 
 
 def raw(server: ServerProcess, request: bytes = b"") -> socket.socket:
-    line = socket.create_connection(address(server))
-    line.settimeout(60)
+    line = socket.create_connection(address(server), timeout=60)
     line.sendall(request)
     return line
 

@@ -22,6 +22,9 @@ from mesh_motion_conformance.wire import Malformed, Message, declaration, frames
 
 __all__ = ["Disturbance", "ScriptedServer", "Seen"]
 
+#: No call of a socket lasts longer.
+_MOST_MILLISECONDS = 60_000
+
 
 @dataclass(frozen=True)
 class Disturbance:
@@ -98,6 +101,8 @@ class ScriptedServer:
     def _router(self) -> zmq.Socket[bytes]:
         socket = self._context.socket(zmq.ROUTER)
         socket.setsockopt(zmq.LINGER, 0)
+        for option in (zmq.SNDTIMEO, zmq.RCVTIMEO):
+            socket.setsockopt(option, _MOST_MILLISECONDS)
         return socket
 
     def _run(self) -> None:
