@@ -88,10 +88,10 @@ def _progress() -> Iterator[Callable[[str], None]]:
     if not sys.stderr.isatty():
         yield lambda _: None
         return
-    from rich.console import Console
+    from mesh_motion_server.watch.terminal.console import working
 
-    with Console(stderr=True, highlight=False).status("") as status:
-        yield status.update
+    with working("") as say_what:
+        yield say_what
 
 
 def main() -> None:

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from mesh_motion_server.cases.recorded import Recorded
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.history.events import finite
 from mesh_motion_server.session.replay import maker
 from mesh_motion_server.watch.observation.series import PHASES, Columns
+from mesh_motion_server.watch.terminal.console import Table
 
 __all__ = ["Agreement", "Comparison", "Replayed", "table_of", "write_comparison"]
 

@@ -11,11 +11,11 @@ from pathlib import Path
 
 from mesh_motion_client import connect
 from rich.box import SIMPLE_HEAD
-from rich.table import Table
 
 from mesh_motion_server.cases.play import Played, play
 from mesh_motion_server.watch.pictures.before_after import MeshPair, draw_before_after
 from mesh_motion_server.watch.pictures.page import Page, pictures_are_possible, save, styled
+from mesh_motion_server.watch.terminal.console import Table
 
 __all__ = ["CASES", "Outcome", "play_demo", "table_of"]
 
@@ -90,7 +90,7 @@ def _draw(path: Path, outcome: Outcome) -> None:
 
 def table_of(outcomes: list[Outcome]) -> Table:
     """The results as a table."""
-    table = Table(title="lowest size-skew of any step, inverted cells, seconds", title_justify="left", box=SIMPLE_HEAD)
+    table = Table(title="lowest size-skew of any step, inverted cells, seconds", box=SIMPLE_HEAD)
     table.add_column("case")
     for heading in ("standard", "inv", "s", "corrected", "inv", "s"):
         table.add_column(heading, justify="right", no_wrap=True, min_width=len(heading) if len(heading) > 3 else 5)

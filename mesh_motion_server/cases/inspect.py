@@ -6,14 +6,13 @@ from typing import Any
 
 from mesh_motion_client import Keys, connect
 from rich.console import RenderableType
-from rich.table import Table
-from rich.text import Text
 
 from mesh_motion_server.cases.story import tell_step
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.session.inspection import Inspection, inspect_session
 from mesh_motion_server.session.spec import SPEC
 from mesh_motion_server.watch.observation.steps import HistoryDigest, digest_of_history
+from mesh_motion_server.watch.terminal.console import Table, inert
 
 __all__ = ["Found", "inspect_folder", "inspect_step", "list_sessions"]
 
@@ -49,7 +48,7 @@ def list_sessions(endpoint: str, timeout: float, keys: Keys | None = None) -> Fo
         sessions, name = server.sessions(), server.welcome.server
     columns = ["session", "label", "state", "step", "partitions", "worker"]
     columns += ["owner"] if any("owner" in session for session in sessions) else []
-    table = Table(*columns, title=f"{name} at {endpoint}: {len(sessions)} sessions", title_justify="left", box=None)
+    table = Table(*columns, title=f"{name} at {endpoint}: {len(sessions)} sessions", box=None)
     for session in sessions:
         table.add_row(*(str(session.get(column, "")) for column in columns))
     return Found({"server": name, "endpoint": endpoint, "sessions": sessions}, table, [])
@@ -92,7 +91,7 @@ def inspect_step(folder: Path, step: int) -> Found:
         raise InvalidInput(f"{folder}: not a session's folder", hint="give one of those below STATE FOLDER/sessions")
     story = tell_step(folder, step)
     values = {"session": folder.name, "step": step, "outcome": story.outcome, "events": story.events}
-    return Found(values, Text("\n".join(story.lines)), [])
+    return Found(values, inert(*story.lines), [])
 
 
 def _damaged(found: list[Inspection]) -> list[str]:
@@ -101,8 +100,8 @@ def _damaged(found: list[Inspection]) -> list[str]:
 
 def _overview(folder: Path, found: list[Inspection]) -> Table:
     """One row per session."""
-    table = Table("session", "label", "judged", "step", "nodes", "partitions", box=None)
-    table.title, table.title_justify = f"{folder}: {len(found)} sessions", "left"
+    title = f"{folder}: {len(found)} sessions"
+    table = Table("session", "label", "judged", "step", "nodes", "partitions", title=title, box=None)
     for i in found:
         table.add_row(i.session, i.label, i.state, str(i.step), str(i.nodes), str(i.partitions))
     return table

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import json
 import platform
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mesh_motion_server import __version__
-from mesh_motion_server.commands.cli import ExitStatus, complain
+from mesh_motion_server.commands.cli import ExitStatus, complain, say, say_json
 from mesh_motion_server.commands.completions import session_folders
 from mesh_motion_server.commands.convert import convert
 from mesh_motion_server.commands.expected_errors import expected_errors
@@ -57,7 +56,7 @@ app.command(short_help="Drive a session through a case.")(play)
 
 def _print_version(asked: bool) -> None:
     if asked:
-        typer.echo(f"mesh-motion-server {__version__}, protocol 1.0")
+        say(f"mesh-motion-server {__version__}, protocol 1.0")
         raise typer.Exit
 
 
@@ -72,9 +71,9 @@ def _program(
 
 def _show(table: RenderableType) -> None:
     """Print a table."""
-    from rich.console import Console
+    from mesh_motion_server.watch.terminal.console import console
 
-    Console(highlight=False, soft_wrap=True).print(table)
+    console(soft_wrap=True).print(table)
 
 
 # --- check -----------------------------------------------------------------------------------------------------------
@@ -101,7 +100,7 @@ def check(
     with expected_errors():
         report = check_path(path, zone, seconds=seconds)
     if as_json:
-        typer.echo(json.dumps(_check_values(report), indent=2, ensure_ascii=False))
+        say_json(_check_values(report))
     else:
         _print_check(report)
     for warning in report.warnings:
@@ -133,7 +132,7 @@ def _check_values(report: CheckReport) -> dict[str, Any]:
 
 def _print_check(report: CheckReport) -> None:
     """The report as a table."""
-    from rich.table import Table
+    from mesh_motion_server.watch.terminal.console import Table
 
     mesh = report.mesh
     cells = ", ".join(f"{len(nodes)} {name}" for name, nodes in mesh.cells.items())
@@ -155,7 +154,7 @@ def _print_check(report: CheckReport) -> None:
         table.add_row("motion", f"{report.steps} steps are accepted")
     _show(table)
     if not report.refused:
-        typer.echo(f"usable{' as a case' if report.roles else ' as a mesh'}")
+        say(f"usable{' as a case' if report.roles else ' as a mesh'}")
 
 
 # --- inspect ---------------------------------------------------------------------------------------------------------
@@ -202,7 +201,7 @@ def inspect(
         else:
             found = list_sessions(str(endpoint), timeout, keys_of_options(endpoint, key, server_key))
     if as_json:
-        typer.echo(json.dumps(found.values, indent=2, ensure_ascii=False))
+        say_json(found.values)
     else:
         _show(found.table)
     if found.damaged:
@@ -249,14 +248,14 @@ def conform(
         raise typer.BadParameter("give either --endpoint or --client", param_hint="--endpoint")
     subject = Subject(endpoint or "", client or "", timeout, patience)
     if list_cases:
-        typer.echo(listed(subject, only or ()))
+        say(listed(subject, only or ()))
         return
     with expected_errors():
         for report in (json_file, junit):
             if report is not None:
                 require_file_place(report)
     try:
-        outcomes = put_cases(subject, typer.echo, only=only or (), json=json_file, junit=junit, quiet=quiet)
+        outcomes = put_cases(subject, say, only=only or (), json=json_file, junit=junit, quiet=quiet)
     except Unreachable as error:
         complain(str(error))
         raise typer.Exit(ExitStatus.UNAVAILABLE) from None
@@ -280,20 +279,19 @@ def demo(
     \b
     mesh-motion demo --out out/demo
     """
-    from rich.console import Console
-
     from mesh_motion_server.cases.demo import play_demo, table_of
     from mesh_motion_server.files.replace import require_folder_place
     from mesh_motion_server.watch.pictures.page import pictures_are_possible
+    from mesh_motion_server.watch.terminal.console import working
 
     if not pictures_are_possible():
         complain("warning: no pictures without matplotlib: pip install 'mesh-motion-server[plot]'")
-    with expected_errors(), Console(stderr=True, highlight=False).status("starting a server") as status:
+    with expected_errors(), working("starting a server") as say_what:
         require_folder_place(out)
-        outcomes = play_demo(out, status.update)
+        outcomes = play_demo(out, say_what)
     _show(table_of(outcomes))
     for picture in sorted(out.glob("*.png")):
-        typer.echo(f"see {picture}")
+        say(f"see {picture}")
 
 
 @app.command(short_help="Print versions.")
@@ -312,5 +310,5 @@ def version() -> None:
             packages.append(f"{name} {installed(name)}")
         except PackageNotFoundError:
             packages.append(f"{name} not installed")
-    typer.echo(f"mesh-motion-server {__version__}, protocol 1.0")
-    typer.echo(f"Python {platform.python_version()}, {', '.join(packages)}")
+    say(f"mesh-motion-server {__version__}, protocol 1.0")
+    say(f"Python {platform.python_version()}, {', '.join(packages)}")

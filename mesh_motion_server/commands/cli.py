@@ -17,15 +17,18 @@ status  meaning
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import traceback
 from enum import IntEnum
-from typing import NoReturn
+from io import TextIOWrapper
+from typing import Any, NoReturn
 
 from mesh_motion_server.extras import not_installed
+from mesh_motion_server.watch.terminal.text import plain
 
-__all__ = ["ExitStatus", "complain", "main", "status_of"]
+__all__ = ["ExitStatus", "complain", "main", "say", "say_json", "status_of"]
 
 
 class ExitStatus(IntEnum):
@@ -61,12 +64,24 @@ def status_of(code: str) -> ExitStatus:
 
 def complain(message: str) -> None:
     """One line on standard error."""
-    sys.stderr.write(f"mesh-motion: {' '.join(message.split())}\n")
+    sys.stderr.write(f"mesh-motion: {plain(' '.join(message.split()))}\n")
+
+
+def say(text: object) -> None:
+    """Lines on standard output; what could steer a terminal is shown as ``�``."""
+    sys.stdout.write("".join(f"{plain(line)}\n" for line in str(text).split("\n")))
+
+
+def say_json(values: dict[str, Any]) -> None:
+    """Values for a program on standard output; a terminal gets escapes, as a label may hold any character."""
+    sys.stdout.write(json.dumps(values, indent=2, ensure_ascii=sys.stdout.isatty()) + "\n")
 
 
 def main() -> NoReturn:
     """Run the command line and exit."""
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # otherwise pydantic searches every installed package
+    if isinstance(sys.stdout, TextIOWrapper):  # a label may have what its encoding lacks: it is shown as "?"
+        sys.stdout.reconfigure(errors="replace")
     try:
         from mesh_motion_server.commands.app import app  # noqa: PLC0415  (its packages may be missing: the client's do)
 

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from mesh_motion_server.commands.cli import complain, status_of
+from mesh_motion_server.commands.cli import complain, say, status_of
 from mesh_motion_server.errors import MeshMotionError
 
 __all__ = ["convert"]
@@ -60,4 +60,4 @@ def convert(
         complain(f"warning: {note}")
     cells = ", ".join(f"{len(nodes)} {name}" for name, nodes in mesh.cells.items())
     files = f", {partitions} partitions" if partitions else ""
-    typer.echo(f"{target}: {mesh.dimension}D, {len(mesh.points)} nodes, {cells}, {len(mesh.patches)} patches{files}")
+    say(f"{target}: {mesh.dimension}D, {len(mesh.points)} nodes, {cells}, {len(mesh.patches)} patches{files}")

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from mesh_motion_server.commands.cli import complain
+from mesh_motion_server.commands.cli import complain, say
 from mesh_motion_server.commands.expected_errors import expected_errors
 
 __all__ = ["init"]
@@ -43,4 +43,4 @@ def init(
             file.write(text.encode())
     for warning in found.notes:
         complain(f"warning: {warning}")
-    typer.echo(f"{target}: check the roles in it, then: mesh-motion play {target}")
+    say(f"{target}: check the roles in it, then: mesh-motion play {target}")

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from mesh_motion_server.commands.cli import say
 from mesh_motion_server.commands.completions import roles
 from mesh_motion_server.commands.expected_errors import expected_errors
 
@@ -35,7 +36,7 @@ def server(folder: Folder) -> None:
 
     with expected_errors():
         make_server_keys(folder)
-    typer.echo(f"{folder}/server.secret stays here; clients need {folder}/server.public")
+    say(f"{folder}/server.secret stays here; clients need {folder}/server.public")
 
 
 @keys.command(short_help="Make a client's keys.")
@@ -52,7 +53,7 @@ def client(
 
     with expected_errors():
         make_client_keys(name, folder)
-    typer.echo(f"{folder}/{name}.secret stays here; the server's operator needs {folder}/{name}.public")
+    say(f"{folder}/{name}.secret stays here; the server's operator needs {folder}/{name}.public")
 
 
 @keys.command(short_help="Admit a client's key.")
@@ -84,7 +85,7 @@ def allow(
 
     with expected_errors():
         entry = admit(public, folder, name=name, roles=role or ())
-    typer.echo(f"{entry.name} is admitted as {', '.join(entry.roles)}")
+    say(f"{entry.name} is admitted as {', '.join(entry.roles)}")
 
 
 @keys.command(short_help="Take a key off the list.")
@@ -100,7 +101,7 @@ def revoke(
 
     with expected_errors():
         entry = take_off(name, folder)
-    typer.echo(f"{entry.name} is not admitted any more; the sessions are kept")
+    say(f"{entry.name} is not admitted any more; the sessions are kept")
 
 
 @keys.command("list", short_help="Show who is admitted.")
@@ -115,6 +116,6 @@ def show(folder: Folder) -> None:
     with expected_errors():
         entries = read_list(folder)
     for key, entry in sorted(entries.items(), key=lambda item: item[1].name):
-        typer.echo(f"{entry.name:24} {','.join(entry.roles):20} {key}")
+        say(f"{entry.name:24} {','.join(entry.roles):20} {key}")
     if not entries:
-        typer.echo(f"{folder / ALLOW_LIST} admits nobody")
+        say(f"{folder / ALLOW_LIST} admits nobody")

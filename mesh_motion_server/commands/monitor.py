@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mesh_motion_server.commands.cli import ExitStatus, complain, status_of
+from mesh_motion_server.commands.cli import ExitStatus, complain, say, say_json, status_of
 
 if TYPE_CHECKING:
     from mesh_motion_server.watch.terminal.sources import FolderSource
@@ -74,20 +73,15 @@ def _is_terminal() -> bool:
 
 def _print_once(source: FolderSource, session: str | None, *, as_json: bool) -> None:
     """Print one look."""
-    from rich.console import Console
-
+    from mesh_motion_server.watch.terminal.console import console
     from mesh_motion_server.watch.terminal.table import look_at, rendered, values_of
 
     look = look_at(source, session)
     if as_json:
-        # a terminal gets escaped text: a label may hold an escape sequence
-        values = values_of(source.where, look)
-        text = json.dumps(values, indent=2, ensure_ascii=sys.stdout.isatty(), allow_nan=False)
-    else:
-        width = None if sys.stdout.isatty() else _PLAIN_COLUMNS
-        console = Console(width=width, no_color=True, highlight=False, force_terminal=False)
-        with console.capture() as capture:
-            console.print(rendered(source.where, look))
-        text = "\n".join(line.rstrip() for line in capture.get().splitlines())
-    encoding = sys.stdout.encoding or "utf-8"
-    sys.stdout.write(text.encode(encoding, "replace").decode(encoding) + "\n")
+        say_json(values_of(source.where, look))
+        return
+    width = None if sys.stdout.isatty() else _PLAIN_COLUMNS
+    screen = console(width=width, no_color=True, force_terminal=False)
+    with screen.capture() as capture:
+        screen.print(rendered(source.where, look))
+    say("\n".join(line.rstrip() for line in capture.get().splitlines()))

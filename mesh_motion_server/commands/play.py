@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mesh_motion_server.commands.cli import complain
+from mesh_motion_server.commands.cli import complain, say
 from mesh_motion_server.commands.expected_errors import expected_errors
 from mesh_motion_server.commands.options import (
     EndpointOption,
@@ -112,13 +112,13 @@ def play(
     if not quiet:
         summary = played.summary
         judged = drawn(summary["method"]["quality_metric"])
-        typer.echo(
+        say(
             f"{len(played.steps)} step{'s' if len(played.steps) > 1 else ''} in {summary['seconds']:.1f} s, "
             f"lowest {judged} {summary['min_' + judged.replace('-', '_')]:.3f} in step {summary['worst_step']}, "
             f"{summary['inverted_cells']} inverted cells: {out}"
         )
         if line := faces_line([step.faces for step in played.steps]):
-            typer.echo(line)
+            say(line)
 
 
 @contextmanager
@@ -127,21 +127,11 @@ def _progress(quiet: bool) -> Iterator[Any]:
     if quiet or not sys.stderr.isatty():
         yield None
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from mesh_motion_server.watch.terminal.console import progress_bar
 
-    columns = (
-        TextColumn("step"),
-        MofNCompleteColumn(),
-        BarColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}"),
-    )
-    with Progress(*columns, console=Console(stderr=True, highlight=False), transient=True) as progress:
-        task = progress.add_task("opening the session", total=None)
+    with progress_bar("opening the session") as advance:
 
-        def advance(done: int, total: int, record: StepRecord) -> None:
-            text = f"size-skew {record.min_size_skew:.3f}"
-            progress.update(task, completed=done, total=total, description=text)
+        def record_step(done: int, total: int, record: StepRecord) -> None:
+            advance(done, total, f"size-skew {record.min_size_skew:.3f}")
 
-        yield advance
+        yield record_step

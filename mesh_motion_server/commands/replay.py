@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from mesh_motion_server.commands.cli import ExitStatus, complain
+from mesh_motion_server.commands.cli import ExitStatus, complain, say
 from mesh_motion_server.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -27,14 +27,13 @@ def tell_comparison(comparison: Comparison, *, quiet: bool) -> None:
     typer.Exit
         With status 1 if nothing was changed and the states differ all the same.
     """
-    from rich.console import Console
-
     from mesh_motion_server.cases.comparison import table_of
+    from mesh_motion_server.watch.terminal.console import console
 
     if not quiet:
-        Console(highlight=False, soft_wrap=True).print(table_of(comparison))
+        console(soft_wrap=True).print(table_of(comparison))
         for note in comparison.notes:
-            typer.echo(note)
+            say(note)
     if broken := comparison.broken_promise():
         complain(broken)
         raise typer.Exit(ExitStatus.UNMET)

@@ -9,8 +9,7 @@ import sys
 from functools import partial
 from pathlib import Path
 
-from rich.progress import Progress, TaskID
-
+from mesh_motion_server.watch.terminal.console import progress_bar
 from mok_benchmark.benchmark import END_TIME
 from mok_benchmark.execution import History, RunFailed, Size, missing_kratos, prepare, run
 from mok_benchmark.parameters import MESH_SOLVERS
@@ -30,16 +29,15 @@ def main(arguments: list[str] | None = None) -> int:
         return os.EX_UNAVAILABLE
     size = Size(tuple(given.wall), given.coarsest, given.end_time)
     runs: dict[str, History] = {}
-    with Progress() as bar:
-        for name in MESH_SOLVERS:
-            folder = given.out / name.replace(" ", "-")
-            mesh = prepare(folder, size)
-            task = bar.add_task(name, total=None)
-            try:
-                runs[name] = run(folder, name, size, partial(_show, bar, task))
-            except RunFailed as error:
-                sys.stderr.write(f"{name}: {error}\n")
-                return 1
+    for name in MESH_SOLVERS:
+        folder = given.out / name.replace(" ", "-")
+        mesh = prepare(folder, size)
+        try:
+            with progress_bar(name) as advance:
+                runs[name] = run(folder, name, size, partial(advance, words=name))
+        except RunFailed as error:
+            sys.stderr.write(f"{name}: {error}\n")
+            return 1
     outcomes = {name: judged(history, mesh.points, mesh.triangles) for name, history in runs.items()}
     found, whole = differences(*runs.values()), given.end_time >= _PEAK_TIME
     met = bool(max(found.values()) <= ALLOWED)
@@ -52,10 +50,6 @@ def main(arguments: list[str] | None = None) -> int:
     sys.stdout.write(table(outcomes, found, whole))
     sys.stdout.write(f"{given.out / 'mok.png'}, {given.out / 'mok.json'}\n")
     return 0 if met else 1
-
-
-def _show(bar: Progress, task: TaskID, done: int, steps: int) -> None:
-    bar.update(task, completed=done, total=steps)
 
 
 def _arguments(arguments: list[str] | None) -> argparse.Namespace:

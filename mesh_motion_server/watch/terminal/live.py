@@ -11,10 +11,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
-from rich.console import Console
 from rich.live import Live
 
 from mesh_motion_server.errors import SessionError
+from mesh_motion_server.watch.terminal.console import console
 from mesh_motion_server.watch.terminal.sources import FolderSource, Unreadable
 from mesh_motion_server.watch.terminal.table import Look, look_at, rendered, without_server
 
@@ -30,9 +30,9 @@ def watch(source: FolderSource, session: str | None, every: float) -> int:
 
     If a session does not exist yet, or the folder is gone, the view waits for it.
     """
-    console, keyboard = Console(), sys.stdin.fileno()
+    screen, keyboard = console(), sys.stdin.fileno()
     look, read_at = Look([]), 0.0
-    with _single_keys(keyboard), Live(console=console, screen=True, auto_refresh=False) as live:
+    with _single_keys(keyboard), Live(console=screen, screen=True, auto_refresh=False) as live:
         signal.signal(signal.SIGTERM, _end)  # Live then leaves the alternate screen
         while True:
             trouble = ""
@@ -41,7 +41,7 @@ def watch(source: FolderSource, session: str | None, every: float) -> int:
             except (Unreadable, SessionError) as error:
                 trouble = str(error)
                 look = without_server(look, read_at) if isinstance(error, Unreadable) else look
-            rows = max(console.height - _ROWS_OF_DETAILS, 3)
+            rows = max(screen.height - _ROWS_OF_DETAILS, 3)
             live.update(rendered(f"{source.where} (q quits)", look, trouble, rows), refresh=True)
             if select.select([keyboard], [], [], every)[0] and b"q" in _pressed(keyboard):
                 return 0

@@ -6,12 +6,11 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
 
 from mesh_motion_server.errors import SessionError
 from mesh_motion_server.watch.observation.series import PHASES
 from mesh_motion_server.watch.observation.verdict import Verdict, duration, server_gone
+from mesh_motion_server.watch.terminal.console import Table, inert
 from mesh_motion_server.watch.terminal.sources import FolderSource
 from mesh_motion_server.watch.terminal.text import number, plain
 
@@ -66,18 +65,18 @@ def _place(sessions: Sequence[dict[str, Any]], wanted: str | None) -> int:
 def rendered(where: str, look: Look, trouble: str = "", most_rows: int | None = None) -> RenderableType:
     """The look for a console; of a longer list ``most_rows`` sessions around the chosen one."""
     count = len(look.sessions)
-    rows: list[RenderableType] = [Text(f"{plain(where)}: {count} session{'s' if count != 1 else ''}", style="bold")]
+    rows: list[RenderableType] = [inert(f"{where}: {count} session{'s' if count != 1 else ''}", style="bold")]
     if look.sessions and all(entry["worker"] == "none" for entry in look.sessions):
         trouble = trouble or "no process holds a session: these are files"
     if trouble:
-        rows.append(Text(plain(trouble), style="bold yellow"))
+        rows.append(inert(trouble, style="bold yellow"))
     if look.sessions:
         rows.append(_table(look, most_rows or count))
     if look.chosen >= 0:
         entry = look.sessions[look.chosen]
         stands = Verdict(**entry["verdict"])
-        rows += ["", Text(plain(entry["label"]) or entry["session"], style="bold")]
-        rows.append(Text(plain(stands.line(time.time())), style=_TONES[stands.tone]))
+        rows += ["", inert(entry["label"] or entry["session"], style="bold")]
+        rows.append(inert(stands.line(time.time()), style=_TONES[stands.tone]))
         if look.details is not None:
             rows += _details(entry, look.details)
     return Group(*rows)
@@ -97,27 +96,28 @@ def _table(look: Look, most_rows: int) -> Table:
         step, end = entry["step"], entry["final_step"]
         committed = f"{duration(now - entry['committed_at'])} ago" if entry["committed_at"] else ""
         table.add_row(
-            Text("●" if held else "○", style="green" if held else "dim"),
-            Text(plain(entry["label"]) or "–", style="bold" if place == look.chosen else ""),
-            Text(plain(stands.kind), style=_TONES[stands.tone]),
-            *map(Text, (since, f"{step} of {end}" if end >= step > 0 else str(step))),
-            *map(Text, (number(entry["minimum"]), committed, entry["session"][:8])),
+            inert("●" if held else "○", style="green" if held else "dim"),
+            inert(entry["label"] or "–", style="bold" if place == look.chosen else ""),
+            inert(stands.kind, style=_TONES[stands.tone]),
+            *map(inert, (since, f"{step} of {end}" if end >= step > 0 else str(step))),
+            *map(inert, (number(entry["minimum"]), committed, entry["session"][:8])),
         )
     return table
 
 
-def _details(entry: Mapping[str, Any], details: Mapping[str, Any]) -> list[Text]:
-    rows, moved = [], details["moved"]
+def _details(entry: Mapping[str, Any], details: Mapping[str, Any]) -> list[RenderableType]:
+    rows: list[RenderableType] = []
+    moved = details["moved"]
     if entry["iteration"] and moved:
         lowest = number(details["corrected"].get("min"))
-        rows.append(Text(f"step {moved['step']}, iteration {moved['iteration']}: minimum {lowest} predicted"))
+        rows.append(inert(f"step {moved['step']}, iteration {moved['iteration']}: minimum {lowest} predicted"))
     rows += _quality(entry, details)
-    rows += [Text(f"worst  {_cell_words(cell)}") for cell in details["worst"]["cells"][:_WORST]]
+    rows += [inert(f"worst  {_cell_words(cell)}") for cell in details["worst"]["cells"][:_WORST]]
     for told in reversed(details["notable"][:_MESSAGES]):
         clock = time.strftime("%H:%M:%S", time.localtime(told["at"]))
         step = f" step {told['step']}" if told.get("step") is not None else ""
         words = f"{clock}{step} {told['event']} {plain(_message(told))}".rstrip()
-        rows.append(Text(words, style=_KINDS.get(told["event"], "dim")))
+        rows.append(inert(words, style=_KINDS.get(told["event"], "dim")))
     return rows
 
 
@@ -128,11 +128,11 @@ def _message(told: Mapping[str, Any]) -> str:
     return f"{request}{told.get('message', '')}{hint}{times}"
 
 
-def _quality(entry: Mapping[str, Any], details: Mapping[str, Any]) -> list[Text]:
+def _quality(entry: Mapping[str, Any], details: Mapping[str, Any]) -> list[RenderableType]:
     """Quality, iterations and seconds of the last committed step."""
     last, lowest = details["last"], details["lowest"]
     if not last:
-        return [Text("no step was committed yet", style="dim")]
+        return [inert("no step was committed yet", style="dim")]
     metric = details["built"].get("settings", {}).get("quality_metric", "quality")
     words = f"{plain(metric)}  minimum {number(last['actual_min'])}, mean {number(last['actual_mean'])}"
     if entry["threshold"] is not None:
@@ -142,7 +142,7 @@ def _quality(entry: Mapping[str, Any], details: Mapping[str, Any]) -> list[Text]
         words += "" if details["read"] == 1 else f" ({details['read']:.0%} of the history is read)"
     known = {name: value or 0.0 for name, value in last.items()}
     phases = ", ".join(f"{phase} {known[f'seconds_{phase}']:.2g}" for phase in PHASES)
-    return [Text(words), Text(f"{known['iterations']:.0f} iterations, {known['seconds_total']:.3g} s: {phases}")]
+    return [inert(words), inert(f"{known['iterations']:.0f} iterations, {known['seconds_total']:.3g} s: {phases}")]
 
 
 def _cell_words(cell: dict[str, Any]) -> str:

@@ -20,8 +20,13 @@ def plain(text: object) -> str:
     for letter in str(text):
         marks = marks + 1 if unicodedata.category(letter) in ("Mn", "Me") or unicodedata.combining(letter) else 0
         if marks <= _MOST_MARKS:
-            letters.append(letter if letter.isprintable() else " " if letter in "\t\r\n" else "�")
+            letters.append(letter if _is_shown(letter) else " " if letter in "\t\r\n" else "�")
     return "".join(letters)
+
+
+def _is_shown(letter: str) -> bool:
+    """Python counts all spaces but one as not printable: U+202F in ``12 000``, U+00A0."""
+    return letter.isprintable() or unicodedata.category(letter) == "Zs"
 
 
 def number(value: float | None) -> str:

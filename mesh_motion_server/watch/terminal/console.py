@@ -1,0 +1,70 @@
+"""The only way to Rich: no text is ever markup, and none has control characters.
+
+Labels, names of patches and messages come from clients and files. Rich would take ``[/x]`` in one for an error,
+``[link=…]`` for a hyperlink and ``[coarse]`` for a style. So nothing else here makes a console, a table, a text or a
+progress bar of Rich; a test over the sources shows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Protocol
+
+import rich.console
+import rich.table
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
+
+from mesh_motion_server.watch.terminal.text import plain
+
+__all__ = ["Advance", "Table", "console", "inert", "progress_bar", "working"]
+
+
+class Advance(Protocol):
+    """Shows how much is done, and words beside it."""
+
+    def __call__(self, done: int, total: int, words: str) -> None: ...
+
+
+def console(**options: Any) -> rich.console.Console:
+    """A console that takes strings as they are; long lines go on in the next line where ``soft_wrap`` says so."""
+    return rich.console.Console(markup=False, emoji=False, highlight=False, **options)
+
+
+def inert(*lines: object, style: str = "") -> Text:
+    """Text as it is, on these lines and no others."""
+    return Text("\n".join(map(plain, lines)), style=style)
+
+
+class Table(rich.table.Table):
+    """A table whose strings are inert."""
+
+    def __init__(self, *headers: str, title: str | None = None, **options: Any) -> None:
+        options |= {"title": None if title is None else inert(title), "title_justify": "left"}
+        super().__init__(*map(plain, headers), **options)
+
+    def add_row(self, *cells: rich.console.RenderableType | None, **options: Any) -> None:
+        """Append a row; see Rich."""
+        super().add_row(*(inert(cell) if isinstance(cell, str) else cell for cell in cells), **options)
+
+
+@contextmanager
+def working(what: str) -> Iterator[Callable[[str], None]]:
+    """A spinner on standard error with what is being done; a function to change the words."""
+    with console(stderr=True).status(inert(what)) as status:
+        yield lambda words: status.update(inert(words))
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[Advance]:
+    """A bar on standard error that vanishes at the end; a function (done, total, words) to advance it."""
+    words = TextColumn("{task.description}", markup=False)
+    columns = TextColumn("step", markup=False), MofNCompleteColumn(), BarColumn(), TimeElapsedColumn(), words
+    with Progress(*columns, console=console(stderr=True), transient=True) as progress:
+        task = progress.add_task(plain(what), total=None)
+
+        def advance(done: int, total: int, words: str) -> None:
+            progress.update(task, completed=done, total=total, description=plain(words))
+
+        yield advance
