@@ -20,12 +20,18 @@ settings.register_profile("many", max_examples=200, deadline=None)
 settings.load_profile("few")
 
 
+#: Fixtures that compile. On a busy machine this takes many minutes, and the first test that wants one waits for it.
+_COMPILE = {"foam_environment", "flap", "tools", "zmq_flags", "prefix", "sdist", "wheel"}
+
+
 @pytest.hookimpl(tryfirst=True)  # before -m chooses among them
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Whoever wants no slow tests wants no nightly ones."""
+    """Whoever wants no slow tests wants no nightly ones; what compiles has one limit, that of its test."""
     for item in items:
         if item.get_closest_marker("nightly"):
             item.add_marker("slow")
+        if _COMPILE.intersection(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.timeout(1800), append=False)
 
 
 @pytest.fixture(autouse=True)

@@ -24,7 +24,7 @@ def counts(lines: str) -> dict[str, tuple[int, int]]:
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_loops_have_the_same_bits_on_another_processor(tmp_path: Path) -> None:
     for tool in ("cmake", EMULATOR, *COMPILERS.values()):
         if shutil.which(tool) is None:

@@ -84,7 +84,7 @@ def made(tmp_path_factory, tools, zmq_flags):
     tools["need"]("make", "gcc")
     folder = tmp_path_factory.mktemp("make")
     paths = [f"OUT={folder}/out", f"PREFIX={folder}/prefix"]
-    tools["run"](["make", "-C", tools["source"], "install", *paths, "CFLAGS=-O1 -Werror"])
+    tools["compile"](["make", "-C", tools["source"], "install", *paths, "CFLAGS=-O1 -Werror"])
     return folder / "prefix"
 
 
@@ -100,8 +100,8 @@ def test_find_package(installed, consumer, tools, language, needed, source, text
     tools["need"](needed)
     (consumer / source).write_text(text)
     (consumer / "CMakeLists.txt").write_text(PROJECT.format(language=language, source=source, target=target))
-    tools["run"](["cmake", "-S", consumer, "-B", consumer / "build", f"-DCMAKE_PREFIX_PATH={installed}"])
-    tools["run"](["cmake", "--build", consumer / "build"])
+    tools["compile"](["cmake", "-S", consumer, "-B", consumer / "build", f"-DCMAKE_PREFIX_PATH={installed}"])
+    tools["compile"](["cmake", "--build", consumer / "build"])
     assert tools["run"]([consumer / "build" / "consumer"]) == ANSWER
 
 
@@ -109,7 +109,7 @@ def test_temporaries_are_no_arrays_of_a_mesh(tools, tmp_path):
     tools["need"]("g++")
     (tmp_path / "temporaries.cpp").write_text(TEMPORARIES)
     flags = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", f"-I{tools['source'] / 'include'}"]
-    tools["run"](["g++", *flags, tmp_path / "temporaries.cpp"])
+    tools["compile"](["g++", *flags, tmp_path / "temporaries.cpp"])
 
 
 @pytest.mark.parametrize("prefix", ["installed", "made"])
@@ -117,14 +117,14 @@ def test_pkg_config(prefix, consumer, tools, request):
     prefix = request.getfixturevalue(prefix)
     environment = os.environ | {"PKG_CONFIG_PATH": str(prefix / "lib" / "pkgconfig")}
     flags = tools["run"](["pkg-config", "--cflags", "--libs", "mesh_motion"], env=environment).split()
-    tools["run"](["gcc", consumer / "consumer.c", *flags, "-o", consumer / "consumer"])
+    tools["compile"](["gcc", consumer / "consumer.c", *flags, "-o", consumer / "consumer"])
     assert tools["run"]([consumer / "consumer"], env=os.environ | {"LD_LIBRARY_PATH": str(prefix / "lib")}) == ANSWER
 
 
 def test_a_static_library(made, consumer, tools, zmq_flags):
     archive = made / "lib" / "libmesh_motion.a"
     include = f"-I{made}/include"
-    tools["run"](["gcc", consumer / "consumer.c", include, archive, *zmq_flags, "-lm", "-o", consumer / "consumer"])
+    tools["compile"](["gcc", consumer / "consumer.c", include, archive, *zmq_flags, "-lm", "-o", consumer / "consumer"])
     assert tools["run"]([consumer / "consumer"]) == ANSWER
 
 
@@ -145,6 +145,6 @@ def test_there_is_no_global_state(compiler, tools):
         source = tools["source"] / "src" / name
         made = compiler.folder / f"plain_{name}.o"
         flags = ["-std=c11", f"-I{tools['source'] / 'include'}", *compiler.zmq_flags]
-        tools["run"](["gcc", *flags, "-c", source, "-o", made])
+        tools["compile"](["gcc", *flags, "-c", source, "-o", made])
         sections = re.findall(r"\s\.(data|bss)\s+([0-9a-f]+)", tools["run"](["objdump", "-h", made]))
         assert {(name, int(size, 16)) for name, size in sections} == {("data", 0), ("bss", 0)}

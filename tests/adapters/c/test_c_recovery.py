@@ -107,7 +107,6 @@ def server(tmp_path_factory):
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(900)
 def test_killed_again_and_again(installed, server):
     undisturbed = play(installed, server.endpoint, lambda *_: None)
     assert len(set(undisturbed)) == STEPS * (ITERATIONS + 1)

@@ -1,0 +1,39 @@
+"""What compiles takes as long as the machine needs: its only limit is that of the test, which is long."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parent
+_COMPILERS = re.compile(r"'(gcc|g\+\+|gfortran|mpicc|cmake|make|\./Allwmake)'|\bCOMPILERS\b|\bcompiler\b\[|'build'")
+
+
+def limited_builds(source: str) -> Iterator[str]:
+    """Calls that run a compiler with a time limit of their own."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Call) and any(k.arg in ("timeout", "patience") for k in node.keywords):
+            command = ast.unparse(node.args[0]) if node.args else ""
+            if _COMPILERS.search(command):
+                yield command
+
+
+def test_no_build_in_a_test_has_a_limit_of_its_own() -> None:
+    found = {path: list(limited_builds(path.read_text("utf-8"))) for path in TESTS.rglob("*.py")}
+    assert {path: builds for path, builds in found.items() if builds} == {}
+
+
+def test_the_rule_sees_a_limit() -> None:
+    assert list(limited_builds("run(['cmake', '--build', folder], patience=120)"))
+    assert list(limited_builds("subprocess.run(['./Allwmake'], timeout=PATIENCE)"))
+
+
+def test_a_test_whose_fixtures_compile_has_half_an_hour(zmq_flags: None, request: pytest.FixtureRequest) -> None:
+    assert request.node.get_closest_marker("timeout").args == (1800,)
+
+
+@pytest.fixture
+def zmq_flags() -> None:
+    """Named as the fixture with which all of the C client is compiled."""
