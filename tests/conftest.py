@@ -19,6 +19,10 @@ settings.register_profile("few", max_examples=25, deadline=None)
 settings.register_profile("many", max_examples=200, deadline=None)
 settings.load_profile("few")
 
+# A shell that starts the tests in the background has them ignore Ctrl-C, and so would every process that they start.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
 
 #: Fixtures that compile. On a busy machine this takes many minutes, and the first test that wants one waits for it.
 _COMPILE = {"foam_environment", "flap", "tools", "zmq_flags", "prefix", "sdist", "wheel"}

@@ -37,9 +37,9 @@ def test_who_is_not_admitted_is_told_at_once(keyed_server):
 
 def test_a_client_without_keys_is_told_to_give_some(keyed_server):
     with pytest.raises((SessionError, Unavailable), match=r"keys|--keys"):
-        connect(keyed_server.endpoint, timeout=3.0)
+        connect(keyed_server.endpoint, timeout=SECONDS)
 
 
 def test_a_client_with_keys_is_told_that_there_are_none(lasting_server, keyed_server):
     with pytest.raises((SessionError, Unavailable), match="key"):
-        connect(lasting_server.endpoint, timeout=3.0, keys=keyed_server.alice)
+        connect(lasting_server.endpoint, timeout=SECONDS, keys=keyed_server.alice)

@@ -90,7 +90,7 @@ def test_a_server_that_stays_away_ends_the_call_in_time(server, session):
     began = time.monotonic()
     with pytest.raises((Timeout, Unavailable)):
         session.commit(timeout=1.0)
-    assert time.monotonic() - began < 10
+    assert time.monotonic() - began < 20  # a COMMIT of its own accord: 30
     server.start()
     assert session.commit().step == 1
 

@@ -65,12 +65,12 @@ def test_a_disk_that_is_silent_is_asked_once_and_holds_up_nobody(
     began = time.monotonic()
     watch.ask()
     watch.require_answers()
-    for _ in range(50):
+    for _ in range(200):
         watch.ask()
         with pytest.raises(ResourceError, match="does not answer") as caught:
             watch.fresh()
     assert caught.value.code == "RESOURCE_EXHAUSTED.DISK"
-    assert time.monotonic() - began < 5  # they waited for the first question together
+    assert time.monotonic() - began < 30  # they waited for the first question together: each of them is a minute
     assert disk.asked == 2
     while watch.silence() <= 0.3:
         time.sleep(0.01)

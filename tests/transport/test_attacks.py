@@ -242,7 +242,8 @@ def protected(status, *, enforce=True, handled=True):
         socket.setsockopt(zmq.MAXMSGSIZE, 1 << 16)
         protection.protect(socket)
         socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, int(enforce))
-        socket.setsockopt(zmq.HANDSHAKE_IVL, 300)
+        # one that gets no answer ends by this time, all others before it, on a busy machine too
+        socket.setsockopt(zmq.HANDSHAKE_IVL, 300 if status is None and enforce else 30_000)
         port = socket.bind_to_random_port("tcp://127.0.0.1")
         yield f"tcp://127.0.0.1:{port}", protection, turn
 

@@ -69,7 +69,7 @@ def test_he_is_waited_for_once(pipe: Pipe, monkeypatch: pytest.MonkeyPatch) -> N
     began = time.monotonic()
     for _ in range(200):
         log.write("z" * 4096)
-    assert 0.3 <= time.monotonic() - began < 5
+    assert 0.3 <= time.monotonic() - began < 30  # each of them: a minute
 
 
 def test_a_file_and_what_is_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,7 +17,7 @@ from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport import monitor
 from mesh_motion_server.transport.monitor import Pages
 from mesh_motion_server.transport.opening import check_room
-from proofs.waiting import wait_until
+from proofs.waiting import PATIENCE, wait_until
 
 
 def start_watched(start, **settings):
@@ -49,7 +49,7 @@ def test_ready_comes_and_goes_with_the_drain(start, open_session):
     wait_until(lambda: get(server, "/readyz") == (503, "draining: the server is stopping\n"), "not ready")
     assert get(server, "/healthz")[0] == 200
     (server.state / "go").touch()
-    assert server.process.wait(20) == 0
+    assert server.process.wait(PATIENCE) == 0
 
 
 @pytest.mark.nightly
@@ -145,14 +145,14 @@ def test_slow_and_silent_connections_close_nobody_out(watched, connect):
 @pytest.mark.parametrize("address", ["0.0.0.0:0", "192.0.2.1:9464"])
 def test_an_address_that_others_reach_exits_78(start, address):
     server = start(metrics=address, ready=False)
-    assert server.process.wait(30) == 78
+    assert server.process.wait(PATIENCE) == 78
     assert "metrics" in server.events("refused")[0]["reason"]
 
 
 def test_an_occupied_port_exits_69_and_leaves_nothing(start):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         server = start(metrics=f"127.0.0.1:{taken.getsockname()[1]}", ready=False)
-        assert server.process.wait(30) == 69
+        assert server.process.wait(PATIENCE) == 69
     assert "metrics" in server.events("refused")[0]["reason"]
 
 

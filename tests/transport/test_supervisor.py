@@ -13,7 +13,7 @@ from mesh_motion_protocol.messages import Close, Commit, Hello, List, Move, Open
 
 from proofs.attacks import endless_message
 from proofs.processes import alive
-from proofs.waiting import wait_until
+from proofs.waiting import PATIENCE, wait_until
 
 ONES = np.ones((2, 2))
 
@@ -103,7 +103,7 @@ def test_the_gateway_comes_back_on_the_same_endpoint(start, connect, open_sessio
 
 def test_sigterm_drains_a_server_that_has_just_said_that_it_is_ready(start):
     server = start("stopped-at-once", ready=False)
-    assert server.process.wait(60) == 0
+    assert server.process.wait(PATIENCE) == 0
     assert [event["reason"] for event in server.events("draining")] == ["signal"]
 
 
@@ -118,7 +118,7 @@ def test_sigterm_lets_the_request_finish_and_closes_the_journal(start, connect, 
     assert (refused.code, refused.retryable) == ("UNAVAILABLE.DRAINING", True)
     (server.state / "go").touch()
     assert data.receive().type == "MOVED"
-    assert server.process.wait(10) == 0
+    assert server.process.wait(PATIENCE) == 0
     assert (server.state / f"closed-{opened.session}").exists()
     assert not server.ready_file.exists()
 
@@ -128,10 +128,8 @@ def test_a_drain_is_bounded(start, open_session):
     opened, data, at = open_session(server, label="slow")
     data.send(Move, **at, step=1, frame="reference", displacement=ONES)
     wait_until((server.state / f"moving-{opened.session}").exists, "the move runs")
-    began = time.monotonic()
     server.process.send_signal(signal.SIGTERM)
-    assert server.process.wait(10) == 0
-    assert time.monotonic() - began < 5
+    assert server.process.wait(PATIENCE) == 0  # the move itself waits for ever
     assert server.events("killed")
 
 
@@ -143,7 +141,7 @@ def test_a_second_signal_does_not_wait(start, open_session):
     server.process.send_signal(signal.SIGTERM)
     wait_until(lambda: server.events("draining"), "draining")
     server.process.send_signal(signal.SIGTERM)
-    assert server.process.wait(10) == 0
+    assert server.process.wait(PATIENCE) == 0
     assert server.events("killed")
 
 
@@ -154,7 +152,7 @@ def test_a_signal_and_the_end_of_the_lifeline_are_one_drain(start, open_session)
     opened, _, _ = open_session(server)
     os.close(writer)
     server.process.send_signal(signal.SIGTERM)
-    assert server.process.wait(10) == 0
+    assert server.process.wait(PATIENCE) == 0
     assert not server.events("killed")
     assert (server.state / f"closed-{opened.session}").exists()
 
@@ -185,7 +183,7 @@ def test_an_ipc_endpoint_is_not_stolen(start, connect, tmp_path):
     folder.mkdir(mode=0o700)
     server = start(endpoint=f"ipc://{folder}/c")
     thief = start(endpoint=f"ipc://{folder}/c", ready=False)
-    assert thief.process.wait(30) == 78
+    assert thief.process.wait(PATIENCE) == 78
     assert connect(server.endpoint).ask(Ping).type == "PONG"
 
 
@@ -220,7 +218,7 @@ def test_an_endless_message_meets_the_memory_limit_and_ends_its_connection_only(
 def test_a_server_whose_workers_cannot_start_ends_with_70(start):
     """Rather than let every client wait for a session that nobody can serve."""
     server = start("no-numerics", ready=False)
-    assert server.process.wait(timeout=60) == 70
+    assert server.process.wait(PATIENCE) == 70
     assert len(server.events("template_ended")) == 3
     assert server.events("workers_cannot_start")[0]["attempts"] == 3
     assert "not_installed" in server.log_path.read_text()
@@ -228,15 +226,16 @@ def test_a_server_whose_workers_cannot_start_ends_with_70(start):
 
 def test_a_range_of_data_ports_behind_another_host(start, connect):
     """As behind a container's port mapping: the client takes the host by which it reached the control endpoint."""
-    server = start(endpoint="tcp://127.0.3.1:0", data_ports="21000-21000", advertised_host="0.0.0.0")
+    own = f"127.1.{os.getpid() // 250 % 250}.{os.getpid() % 250 + 1}"  # no other process has ports there
+    server = start(endpoint=f"tcp://{own}:0", data_ports="21000-21000", advertised_host="0.0.0.0")
     control = connect(server.endpoint)
     opened = control.ask(Open, dimension=2)
     assert opened.endpoint == "tcp://0.0.0.0:21000"
-    data = connect(opened.endpoint.replace("0.0.0.0", "127.0.3.1"))
+    data = connect(opened.endpoint.replace("0.0.0.0", own))
     assert data.ask(Ping).type == "PONG"
     refused = control.ask(Open, dimension=2)
     assert (refused.code, refused.retryable) == ("RESOURCE_EXHAUSTED.SESSIONS", True)
-    assert "no data port is free: tcp://127.0.3.1:21000" in refused.message
+    assert f"no data port is free: tcp://{own}:21000" in refused.message
     assert data.ask(Ping).type == "PONG"
 
 

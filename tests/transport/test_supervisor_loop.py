@@ -86,7 +86,7 @@ def test_a_worker_whose_template_is_gone_reads_as_ended(scripted: Scripted) -> N
     supervisor._template = supervisor._next_template()
     scripted.theirs[0].close()
     child = supervisor._start_session({"order": "create"})
-    assert child.channel.receive(1.0) is None
+    assert child.channel.receive(30.0) is None
     assert (child.pid, child.reap()) == (0, 1)
     supervisor._selector.unregister(child.channel)
 

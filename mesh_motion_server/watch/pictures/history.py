@@ -130,11 +130,16 @@ def _draw_several(axes: Any, runs: Sequence[Run], page: Page) -> None:
             "linestyle": theme.dashes[number % len(theme.dashes)],
         }
         _line(axes, run.step, run.columns["actual_mean"], **style, linewidth=0.7, alpha=0.75)
-        _line(axes, run.step, run.columns["actual_min"], **style, label=run.label, **_marks(run.step))
+        _line(axes, run.step, run.columns["actual_min"], **style, label=_shown(run.label), **_marks(run.step))
     axes.plot([], [], color=theme.ink, linewidth=0.7, alpha=0.75, label="mean (thin)")
     thresholds = {run.threshold for run in runs}
     if len(thresholds) == 1 and None not in thresholds:
         axes.axhline(thresholds.pop(), color=theme.ink, linewidth=0.7, linestyle=(0, (1, 2)), label="threshold")
+
+
+def _shown(label: str) -> str:
+    """Matplotlib leaves names that begin with an underscore out of a legend; a space before it lets them in."""
+    return f" {label}" if label.startswith("_") else label
 
 
 def _draw_refused(axes: Any, runs: Sequence[Run], page: Page) -> None:

@@ -7,7 +7,6 @@ import math
 import os
 import re
 import shutil
-import time
 import tracemalloc
 from pathlib import Path
 from random import Random
@@ -660,12 +659,15 @@ def test_a_slow_disk_costs_some_slow_steps_and_not_each(
     store: SessionStore, monkeypatch: pytest.MonkeyPatch, caplog: Any
 ) -> None:
     """Each write that a step waits for takes twice what is waited for."""
-    driver, write, slow = new(store), os.write, []
+    write, slow, now = os.write, [], [0.0]
+    timer = SimpleNamespace(monotonic=lambda: now[0])
+    monkeypatch.setattr("mesh_motion_server.session.history.segments.time", timer)
+    driver = new(store)
     driver.advance(1)
 
     def hang(handle: int, data: bytes) -> int:
         slow.append(handle)
-        time.sleep(0.1)
+        now[0] += 0.1
         return write(handle, data)
 
     monkeypatch.setattr("mesh_motion_server.session.history.segments.PATIENCE", 0.05)

@@ -29,6 +29,13 @@ testclient = pytest.importorskip("starlette.testclient", reason="the extra monit
 BUILD = {"version": "1", "protocol": "1.0", "python": "3"}
 
 
+def test_the_page_makes_no_markup_of_text() -> None:
+    """What clients send becomes text of elements; the page's own sources have no other way."""
+    ways = ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "createContextualFragment", "eval(")
+    for path in [*STATIC.glob("*.js"), *STATIC.glob("*.html")]:
+        assert [way for way in ways if way in path.read_text("utf-8")] == [], path
+
+
 def stored(folder: Path, steps: int, session: str = SESSION, history: int = 0, label: str = "wing") -> None:
     """A session with so many committed steps, and a made-up history."""
     driver = make_driver(SessionStore(folder), [grid_mesh()], session=session, spec={"label": label})

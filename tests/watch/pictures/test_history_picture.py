@@ -104,6 +104,14 @@ def inked(axes: Any, colour: Any) -> int:
     return int((np.abs(part - [round(255 * c) for c in to_rgb(colour)]).sum(axis=2) < 60).sum())
 
 
+def test_each_run_is_in_the_legend_whatever_its_name(played: MakePlayed) -> None:
+    runs = read_runs([played("standard", 3), played("corrected", 3)])
+    named = [replace(run, label=name) for run, name in zip(runs, ("_wing", "$\\frac{[/x]$"), strict=True)]
+    _, panels = drawn(named)
+    texts = [text.get_text() for text in panels["size-skew"].get_legend().get_texts()]
+    assert texts[:2] == [" _wing", "$\\frac{[/x]$"]
+
+
 def test_a_run_of_a_single_step_is_seen(played: MakePlayed) -> None:
     run = read_played(played("once", steps=1))
     _, panels = drawn([run])
