@@ -1,7 +1,10 @@
-"""What compiles takes as long as the machine needs: its only limit is that of the test, which is long."""
+"""What all tests share: long limits for what compiles, and Ctrl-C for processes that tests start."""
 
 import ast
 import re
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -32,6 +35,18 @@ def test_the_rule_sees_a_limit() -> None:
 
 def test_a_test_whose_fixtures_compile_has_half_an_hour(zmq_flags: None, request: pytest.FixtureRequest) -> None:
     assert request.node.get_closest_marker("timeout").args == (1800,)
+
+
+def test_ctrl_c_reaches_what_tests_start() -> None:
+    assert signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
+
+
+def test_it_does_so_where_the_tests_run_in_the_background() -> None:
+    """A shell lets ``pytest … &`` ignore it."""
+    one = f"{__file__}::{test_ctrl_c_reaches_what_tests_start.__name__}"
+    command = ["sh", "-c", "trap '' INT; exec \"$@\"", "sh", sys.executable, "-m", "pytest", "-q", one]
+    done = subprocess.run(command, cwd=TESTS.parent, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stdout
 
 
 @pytest.fixture
