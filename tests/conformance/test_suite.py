@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import msgpack
 import pytest
 import zmq
 from mesh_motion_conformance.__main__ import main
@@ -17,6 +18,7 @@ from mesh_motion_conformance.presence import Unreachable, require_somebody
 from mesh_motion_conformance.report import line_of, summary
 from mesh_motion_conformance.runner import run, selected
 from mesh_motion_conformance.server import server_cases
+from mesh_motion_conformance.show import show_frames
 from mesh_motion_conformance.spec_tables import TABLES, read_spec, rendered
 
 from proofs.limited_context import limited_context
@@ -185,6 +187,13 @@ def test_a_server_with_keys_is_told_apart():
         port = router.bind_to_random_port("tcp://127.0.0.1")
         with pytest.raises(Unreachable, match="asks for keys"):
             require_somebody(f"tcp://127.0.0.1:{port}", 30.0)
+
+
+def test_what_a_peer_sends_is_shown_without_steering_the_terminal():
+    header = msgpack.packb({"type": "\x1b[2J", "\x9bx": "\x07"})
+    shown = show_frames([header])
+    assert shown.isprintable()
+    assert "\\x1b[2J" in shown
 
 
 def test_who_greets_is_somebody():

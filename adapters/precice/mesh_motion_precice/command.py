@@ -17,6 +17,7 @@ from mesh_motion_client import MeshMotionError, Session, connect
 from mesh_motion_precice.api import connect_precice
 from mesh_motion_precice.configuration import Configuration, read_configuration
 from mesh_motion_precice.participant import Participant, Window, load_mesh, resume_session
+from mesh_motion_server.watch.terminal.text import plain
 
 __all__ = ["main", "run"]
 
@@ -58,7 +59,8 @@ def _end_without_finalizing(error: BaseException) -> NoReturn:
     else:
         said = "".join(traceback.format_exception(error)).rstrip()
     sys.stdout.flush()
-    sys.stderr.write(f"mesh-motion-precice: {said}\n")
+    lines = "\n".join(map(plain, said.split("\n")))  # a server's message may hold what a client has sent
+    sys.stderr.write(f"mesh-motion-precice: {lines}\n")
     sys.stderr.flush()
     os._exit(_INTERRUPTED if isinstance(error, KeyboardInterrupt) else 1)
 

@@ -48,4 +48,6 @@ def _plain(value: Any) -> str:
 
 
 def _cut(text: str) -> str:
+    """At most so many characters; none of a peer's steers the terminal."""
+    text = "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)
     return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
