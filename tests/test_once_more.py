@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,6 +13,7 @@ ROOT = Path(__file__).parents[1]
 _PRELUDE = """
 import os, time
 from pathlib import Path
+from typing import Any
 import pytest
 
 def first():
@@ -41,8 +43,19 @@ _RED = {
     "collection without xdist": ("import not_there", [], 2),
     "not run": ("def test_flaky(): assert not first()\ndef test_later(): pass", ["-x"], 1),
     "interrupt": ("def test_bad(): raise KeyboardInterrupt", [], 2),
+    "left by another test": (
+        "LEFT = []\n@pytest.fixture(scope='module', autouse=True)\ndef clean():\n    yield\n    assert not LEFT\n"
+        "def test_leaves(): LEFT.append(1)\ndef test_last(): pass",
+        ["-n2", "--dist", "loadfile"],
+        1,
+    ),
     "usage": ("", ["--no-such-option"], 4),
 }
+
+
+def some(kinds: dict[str, Any], *names: str) -> list[Any]:
+    """All kinds; those that are not named are left to the night."""
+    return [kind if kind in names else pytest.param(kind, marks=pytest.mark.nightly) for kind in kinds]
 
 
 def ran(folder: Path, source: str, *options: str) -> tuple[int, str]:
@@ -60,7 +73,7 @@ def ran(folder: Path, source: str, *options: str) -> tuple[int, str]:
     return run.returncode, run.stdout + run.stderr
 
 
-@pytest.mark.parametrize("kind", _FLAKY)
+@pytest.mark.parametrize("kind", some(_FLAKY, "call", "crash"))
 def test_a_test_that_passes_alone_is_flaky_and_the_run_not_red(tmp_path: Path, kind: str) -> None:
     status, output = ran(tmp_path, _FLAKY[kind], "-n2", "--dist", "loadfile")
     count = 3 if kind == "call" else 1
@@ -74,7 +87,7 @@ def test_a_test_that_passes_alone_is_flaky_and_the_run_not_red(tmp_path: Path, k
     assert "flaky: test_given.py::test_flaky" in output, "its first failure is shown"
 
 
-@pytest.mark.parametrize("kind", _RED)
+@pytest.mark.parametrize("kind", some(_RED, "again", "collection", "left by another test"))
 def test_nothing_else_becomes_green(tmp_path: Path, kind: str) -> None:
     source, options, status = _RED[kind]
     got, output = ran(tmp_path, source, *options)

@@ -1,8 +1,9 @@
 """A pytest plugin, ``-p tools.once_more``: a failed test is run once more, alone, after all others have ended.
 
 A test that then passes is flaky: it is named at the end, and the run is not red for it. One that fails again makes the
-run red, with both failures. Only tests are run again: an error while tests are collected, an interrupt or an error of
-pytest itself is red at once. A test that crashes its process, or hangs, fails in its own process the second time.
+run red, with both failures. What fails at its end runs again with its whole file: another test of it may be the reason.
+Only tests are run again: an error while tests are collected, an interrupt or an error of pytest itself is red at once.
+A test that crashes its process, or hangs, fails in its own process the second time.
 
 pytest-rerunfailures repeats in the same worker, while other tests run, with the fixtures that the failure left.
 ``--last-failed`` in a second run loses the counts of the first, and a crash there takes the verdict of all others.
@@ -66,12 +67,12 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     passed = _passed_alone(session.config, failures)
     for outcome in ("failed", "error"):
         for report in stats.pop(outcome, []):
-            if report.nodeid in passed:
+            if _target(report) in passed:
                 report.outcome = _FLAKY
                 session.config.hook.pytest_runtest_logreport(report=report)
             else:
                 stats.setdefault(outcome, []).append(report)
-    red = red or any(report.nodeid not in passed for report in failures)
+    red = red or any(_target(report) not in passed for report in failures)
     session.exitstatus = pytest.ExitCode.TESTS_FAILED if red else pytest.ExitCode.OK
 
 
@@ -107,14 +108,19 @@ def _unseen_faults(session: pytest.Session, stats: dict[str, list[Any]]) -> bool
 
 
 def _passed_alone(config: pytest.Config, failures: Sequence[pytest.TestReport | pytest.CollectReport]) -> set[str]:
-    """The tests among what failed that pass in their second run."""
-    tests = dict.fromkeys(report.nodeid for report in failures if isinstance(report, pytest.TestReport))
+    """The targets of second runs, for all tests that failed, that pass."""
+    tests = dict.fromkeys(_target(report) for report in failures if isinstance(report, pytest.TestReport))
     deadline = time.monotonic() + _SECONDS
     return {test for test in tests if _passes_alone(config, test, deadline)}
 
 
+def _target(report: pytest.TestReport | pytest.CollectReport) -> str:
+    """What is run for a failure: the test, or its file."""
+    return report.nodeid.partition("::")[0] if report.when == "teardown" else report.nodeid
+
+
 def _passes_alone(config: pytest.Config, test: str, deadline: float) -> bool:
-    """Whether a test passes in a process of its own; its output is shown if it does not."""
+    """Whether a test, or a file of them, passes in a process of its own; its output is shown if it does not."""
     terminal = config.pluginmanager.getplugin("terminalreporter")
     terminal.write_line("")
     terminal.write_line(f"once more, alone: {test}")
@@ -125,7 +131,7 @@ def _passes_alone(config: pytest.Config, test: str, deadline: float) -> bool:
     with tempfile.TemporaryDirectory() as scratch:
         output, verdict = Path(scratch, "output"), Path(scratch, "verdict.xml")
         status = _status_of([*_same_command(config), f"--junitxml={verdict}", test], output, left)
-        passed = status == 0 and _has_passed(verdict)
+        passed = status == 0 and _has_passed(verdict, whole_file="::" not in test)
         terminal.write_line("passed alone" if passed else f"{output.read_text(errors='replace')}\nstatus {status}")
     return passed
 
@@ -153,9 +159,9 @@ def _status_of(command: Sequence[str], output: Path, seconds: float) -> int:
             process.wait()
 
 
-def _has_passed(verdict: Path) -> bool:
-    """Whether the one test ran and passed: a skipped one has shown nothing."""
+def _has_passed(verdict: Path, *, whole_file: bool) -> bool:
+    """Whether the test ran and passed: a skipped one has shown nothing."""
     if not verdict.exists():  # os._exit(0) in a test
         return False
     counts = ElementTree.parse(verdict).getroot()[0].attrib
-    return (counts["tests"], counts["skipped"]) == ("1", "0")
+    return whole_file or (counts["tests"], counts["skipped"]) == ("1", "0")
