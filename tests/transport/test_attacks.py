@@ -81,10 +81,10 @@ def memory(pid):
 
 
 def test_strangers_at_the_data_endpoint_do_not_end_the_lease(start, open_session):
-    server = start(lease_seconds=0.3, idle_seconds=0.9, handshake_seconds=0.2)
+    server = start(lease_seconds=1.0, idle_seconds=2.0, handshake_seconds=0.2)
     opened, data, at = open_session(server)
     storm(opened.endpoint, seed=5, count=60)
-    time.sleep(1.2)  # longer than the lease and the idle time
+    time.sleep(2.5)  # longer than the lease and the idle time
     assert data.ask(Status, **at).state == "READY"
 
 
