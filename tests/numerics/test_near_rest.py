@@ -55,7 +55,7 @@ def test_a_cascade_is_raised_towards_its_shape_at_rest_and_its_walls_are_left_al
     motion = model.move(model.points, targets)
     assert plain.reached, "it is not the threshold that asks for this"
     (before, area), (after, own) = (extremes(model, found.points) for found in (plain, motion))
-    assert before < 0.65
+    assert before < 0.75
     assert after > 0.8
     assert own > 0.99 * area
     assert np.array_equal(motion.points[model.near_walls], plain.points[model.near_walls])

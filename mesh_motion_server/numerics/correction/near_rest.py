@@ -76,7 +76,7 @@ def nearer_rest(problem: CorrectionProblem, mesh: TrialMesh, before: CellQuality
     least, lowest = before.relative_extremes()[0], before.metric(mesh.metric).min()
     held = mesh.held | kept
     # no node of these cells is free: what they have is the most that the whole mesh can reach
-    limit = np.min(before.relative_skew, where=~cells_of_nodes(mesh.cells, ~held), initial=NEAR_REST)
+    limit = np.min(before.relative_shape, where=~cells_of_nodes(mesh.cells, ~held), initial=NEAR_REST)
     for metric in (RELATIVE_SHAPE, mesh.metric, RELATIVE_BOTH) if limit > NOTICED * least else ():
         found = reach(problem.begin, replace(mesh, held=held, metric=metric), NEAR_REST)
         if _jumps(problem, found.points):

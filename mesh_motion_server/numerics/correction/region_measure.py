@@ -124,8 +124,7 @@ def region_measure(region: FreeRegion, norm: PNorm, earlier: RegionMeasure | Non
 def _of_cells(region: FreeRegion) -> bool:
     """Whether whole cells may be measured.
 
-    Relative to the cells at rest, those of 3D are measured by their corners: a hexahedron's or wedge's skew sees angles
-    alone, and descents with it end at cells of which an edge has all but gone.
+    Relative to the cells at rest, those of 3D are measured by their corners, of which the metric takes the worst.
     """
     if region.simplices.offset is not None:
         return region.simplices.dimension == 2
