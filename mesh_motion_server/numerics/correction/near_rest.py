@@ -51,8 +51,7 @@ _WORTH = 0.92
 def raises(problem: CorrectionProblem, method: Method) -> bool:
     """Whether the method and the mesh are such that the mesh is raised beyond the threshold."""
     dimension = problem.start.shape[1]
-    independent = method.correction_in_time == "independent"
-    default = method.correction == "optimised" and method.correction_target == "auto" and independent
+    default = method.correction == "optimised" and method.correction_target == "auto"
     relative = method.quality_metric == "relative-size-skew" and dimension > 1
     return default and relative and int(np.count_nonzero(~problem.held)) <= _LARGEST[dimension]
 

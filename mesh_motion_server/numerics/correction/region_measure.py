@@ -124,8 +124,7 @@ def region_measure(region: FreeRegion, norm: PNorm, earlier: RegionMeasure | Non
 def _of_cells(region: FreeRegion) -> bool:
     """Whether whole cells may be measured.
 
-    Relative to the cells at rest, those of 3D are measured by their corners, of which the metric takes the worst.
+    Relative to the cells at rest a cell that is no simplex is as good as its worst corner: its corners are measured.
     """
-    if region.simplices.offset is not None:
-        return region.simplices.dimension == 2
-    return not all(block.type.is_simplex for block in region.cells)
+    simplices = all(block.type.is_simplex for block in region.cells)
+    return simplices if region.simplices.offset is not None else not simplices
