@@ -50,8 +50,8 @@ struct Cells {
         require(1 <= corners.shape(0) && corners.shape(0) <= most && k <= most && corners.shape(1) == d + 1,
                 "corners: expected shape (c, d + 1) with at most eight corners and nodes a cell");
         require_below(corners, k, "corners: expected numbers of the cell's nodes");
-        const bool known = ideals.shape(0) == 1 || ideals.shape(0) == size() || ideals.shape(0) == size() * n_corners();
-        require(known && ideals.shape(1) == d && ideals.shape(2) == d, "ideals: expected shape (1, m or m c, d, d)");
+        require((ideals.shape(0) == 1 || ideals.shape(0) == size()) && ideals.shape(1) == d && ideals.shape(2) == d,
+                "ideals: expected shape (1 or m, d, d)");
         require(references.size() == size() && n == size(), "expected one number a cell");
         require(offset.size() == 0 || offset.size() == size(), "offset: expected none, or one a cell");
     }
@@ -86,10 +86,10 @@ struct Cells {
             found.alpha *= found.det;
             return found;
         }
-        const Index each = ideals.shape(0) / size(), one = ideals.shape(0) == 1;
-        const Small<d> p = ideals_of<d>(ideals, [&](int l) { return one ? 0 : at[l] * each + (each > 1) * k; });
+        const Small<d> p = ideals_of<d>(ideals, [&](int l) { return ideals.shape(0) == 1 ? 0 : at[l]; });
         const Small<d> j = product<d>(a, p);
-        return {j, p, determinant<d>(a), determinant<d>(j)};
+        const Pack det = determinant<d>(j);
+        return {j, p, det, det};
     }
 
     template <int d>

@@ -7,9 +7,8 @@ well, but it is not the metric: a quad's skew requires right angles, nothing els
 
 with the corner terms f_k of :mod:`.metrics`. For a = ½ and m → ∞, L is log(1/size-skew) of any cell exactly.
 
-Relative to the cells at rest it is L minus its value at rest; simplices that are flat at rest and the corners of all
-other cells have their own Jacobian at rest as W (a target matrix), so that only a rigid motion has L = 0. Of several
-corners it is a mean, which is smooth, where the metric takes the worst. A skew better than that at rest gains nothing
+Relative to the cells at rest, which is for simplices only, it is L minus its value at rest; those that are flat at rest
+have their own Jacobian at rest as W (a target matrix), so that only a rigid motion has L = 0. A skew better than that at rest gains nothing
 there, as in the metric: otherwise a cell that was poor at rest could compensate a lost size by a better shape.
 
 The derivatives use the corners' Jacobians, see kernels/src/correction/cells.h.
@@ -39,13 +38,10 @@ class CellGroup:
     ----------
     nodes : (m, k) int32 array
     reference_sizes : (m,) array, length^d
-    ideal : (1, d, d), (m, d, d) or (m c, d, d) array
-        W⁻¹ of all cells, of each, or of each corner; not used by the angle form.
+    ideal : (1, d, d) or (m, d, d) array
+        W⁻¹ of all cells or of each, scaled to determinant 1; not used by the angle form.
     offset : (0,) or (m,) array
-        Added to L of simplices if it is relative to the cells at rest: the logarithm of their skew, 0 where W is the
-        cell's own. Other cells need none: against their own corners, no shape is better than that at rest.
-    sine : float
-        w of the angle form; 0 means that the shape is the mean ratio.
+        Added to L if it is relative to the cells at rest: the logarithm of their skew, 0 where W is the cell's own.
     """
 
     type: CellType
@@ -53,7 +49,6 @@ class CellGroup:
     reference_sizes: Floats
     ideal: Floats
     offset: Floats
-    sine: float
 
     def __len__(self) -> int:
         return len(self.nodes)
@@ -63,9 +58,16 @@ class CellGroup:
         """(c, d + 1) local nodes of every corner."""
         return self.type.corner_array
 
+    @cached_property
+    def sine(self) -> float:
+        """w of the angle form; 0 means that the shape is the mean ratio."""
+        w = self.type.ideal_array
+        angles = uses_angles(self.type)
+        return float(np.linalg.det(w) / np.linalg.norm(w, axis=0).prod()) if angles else 0.0
+
 
 def cell_groups(cells: CellTable, at_rest: AtRest, simplices: CornerSimplices) -> tuple[CellGroup, ...]:
-    """The blocks of a table as groups; relative to the cells at rest if their skews are known.
+    """The blocks of a table as groups; relative to the cells at rest if these are known and simplices.
 
     Parameters
     ----------
@@ -75,17 +77,16 @@ def cell_groups(cells: CellTable, at_rest: AtRest, simplices: CornerSimplices) -
     """
     groups, corner = [], 0
     for block, rows in block_slices(cells):
-        here = slice(corner, corner + len(block) * len(block.type.corners))
-        corner = here.stop
+        here = slice(corner, corner + len(block))
+        corner += len(block) * len(block.type.corners)
         sizes, skews = sizes_of(at_rest)[rows], skews_of(at_rest)
         w = block.type.ideal_array
         ideal = (np.linalg.inv(w) * abs(np.linalg.det(w)) ** (1 / len(w)))[None]
-        sine = float(np.linalg.det(w) / np.linalg.norm(w, axis=0).prod()) if uses_angles(block.type) else 0.0
         offset = np.empty(0)
-        if skews is not None and simplices.offset is not None:
-            ideal, sine = simplices.ideal[here], 0.0
-            offset = simplices.offset[here] if block.type.is_simplex else offset
-        groups.append(CellGroup(block.type, block.nodes.astype(np.int32), sizes, ideal, offset, sine))
+        if skews is not None and simplices.offset is not None and block.type.is_simplex:
+            ideal, offset = simplices.ideal[here], simplices.offset[here]
+            ideal = ideal * np.abs(np.linalg.det(ideal))[:, None, None] ** (-1 / len(w))
+        groups.append(CellGroup(block.type, block.nodes.astype(np.int32), sizes, ideal, offset))
     return tuple(groups)
 
 
