@@ -141,7 +141,7 @@ int main(int count, char **arguments)
     int64_t numbers[WORST];
     double values[WORST];
     mesh_motion_quality quality;
-    check(mesh_motion_judge_cells(cells, node_count, moved, sizes, NULL, "size-skew", WORST, numbers, values,
+    check(mesh_motion_judge_cells(cells, node_count, moved, sizes, NULL, NULL, "size-skew", WORST, numbers, values,
                                   &quality));
     printf("size-skew of %" PRId64 " cells: minimum %.6f, mean %.6f, median %.6f, %" PRId64 " inverted\n", quad_count,
            quality.size_skew.minimum, quality.size_skew.mean, quality.size_skew.p50, quality.inverted);

@@ -35,7 +35,7 @@ program evaluate
    call check(mesh_motion_interpolant_values(field, size(points, 2, int64), points, mesh_motion_write, moved))
    moved = moved + points
 
-   call check(mesh_motion_judge_cells(mesh, size(points, 2, int64), moved, sizes, c_null_ptr, &
+   call check(mesh_motion_judge_cells(mesh, size(points, 2, int64), moved, sizes, c_null_ptr, c_null_ptr, &
                                       "size-skew"//c_null_char, int(worst, int64), numbers, values, quality))
    print "('size-skew of ', i0, ' cells: minimum ', f8.6, ', mean ', f8.6, ', median ', f8.6, ', ', i0, ' inverted')", &
       size(quads, 2), quality%size_skew%minimum, quality%size_skew%mean, quality%size_skew%p50, quality%inverted

@@ -200,11 +200,12 @@ module mesh_motion_kernels
          logical(c_bool), intent(out) :: inverted(*)
       end function
 
-      ! skews_at_rest: c_loc of an array, or c_null_ptr
-      integer(c_int) function mesh_motion_lowest_cells(cells, n, points, reference_sizes, skews_at_rest, metric, &
-                                                       count, numbers, values, inverted) bind(c)
+      ! skews_at_rest, points_at_rest: c_loc of an array, or c_null_ptr
+      integer(c_int) function mesh_motion_lowest_cells(cells, n, points, reference_sizes, skews_at_rest, &
+                                                       points_at_rest, metric, count, numbers, values, inverted) &
+                                                       bind(c)
          import
-         type(c_ptr), value :: cells, skews_at_rest
+         type(c_ptr), value :: cells, skews_at_rest, points_at_rest
          integer(c_int64_t), value :: n, count
          real(c_double), intent(in) :: points(*), reference_sizes(*)
          character(kind=c_char), intent(in) :: metric(*)
@@ -213,10 +214,11 @@ module mesh_motion_kernels
          integer(c_int64_t), intent(out) :: inverted
       end function
 
-      integer(c_int) function mesh_motion_judge_cells(cells, n, points, reference_sizes, skews_at_rest, metric, &
-                                                      count, numbers, values, quality) bind(c)
+      integer(c_int) function mesh_motion_judge_cells(cells, n, points, reference_sizes, skews_at_rest, &
+                                                      points_at_rest, metric, count, numbers, values, quality) &
+                                                      bind(c)
          import
-         type(c_ptr), value :: cells, skews_at_rest
+         type(c_ptr), value :: cells, skews_at_rest, points_at_rest
          integer(c_int64_t), value :: n, count
          real(c_double), intent(in) :: points(*), reference_sizes(*)
          character(kind=c_char), intent(in) :: metric(*)

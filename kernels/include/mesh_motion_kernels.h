@@ -177,21 +177,21 @@ typedef struct {
 } mesh_motion_quality;
 
 /* The worst cells by a metric: size, skew, size-skew, size-skew-root, size-skew-product, relative-size-skew. The last
- * one needs skews_at_rest; else they may be NULL. numbers and values (count): the lowest values, ascending, and their
+ * one needs skews_at_rest and points_at_rest (n, d); else they may be NULL. numbers and values (count): the lowest values, ascending, and their
  * cells, of equal values the lower ones; behind the last cell -1 and infinity. inverted (1): number of cells.
  *
  * Of cells on several MPI ranks the worst are among the worst of each.
  */
 MESH_MOTION_API int mesh_motion_lowest_cells(const mesh_motion_cells *cells, int64_t n, const double *points,
                                              const double *reference_sizes, const double *skews_at_rest,
-                                             const char *metric, int64_t count, int64_t *numbers, double *values,
+                                             const double *points_at_rest, const char *metric, int64_t count, int64_t *numbers, double *values,
                                              int64_t *inverted);
 /* The same with the distributions, of at least one cell: three times the time of tetrahedra, 1.2 times that of
  * hexahedra.
  */
 MESH_MOTION_API int mesh_motion_judge_cells(const mesh_motion_cells *cells, int64_t n, const double *points,
                                             const double *reference_sizes, const double *skews_at_rest,
-                                            const char *metric, int64_t count, int64_t *numbers, double *values,
+                                            const double *points_at_rest, const char *metric, int64_t count, int64_t *numbers, double *values,
                                             mesh_motion_quality *quality);
 
 /* boundary (n): whether a node is on a facet that one cell alone has. */

@@ -188,5 +188,5 @@ def _extremes(quality: CellQuality, chosen: NDArray[np.bool_], metric: str) -> t
     size = float(np.min(quality.size, where=chosen, initial=1.0))
     if metric != "relative-size-skew":
         return 1.0, size
-    relative = np.where(quality.inverted, 0.0, quality.relative_skew)
+    relative = np.where(quality.inverted, 0.0, quality.relative_shape)
     return float(np.min(relative, where=chosen, initial=1.0)), size

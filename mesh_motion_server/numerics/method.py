@@ -137,9 +137,11 @@ class Method:
     correction_in_time: str = _key(
         "independent",
         _DISPLACEMENT,
-        "Each motion is corrected by itself, below the threshold only, or the correction is a smooth function of the "
-        "boundary: always active, without threshold and target.",
-        '`"smooth"` for node velocities without jumps (geometric conservation).',
+        "Each motion is corrected by itself, below the threshold only, or the mesh is a smooth function of the "
+        "boundary alone: the correction grows from where a cell has lost a tenth of its shape or size at rest, without "
+        "threshold and target, and layers of thin cells always move with their wall.",
+        '`"smooth"` for coupled runs: node velocities without jumps (geometric conservation), the same mesh for the '
+        "same boundary after any number of steps.",
         choices=("independent", "smooth"),
         needs={"smooth": {"correction": ("optimised",), "displacement": ("absolute", "reanchored")}},
     )
@@ -187,7 +189,7 @@ class Method:
         "relative-size-skew",
         _CORRECTION,
         "What is judged.",
-        '`"relative-size-skew"` compares each cell with itself at rest: √size · min(1, skew / skew at rest) '
+        '`"relative-size-skew"` compares each cell with itself at rest: √size · shape relative to rest '
         "([why](beyond.md#judged-against-the-cell-at-rest)). The others compare the skew with an ideal cell: "
         '`"size-skew"` is √size · skew; `"size-skew-root"` is √(size · skew), `"size-skew-product"` size · skew; '
         '`"size"` and `"skew"` are its parts.',

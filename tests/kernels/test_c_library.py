@@ -250,8 +250,10 @@ def test_cells_are_judged_with_the_bits_of_the_server(library: ctypes.CDLL, name
     for metric in QUALITY_METRICS:
         asked = 10
         numbers, values, turned, quality = np.empty(asked, np.int64), np.empty(asked), c_int64(), Quality()
-        skews = pointer(known.skews) if metric == "relative-size-skew" else None
-        told = handle.at, n, pointer(moved), pointer(sizes), skews, metric.encode(), c_int64(asked), pointer(numbers)
+        relative = metric == "relative-size-skew"
+        at_rest_arrays = (pointer(known.skews), pointer(known.points)) if relative else (None, None)
+        arrays = handle.at, n, pointer(moved), pointer(sizes), *at_rest_arrays
+        told = *arrays, metric.encode(), c_int64(asked), pointer(numbers)
         nodes, reference, at_rest = judged(cells, known)
         lowest = kernels.lowest_cells(moved, nodes, reference, at_rest, METRIC_CODES[metric], asked)
         rows, _, bad = kernels.judged_cells(moved, nodes, reference, at_rest, METRIC_CODES[metric], asked)
@@ -268,7 +270,7 @@ def test_cells_are_judged_with_the_bits_of_the_server(library: ctypes.CDLL, name
 def test_no_cells_have_no_worst_one(library: ctypes.CDLL) -> None:
     """As of a rank without cells."""
     handle, numbers, values, inverted = Handle(library, "cells"), np.empty(2, np.int64), np.empty(2), c_int64(5)
-    told = None, None, None, b"size-skew", c_int64(2), pointer(numbers), pointer(values)
+    told = None, None, None, None, b"size-skew", c_int64(2), pointer(numbers), pointer(values)
     assert library.mesh_motion_lowest_cells(handle.at, c_int64(0), *told, byref(inverted)) == 0
     assert (numbers.tolist(), values.tolist(), inverted.value) == ([-1, -1], [np.inf, np.inf], 0)
 
@@ -285,7 +287,7 @@ def test_threads_do_not_change_bits(library: ctypes.CDLL) -> None:
         handle.evaluate("gradients", points, gradients)
         n, quality = c_int64(len(rest)), Quality()
         library.mesh_motion_cell_sizes(judging.at, n, pointer(rest), pointer(sizes))
-        told = pointer(moved), pointer(sizes), None, b"size-skew", c_int64(0), None, None
+        told = pointer(moved), pointer(sizes), None, None, b"size-skew", c_int64(0), None, None
         assert library.mesh_motion_judge_cells(judging.at, n, *told, byref(quality)) == 0
         found.append((values.tobytes(), gradients.tobytes(), bytes(quality)))
     assert found[0] == found[1]
@@ -327,7 +329,7 @@ ONE, FIVE, EIGHT, PLANE = c_int64(1), c_int64(5), c_int64(8), np.zeros(16)
 
 
 def _judge(metric: bytes) -> Call:
-    told = pointer(PLANE), pointer(THREE), None, metric, c_int64(0), None, None, None
+    told = pointer(PLANE), pointer(THREE), None, None, metric, c_int64(0), None, None, None
     return lambda c, cells, _: int(c.mesh_motion_judge_cells(cells, EIGHT, *told))
 
 
@@ -343,7 +345,7 @@ def _judge(metric: bytes) -> Call:
         (lambda c, m, _: c.mesh_motion_cells_add(m, b"tetra", ONE, pointer(NODES)), "type: .* one dimension"),
         (lambda c, m, _: c.mesh_motion_cells_add(m, b"quad", ONE, pointer(NODES - 1)), "nodes: .* from 0 to"),
         (lambda c, m, _: c.mesh_motion_cell_sizes(m, FIVE, pointer(THREE), None), "n: .* the 6 nodes .*, got 5"),
-        (_judge(b"relative-size-skew"), "rest: expected the skews at rest"),
+        (_judge(b"relative-size-skew"), "rest: expected the skews and points at rest"),
         (_judge(b"beauty"), "metric: .* got 'beauty'"),
         (lambda c, _, f: c.mesh_motion_set_threads(3), "expected 1 thread to as many as are available"),
     ],

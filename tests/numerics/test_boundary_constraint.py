@@ -18,6 +18,7 @@ def model_of(mesh, **choices) -> MotionModel:
         "support_radius": 1.0,
         "displacement": "absolute",
         "correction_target": "maximum",
+        "quality_metric": "size-skew",
     }
     return MotionModel.build(*mesh, Method(**{**standard, **choices}))
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
+from correction_cases import stored
 from scipy.sparse import bsr_matrix
 
 from mesh_motion_server.numerics.correction.cell_distortion import cell_groups, mean_cell_distortion
@@ -37,12 +38,15 @@ def test_it_is_the_logarithm_of_one_over_size_skew(kind: str) -> None:
     np.testing.assert_allclose(weights, values**-8.0 / np.sum(values**-8.0), rtol=1e-3)
 
 
-@pytest.mark.parametrize("kind", CELL_KINDS)
-def test_relative_to_cells_at_rest_it_vanishes_for_a_rigid_motion(kind: str) -> None:
-    mesh = box_mesh(kind, 5)
-    rest = mesh.points * np.array([1.0, 0.02, 1.0])[: mesh.points.shape[1]]
-    rest += 1e-3 * np.random.default_rng(3).normal(size=rest.shape) * [1.0, 0.02, 1.0][: rest.shape[1]]
-    region = free_region(rest, mesh.cells, cells_at_rest(rest, mesh.cells), ~mesh.held)
+def flat() -> tuple[np.ndarray, FreeRegion]:
+    """Points at rest of flat triangles, and their region."""
+    mesh = stored("thesis_block")
+    rest = mesh.points * [1.0, 0.02]
+    return rest, free_region(rest, mesh.cells, cells_at_rest(rest, mesh.cells), ~mesh.held)
+
+
+def test_relative_to_cells_at_rest_it_vanishes_for_a_rigid_motion() -> None:
+    rest, region = flat()
     turned = rest[region.nodes].copy()
     turned[:, 0], turned[:, 1] = -rest[region.nodes, 1], rest[region.nodes, 0].copy()
     energy, weights = mean_cell_distortion(turned, region.groups, PNorm(8, 1e4))
@@ -51,18 +55,17 @@ def test_relative_to_cells_at_rest_it_vanishes_for_a_rigid_motion(kind: str) -> 
 
 
 def test_a_cell_that_is_better_than_at_rest_pays_for_its_size_all_the_same() -> None:
-    rest = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 1.0], [1.0, 1.0]])
-    cells = CellTable.from_arrays({"quad": np.array([[0, 1, 2, 3]])})
-    region = free_region(rest, cells, cells_at_rest(rest, cells), np.ones(4, dtype=bool))
-    square = np.array([[0.0, 0.0], [0.5, 0.0], [0.5, 0.5], [0.0, 0.5]])[region.nodes]
-    energy, _ = mean_cell_distortion(square, region.groups, PNorm(1e4, 1e4))
+    rest = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 1.0]])
+    cells = CellTable.from_arrays({"triangle": np.array([[0, 1, 2]])})
+    region = free_region(rest, cells, cells_at_rest(rest, cells), np.ones(3, dtype=bool))
+    lower = np.array([[0.0, 0.0], [0.5, 0.0], [0.5, 0.5]])[region.nodes]
+    energy, _ = mean_cell_distortion(lower, region.groups, PNorm(1e4, 1e4))
     assert energy == pytest.approx(-np.log(np.sqrt(0.25)), abs=1e-3)
 
 
-@pytest.mark.parametrize("kind", CELL_KINDS)
+@pytest.mark.parametrize(("kind", "relative"), [*((kind, False) for kind in CELL_KINDS), ("tetra", True)])
 @pytest.mark.parametrize("norm", NORMS, ids=str)
-@pytest.mark.parametrize("relative", [False, True])
-def test_gradient_and_curvature(kind: str, norm: PNorm, relative: bool) -> None:
+def test_gradient_and_curvature(kind: str, relative: bool, norm: PNorm) -> None:
     points, region = shaken(kind, relative=relative)
     measure = MEASURES["cells"](region, norm)
     energy, weights = measure.mean(points)
@@ -121,9 +124,10 @@ def test_simplices_are_their_own_corners() -> None:
     np.testing.assert_allclose(*hessians, atol=0.2 * np.abs(hessians[1]).max())
 
 
-def test_relative_to_rest_cells_are_measured_in_2d_and_corners_in_3d() -> None:
-    for kind, name in (("quad", "cells"), ("hexahedron", "corners")):
-        assert type(region_measure(shaken(kind, relative=True)[1], NORMS[0])) is MEASURES[name]
+def test_relative_to_rest_the_corners_of_cells_are_measured_and_triangles_as_a_whole() -> None:
+    assert type(region_measure(flat()[1], NORMS[0])) is MEASURES["cells"]
+    for kind in ("quad", "hexahedron", "quad + triangle"):
+        assert type(region_measure(shaken(kind, relative=True)[1], NORMS[0])) is MEASURES["corners"]
         assert type(region_measure(shaken(kind)[1], NORMS[0])) is MEASURES["cells"]
 
 

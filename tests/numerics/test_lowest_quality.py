@@ -68,7 +68,7 @@ def test_no_cell_at_or_below_the_limit_is_passed_over(seed, stretch, metric):
     points = np.concatenate([np.zeros((kinds, 1, 3)), edges.transpose(0, 2, 1)], axis=1).reshape(-1, 3)
     kind = rng.integers(0, kinds, m)
     cells = CellTable.from_arrays({"tetra": 4 * kind[:, None] + np.arange(4)})
-    rest = CellsAtRest(reference[kind], rng.uniform(0.2, 1.0, kinds)[kind])
+    rest = CellsAtRest(reference[kind], rng.uniform(0.2, 1.0, kinds)[kind], points)
     values = cell_quality(points, cells, rest).metric(metric)
     expected = np.argsort(values, kind="stable")
     for count in (1, 10, 4000):

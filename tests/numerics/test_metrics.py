@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from box_meshes import box_mesh
 from hypothesis import given
 from hypothesis import strategies as st
 from thread_counts import on_one_and_on_all_threads
@@ -9,7 +10,7 @@ from thread_counts import on_one_and_on_all_threads
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.method import KEYS
-from mesh_motion_server.numerics.quality.mesh_summary import lowest_quality
+from mesh_motion_server.numerics.quality.mesh_summary import lowest_quality, mesh_summary
 from mesh_motion_server.numerics.quality.metrics import (
     METRIC_CODES,
     QUALITY_METRICS,
@@ -225,7 +226,7 @@ def test_relative_size_skew_is_one_at_rest_and_after_a_rigid_motion_whatever_the
         assert quality.metric("relative-size-skew")[0] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_relative_size_skew_of_a_flat_triangle_falls_with_its_height_and_needs_the_skews_at_rest():
+def test_relative_size_skew_of_a_flat_triangle_falls_with_its_height_and_needs_the_cells_at_rest():
     flat = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 1e-3]])
     lower = flat * [1.0, 0.25]
     quality = quality_of("triangle", lower, reference=flat)
@@ -234,5 +235,52 @@ def test_relative_size_skew_of_a_flat_triangle_falls_with_its_height_and_needs_t
     assert higher.metric("relative-size-skew")[0] == pytest.approx(np.sqrt(0.5), rel=1e-4)  # no better than at rest
     cells = one_cell("triangle")
     bare = cell_quality(flat, cells, reference_sizes(flat, cells))
-    with pytest.raises(InvalidInput, match="needs the cells' skews at rest"):
+    with pytest.raises(InvalidInput, match="needs the cells at rest"):
         bare.metric("relative-size-skew")
+
+
+@pytest.mark.parametrize("name", [name for name, kind in CELL_TYPES.items() if not kind.is_simplex])
+def test_relative_shape_sees_angles_and_aspect_ratio(name):
+    """The mesh motion's gradient T is known: the worst corner of an affine map is any corner, whatever the cell."""
+    rng = np.random.default_rng(6)
+    d = CELL_TYPES[name].dimension
+    rest = IDEAL[name] * np.array([1.0, 0.05, 1.0])[:d] + 1e-3 * rng.random((len(IDEAL[name]), d))
+    for gradient in (np.diag([3.0, 1 / 3, 1.0][:d]), np.eye(d) + 0.3 * rng.random((d, d))):
+        square, det = np.sum(gradient**2), np.linalg.det(gradient)
+        found = quality_of(name, rest @ gradient.T, reference=rest)
+        assert found.relative_shape[0] == pytest.approx(d * det ** (2 / d) / square, rel=1e-12)
+        assert found.metric("relative-size-skew")[0] == pytest.approx(
+            np.sqrt(min(det, 1 / det)) * found.relative_shape[0], rel=1e-12
+        )
+
+
+@pytest.mark.parametrize("name", [name for name, kind in CELL_TYPES.items() if not kind.is_simplex])
+def test_relative_shape_is_that_of_the_worst_corner(name):
+    rng = np.random.default_rng(7)
+    rest = IDEAL[name] + 0.05 * rng.random(IDEAL[name].shape)
+    moved = rest + 0.2 * rng.random(rest.shape)
+    d, shapes = rest.shape[1], []
+    for corner in CELL_TYPES[name].corner_array:
+        before, after = ((points[corner[1:]] - points[corner[0]]).T for points in (rest, moved))
+        gradient = after @ np.linalg.inv(before)
+        shapes.append(d * np.linalg.det(gradient) ** (2 / d) / np.sum(gradient**2))
+    assert quality_of(name, moved, reference=rest).relative_shape[0] == pytest.approx(min(shapes), rel=1e-12)
+
+
+def test_a_corner_that_is_flat_at_rest_is_not_compared_but_must_not_turn():
+    flat = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.5 - 1e-9, 0.5 + 1e-9]])  # 180 degrees at node 3
+    assert quality_of("quad", flat * [2.0, 2.0], reference=flat).relative_shape[0] == pytest.approx(1.0)
+    turned = flat + np.array([[0, 0], [0, 0], [0, 0], [0.1, -0.1]])
+    assert quality_of("quad", turned, reference=flat).metric("relative-size-skew")[0] <= 0.0
+
+
+def test_relative_shapes_of_some_cells_are_those_of_all():
+    mesh = box_mesh("quad + triangle", 6)
+    moved = mesh.points + 0.02 * np.random.default_rng(8).random(mesh.points.shape)
+    at_rest = cells_at_rest(mesh.points, mesh.cells)
+    numbers = np.array([3, 11, 17, len(mesh.cells) - 1])
+    some, every = (of(moved, mesh.cells, at_rest, *n) for of, n in ((subset_quality, (numbers,)), (cell_quality, ())))
+    assert some.relative_shape.tobytes() == every.relative_shape[numbers].tobytes()
+    for one in (mesh_summary, lowest_quality):
+        found = one(moved, mesh.cells, at_rest, metric="relative-size-skew", worst=1)
+        assert found.metric.min == every.metric("relative-size-skew").min()

@@ -48,20 +48,6 @@ def extremes(model: MotionModel, points: np.ndarray) -> tuple[float, float]:
     return cell_quality(points, model.cells, cells_at_rest(model.points, model.cells)).relative_extremes()
 
 
-def test_a_cascade_is_raised_towards_its_shape_at_rest_and_its_walls_are_left_alone() -> None:
-    model = model_of()
-    targets = pitched(model, 15.0, 0.1)
-    plain = model_of(correction="none").move(model.points, targets)
-    motion = model.move(model.points, targets)
-    assert plain.reached, "it is not the threshold that asks for this"
-    (before, area), (after, own) = (extremes(model, found.points) for found in (plain, motion))
-    assert before < 0.65
-    assert after > 0.8
-    assert own > 0.99 * area
-    assert np.array_equal(motion.points[model.near_walls], plain.points[model.near_walls])
-    assert motion.correction.method == "optimised"
-
-
 def test_who_names_another_metric_or_target_gets_what_the_threshold_asks() -> None:
     targets = pitched(model_of(), 15.0, 0.1)
     for choices in ({"quality_metric": "size-skew", "quality_threshold": 0.02}, {"correction_target": "threshold"}):
@@ -108,6 +94,7 @@ def test_areas_are_not_spent_for_shapes_but_shapes_are_raised(monkeypatch: pytes
     )
     assert spent < 0.99 * area <= own
     assert after > 1.1 * before
+    assert np.array_equal(motion.points[model.near_walls], plain.points[model.near_walls])
 
 
 def test_where_the_worst_cell_has_no_free_node_nothing_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_server.numerics.correction.distortion import PNorm, distortion_gradient, mean_distortion
 from mesh_motion_server.numerics.correction.free_region import FreeRegion, free_region
-from mesh_motion_server.numerics.correction.newton import Accuracy, QuadraticTerm, newton
+from mesh_motion_server.numerics.correction.newton import Accuracy, newton
 
 
 def shaken(kind: str, size: float) -> tuple[np.ndarray, FreeRegion]:
@@ -85,33 +85,6 @@ def test_the_coarse_level_spares_most_iterations() -> None:
         made.append(kernels.block_conjugate_gradients(*system, aggregates, right, 1e-8, 1000, step))
         np.testing.assert_allclose(matrix @ step, right, atol=1e-6)
     assert made[0] < 0.6 * made[1]
-
-
-def quadratic(region: FreeRegion, rest: np.ndarray, weight: float) -> QuadraticTerm:
-    """Every free node on its own spring."""
-    stiffness = np.zeros((len(region.adjacency.columns), rest.shape[1], rest.shape[1]))
-    stiffness[region.adjacency.row_starts[:-1]] = weight * np.eye(rest.shape[1])
-    return QuadraticTerm(rest, stiffness)
-
-
-@pytest.mark.parametrize("kind", ["quad", "tetra"])
-def test_a_quadratic_term_balances_the_distortion(kind: str) -> None:
-    points, region = shaken(kind, 0.015)
-    free, norm = slice(region.n_free), PNorm(8, 2)
-    term = quadratic(region, points[free].copy(), 10.0)
-    result = newton(points, region, norm, iterations=60, quadratic=term, accuracy=EXACT)
-    energy, weights = mean_distortion(result.points, region.simplices, norm)
-    gradient = region.adjacency.gather(distortion_gradient(result.points, region.simplices, weights, norm))
-    np.testing.assert_allclose(10.0 * (result.points[free] - points[free]), -gradient, atol=1e-5)
-    half = 5.0 * np.sum((result.points[free] - points[free]) ** 2)
-    assert result.distortion == pytest.approx(energy + half, rel=1e-12)
-
-
-def test_a_stiff_quadratic_term_leaves_the_nodes_at_rest() -> None:
-    points, region = shaken("tetra", 0.015)
-    rest = points[: region.n_free] + 0.002
-    result = newton(points, region, PNorm(8, 2), quadratic=quadratic(region, rest, 1e9))
-    np.testing.assert_allclose(result.points[: region.n_free], rest, atol=1e-6)
 
 
 def test_it_stops_when_told_that_it_is_good_enough() -> None:

@@ -183,9 +183,8 @@ def test_an_easy_motion_is_the_same_with_and_without() -> None:
         assert first.sub_steps == second.sub_steps == 1
 
 
-@pytest.mark.parametrize("in_time", ["independent", "smooth"])
-def test_from_the_reference_mesh_the_way_does_not_matter(in_time: str) -> None:
-    model = box_model(displacement="absolute", correction_in_time=in_time)
+def test_from_the_reference_mesh_the_way_does_not_matter() -> None:
+    model = box_model(displacement="absolute")
     targets = turned(model, 180.0)
     straight = model.move(model.points, targets)
     assert straight.sub_steps > 1
@@ -265,7 +264,7 @@ def test_walls_that_slide_are_followed_in_every_leg() -> None:
     model = MotionModel.build(points, cells, patches, method)
     motion = model.move(model.points, turned(model, 120.0, 0.1))
     assert motion.sub_steps >= 3
-    assert motion.corrected.metric.min > 0.3
+    assert motion.corrected.metric.min > 0.2
     walls = model.roles.sliding
     assert np.array_equal(motion.points[walls, 1], model.points[walls, 1])
     assert np.abs(motion.points[walls, 0] - model.points[walls, 0]).max() > 1e-3

@@ -123,7 +123,8 @@ def predict(
     if name not in PREDICTORS:
         raise InvalidInput(f"unknown predictor {name!r}; known are {', '.join(PREDICTORS)}")
     positions, sizes = as_positions(points, cells.dimension), sizes_of(reference_sizes)
-    return replace(PREDICTORS[name](positions, cells, sizes, field), rest=skews_of(reference_sizes))
+    found, at_rest = PREDICTORS[name](positions, cells, sizes, field), skews_of(reference_sizes)
+    return replace(found, relative=None if at_rest is None else np.minimum(found.skew / at_rest, 1.0))
 
 
 def centre_positions(points: Floats, cells: CellTable) -> Floats:

@@ -10,17 +10,20 @@ namespace {
 struct Request {
     Matrix<const double> points;
     Blocks blocks;
-    Vector<const double> reference, rest;
+    Vector<const double> reference;
+    AtRest rest;
     Index metric;
     Vector<Index> numbers;
     Vector<double> values;
 
     Request(const mesh_motion_cells& cells, Index n, const double* data, const double* reference_sizes,
-            const double* skews_at_rest, const char* name, Index count, Index* lowest, double* lowest_values)
+            const double* skews_at_rest, const double* points_at_rest, const char* name, Index count, Index* lowest,
+            double* lowest_values)
         : points(cells.points(n, data)),
           blocks(cells.blocks()),
           reference(array("reference_sizes", reference_sizes, std::array{cells.count})),
-          rest(skews_at_rest, {skews_at_rest ? cells.count : 0}),
+          rest{{skews_at_rest, {skews_at_rest ? cells.count : 0}},
+               points_at_rest ? cells.points(n, points_at_rest) : Matrix<const double>{}},
           metric(&named("metric", name, metrics) - metrics),
           numbers(array("numbers", lowest, std::array{count})),
           values(array("values", lowest_values, std::array{count})) {
@@ -109,11 +112,12 @@ int mesh_motion_cell_quality(const mesh_motion_cells* cells, int64_t n, const do
 }
 
 int mesh_motion_lowest_cells(const mesh_motion_cells* cells, int64_t n, const double* points,
-                             const double* reference_sizes, const double* skews_at_rest, const char* metric,
-                             int64_t count, int64_t* numbers, double* values, int64_t* inverted) {
+                             const double* reference_sizes, const double* skews_at_rest,
+                             const double* points_at_rest, const char* metric, int64_t count, int64_t* numbers,
+                             double* values, int64_t* inverted) {
     return answered([&] {
-        const Request asked(given(cells, "cells"), n, points, reference_sizes, skews_at_rest, metric, count, numbers,
-                            values);
+        const Request asked(given(cells, "cells"), n, points, reference_sizes, skews_at_rest, points_at_rest,
+                            metric, count, numbers, values);
         const auto [lowest, found, turned] =
             lowest_cells(asked.points, asked.blocks, asked.reference, asked.rest, asked.metric, count);
         std::copy(found.values.begin(), found.values.end(), asked.numbers.begin());
@@ -123,11 +127,12 @@ int mesh_motion_lowest_cells(const mesh_motion_cells* cells, int64_t n, const do
 }
 
 int mesh_motion_judge_cells(const mesh_motion_cells* cells, int64_t n, const double* points,
-                            const double* reference_sizes, const double* skews_at_rest, const char* metric,
-                            int64_t count, int64_t* numbers, double* values, mesh_motion_quality* quality) {
+                            const double* reference_sizes, const double* skews_at_rest,
+                            const double* points_at_rest, const char* metric, int64_t count, int64_t* numbers,
+                            double* values, mesh_motion_quality* quality) {
     return answered([&] {
-        const Request asked(given(cells, "cells"), n, points, reference_sizes, skews_at_rest, metric, count, numbers,
-                            values);
+        const Request asked(given(cells, "cells"), n, points, reference_sizes, skews_at_rest, points_at_rest,
+                            metric, count, numbers, values);
         const auto [rows, found, turned] =
             judged_cells(asked.points, asked.blocks, asked.reference, asked.rest, asked.metric, count);
         const auto row = [&](Index k) { return distribution_in(rows.view()[k]); };
@@ -136,11 +141,11 @@ int mesh_motion_judge_cells(const mesh_motion_cells* cells, int64_t n, const dou
         const Cells judged(asked.points, asked.blocks, asked.reference, asked.rest);
         for (std::size_t s = 0; s < found.values.size(); ++s) {
             const Index cell = found.values[s];
-            double size, skew;
+            double size, skew, relative;
             bool inverted;
-            judged.judge(cell, cell + 1, &size, &skew, &inverted);
-            const double* rest = asked.rest.size() ? &asked.rest[cell] : nullptr;
-            metric_of(static_cast<Metric>(asked.metric), 1, &size, &skew, rest, &asked.values[static_cast<Index>(s)]);
+            judged.judge(cell, cell + 1, &size, &skew, judged.has_rest() ? &relative : nullptr, &inverted);
+            metric_of(static_cast<Metric>(asked.metric), 1, &size, &skew, &relative,
+                      &asked.values[static_cast<Index>(s)]);
         }
     });
 }

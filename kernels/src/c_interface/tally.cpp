@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "c_interface/held_cells.h"
+#include "parallel.h"
 #include "quality/order_statistics.h"
 
 using namespace mesh_motion;
@@ -27,14 +28,17 @@ struct Division {
 struct mesh_motion_tally {
     const mesh_motion_cells* cells;
     Index metric, kinds;
-    std::vector<double> sizes, skews;
+    std::vector<double> sizes, skews, points_at_rest;  // the last two where the metric is the relative one
     std::vector<std::uint32_t> places;
     // of the cells as they were judged last
     Matrix<const double> points;
     Owned<double, 2> extents;
     Owned<Index, 2> counts;
 
-    Vector<const double> rest() const { return view_of(skews); }
+    AtRest rest() const {
+        const Index n = static_cast<Index>(points_at_rest.size()) / cells->dimension;
+        return {view_of(skews), {points_at_rest.data(), {n, cells->dimension}}};
+    }
     Vector<const std::uint32_t> places_of(Index kind) const {
         return {places.data() + kind * cells->count, {cells->count}};
     }
@@ -121,7 +125,10 @@ int mesh_motion_tally_create(const mesh_motion_cells* cells, int64_t n, const do
                                         std::string(type->name) + " " + std::to_string(number) + ", which is " +
                                         (inverted[cell] ? "inverted" : "flat"));
         }
-        if (metrics[made->metric].name != std::string("relative-size-skew")) made->skews = {};
+        if (static_cast<Metric>(made->metric) == Metric::relative_size_skew)
+            made->points_at_rest.assign(at.begin(), at.end());
+        else
+            made->skews = {};
         made->places.resize(made->kinds * held.count);
         *tally = made.release();
     });
@@ -150,12 +157,11 @@ int mesh_motion_tally_judge(mesh_motion_tally* tally, int64_t n, const double* p
         for (Index s = 0; s < told.worst_cells; ++s) {
             const Index cell = worst.values[s];
             const auto [type, number, nodes] = cells.at(cell);
-            double size, skew, *row = told.worst[s];
+            double size, skew, relative, *row = told.worst[s];
             bool is_inverted;
-            judged.judge(cell, cell + 1, &size, &skew, &is_inverted);
+            judged.judge(cell, cell + 1, &size, &skew, judged.has_rest() ? &relative : nullptr, &is_inverted);
             row[0] = static_cast<double>(type - cell_types), row[1] = static_cast<double>(number);
-            const double* rest = own.skews.empty() ? nullptr : &own.skews[cell];
-            metric_of(static_cast<Metric>(own.metric), 1, &size, &skew, rest, &row[2]);
+            metric_of(static_cast<Metric>(own.metric), 1, &size, &skew, &relative, &row[2]);
             row[3] = size, row[4] = skew;
             metric_of(Metric::size_skew, 1, &size, &skew, nullptr, &row[5]);
             for (Index axis = 0; axis < cells.dimension; ++axis) {
@@ -204,17 +210,18 @@ struct HeldRegion : mesh_motion_region {
     std::vector<std::int64_t> node, whole_of, corner;
 };
 
-/// Size, skew and validity of all cells.
+/// Size, skew, relative shape and validity of all cells.
 struct Qualities {
-    std::vector<double> size, skew;
+    std::vector<double> size, skew, relative;
     std::unique_ptr<bool[]> inverted;
 
     Qualities(const mesh_motion_tally& tally, Matrix<const double> points)
-        : size(tally.cells->count), skew(tally.cells->count), inverted(new bool[tally.cells->count]) {
-        tally.cells->by_block([&](auto nodes, Index first) {
-            const Index last = first + nodes.shape(0);
-            cell_quality(points, nodes, view_of(tally.sizes).rows(first, last), view_of(size).rows(first, last),
-                         view_of(skew).rows(first, last), {inverted.get() + first, {last - first}});
+        : size(tally.cells->count), skew(tally.cells->count), relative(tally.skews.size()),
+          inverted(new bool[tally.cells->count]) {
+        const Cells cells(points, tally.cells->blocks(), view_of(tally.sizes), tally.rest());
+        for_ranges(cells.size(), judged_at_once, [&](Index first, Index last) {
+            cells.judge(first, last, &size[first], &skew[first], relative.empty() ? nullptr : &relative[first],
+                        &inverted[first]);
         });
     }
 };
@@ -249,8 +256,8 @@ int mesh_motion_region_create(const mesh_motion_tally* tally, int64_t n, const d
         std::vector<char> bad(cells.count), chosen(cells.count), marks(n), here(n);
         for (Index cell = 0; cell < cells.count; ++cell) {
             double value;
-            const double* rest = own.skews.empty() ? nullptr : &own.skews[cell];
-            metric_of(static_cast<Metric>(own.metric), 1, &found.size[cell], &found.skew[cell], rest, &value);
+            const double* relative = found.relative.empty() ? nullptr : &found.relative[cell];
+            metric_of(static_cast<Metric>(own.metric), 1, &found.size[cell], &found.skew[cell], relative, &value);
             bad[cell] = found.inverted[cell] || value < below;
         }
         mark_nodes(cells, marks, [&](Index cell, const Node*, Index) { return bad[cell]; });
@@ -284,8 +291,7 @@ int mesh_motion_region_create(const mesh_motion_tally* tally, int64_t n, const d
             if (chosen[cell]) continue;
             made->least_size = std::min(made->least_size, found.size[cell]);
             if (own.skews.empty()) continue;
-            const double skew = found.inverted[cell] ? 0.0 : std::min(found.skew[cell] / own.skews[cell], 1.0);
-            made->least_skew = std::min(made->least_skew, skew);
+            made->least_skew = std::min(made->least_skew, found.inverted[cell] ? 0.0 : found.relative[cell]);
         }
         Index type = 0;
         for (const auto& kind : cell_types) {

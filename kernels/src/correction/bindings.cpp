@@ -8,6 +8,7 @@ namespace mesh_motion {
 
 void bind_correction(nanobind::module_& m) {
     bind(m, "add_cells", add_cells);
+    bind(m, "add_corners", add_corners);
     bind(m, "add_linked_blocks", add_linked_blocks);
     bind(m, "assemble_corners", assemble_corners);
     bind(m, "block_conjugate_gradients", block_conjugate_gradients);
@@ -17,6 +18,7 @@ void bind_correction(nanobind::module_& m) {
     bind(m, "cell_distortions", cell_distortions);
     bind(m, "cell_gradients", cell_gradients);
     bind(m, "corner_blocks", corner_blocks);
+    bind(m, "corner_hessians", corner_hessians);
     bind(m, "determinants", determinants);
     bind(m, "distortion_gradients", distortion_gradients);
     bind(m, "distortions", distortions);

@@ -67,11 +67,12 @@ struct Terms {
 ///
 /// The stretches u_i v_iᵀ couple through M, with t_i = Π_{k≠i} s_k and t_ij = 1 (2D), s_k (3D), 0 for i = j. Every pair
 /// (i, j) has one rotation-like and one shear-like mode (cf. Smith, de Goes & Kim, Analytic eigensystems for isotropic
-/// distortion energies, ACM TOG 38, 2019): (u_i v_jᵀ ∓ u_j v_iᵀ)/√2 with λ = 2 ω/q ± h1 t_ij. Negative λ are dropped.
+/// distortion energies, ACM TOG 38, 2019): (u_i v_jᵀ ∓ u_j v_iᵀ)/√2 with λ = 2 ω/q ± h1 t_ij. Negative λ are dropped,
+/// unless the exact Hessian is wanted.
 template <int d>
 using Curvature = std::array<std::array<Pack, d * d>, d * d>;
 
-template <int d>
+template <int d, bool exact = false>
 inline void curvature(const Small<d>& jacobian, Pack per_q, const Small<d>& ideal, const Terms& law, Pack weight,
                       Curvature<d>& total) {
     const auto [u, v, s] = signed_svd<d>(jacobian);
@@ -89,11 +90,12 @@ inline void curvature(const Small<d>& jacobian, Pack per_q, const Small<d>& idea
             const Pack t_ij = i == j ? Pack{} : d == 3 ? law.h1 * s[(6 - i - j) % 3] : law.h1;
             stretch[i][j] = (law.h2 * t[i] * t[j] - 4.0 * half * per_q * s[i] * s[j]) + (t_ij + law.p * l[i] * l[j]);
             if (i == j) stretch[i][j] += 2.0 * half;
-            const Pack rotation = larger(half + 0.5 * t_ij, Pack{}), shear = larger(half - 0.5 * t_ij, Pack{});
+            Pack rotation = half + 0.5 * t_ij, shear = half - 0.5 * t_ij;
+            if constexpr (!exact) rotation = larger(rotation, Pack{}), shear = larger(shear, Pack{});
             alike[i][j] = rotation + shear;
             crossed[i][j] = shear - rotation;
         }
-    project<d>(stretch);
+    if constexpr (!exact) project<d>(stretch);
     const Small<d> z = product<d>(ideal, v);  // the right singular vectors at the edges
     for (int j = 0; j < d; ++j)
         for (int c = 0; c <= j; ++c) {

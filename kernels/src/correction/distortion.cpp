@@ -176,6 +176,42 @@ void determinants(Matrix<const double> points, Matrix<const std::int32_t> corner
     });
 }
 
+void corner_hessians(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
+                     Vector<const double> first, Vector<const double> second, double m, double a, bool exact,
+                     Cube<double> blocks) {
+    const Corners mesh{points, corners, ideals};
+    mesh.check(first.size());
+    mesh.check(second.size());
+    const Index size = points.shape(1) * points.shape(1);
+    require(blocks.shape() == std::array{mesh.size(), size, size}, "blocks: expected shape (c, d², d²)");
+    with_dimension(points.shape(1), [&](auto dimension) {
+        constexpr int d = dimension;
+        for_ranges(mesh.size(), blocks_of_task, [&](Index begin, Index end) {
+            mesh.check(begin, end);
+            for (Index c = begin; c < end; c += lanes) {
+                const auto at = from(c, end);
+                const auto [j, ideal] = mesh.jacobians<d>(at);
+                const auto [h1, h2] = slopes<d>(determinant<d>(j), {m, 0.0, a});
+                const Pack weight = gathered([&](int l) { return first[at[l]]; });
+                const Pack p = gathered([&](int l) { return first[at[l]] > 0.0 ? second[at[l]] / first[at[l]] : 0.0; });
+                const Terms terms{all(1.0), h1, h2, p, h1};
+                Curvature<d> total;
+                if (exact) curvature<d, true>(j, inverse_square<d>(j), ideal, terms, weight, total);
+                else curvature<d>(j, inverse_square<d>(j), ideal, terms, weight, total);
+                for (Index l = 0; l < std::min(lanes, end - c); ++l) {
+                    double* block = &blocks(c + l, 0, 0);
+                    for (int r = 0; r < d * d; ++r)
+                        for (int s = 0; s <= r; ++s) {
+                            const int edges = r / d * d + s / d, mirrored = s / d * d + r / d;
+                            block[edges * d * d + r % d * d + s % d] = block[mirrored * d * d + s % d * d + r % d] =
+                                total[r][s][l];
+                        }
+                }
+            }
+        });
+    });
+}
+
 void corner_blocks(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
                    Vector<const double> weights, double floor, double least_weight, double p, double m, double epsilon,
                    double a, Cube<float> blocks) {

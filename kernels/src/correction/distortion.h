@@ -28,6 +28,12 @@ void distortion_gradients(Matrix<const double> points, Matrix<const std::int32_t
 void determinants(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
                   Vector<double> taus);
 
+/// blocks (c, d², d²) = w₁ ∇∇ℓ + w₂ ∇ℓ ∇ℓᵀ with the weights first and second (c): the Hessian of a function of ℓ with
+/// these derivatives, exact or its positive part in J; the order is that of corner_blocks.
+void corner_hessians(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
+                     Vector<const double> first, Vector<const double> second, double m, double a, bool exact,
+                     Cube<double> blocks);
+
 /// blocks (c, d², d²) = (w + floor) times the positive part of the Hessian of ℓ and of the p-mean's rank-one term, of
 /// the corners that weigh at least least_weight: [j d + k, a d + b] couples the coordinate a of edge j with b of edge
 /// k.

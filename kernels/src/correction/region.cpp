@@ -50,8 +50,8 @@ double* block_of(Cube<double> hessian, std::int32_t slot) {
 
 /// row (d + 1, d²): the blocks that couple a node of a corner with each of its nodes, from its edge's (d, d²) with each
 /// edge; what belongs to node 0 is minus the sum over the edges (d, d, d²).
-template <int d>
-void couplings(Vector<const float> block, bool of_edge, double* __restrict row) {
+template <int d, class T>
+void couplings(Vector<const T> block, bool of_edge, double* __restrict row) {
     constexpr int size = d * d, width = size * d;
     if (of_edge) {
         for (int q = 0; q < width; ++q) row[size + q] = block[q];
@@ -186,6 +186,32 @@ void assemble_corners(Vector<const Index> starts, Vector<const std::int32_t> ent
                         if (!out) continue;
                         for (int q = 0; q < d * d; ++q) out[q] += row[b * d * d + q];
                     }
+                }
+            }
+        });
+    });
+}
+
+void add_corners(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
+                 Vector<const std::int32_t> rows, Cube<const double> blocks, Cube<double> hessian) {
+    const Index size = hessian.shape(1) * hessian.shape(1);
+    check_lists(starts, entries, rows.size() * (hessian.shape(1) + 1));
+    require(slots.shape() == std::array{entries.size(), hessian.shape(1) + 1}, "slots: expected shape (e, d + 1)");
+    require(blocks.shape(1) == size && blocks.shape(2) == size, "blocks: expected shape (k, d², d²)");
+    require(hessian.shape(2) == hessian.shape(1), "hessian: expected shape (b, d, d)");
+    for (std::int32_t row : rows) require(row < blocks.shape(0), "rows: expected numbers of blocks");
+    with_dimension(hessian.shape(1), [&](auto dimension) {
+        constexpr int d = dimension;
+        for_ranges(starts.size() - 1, rows_of_assembly, [&](Index first, Index last) {
+            for (Index e = starts[first]; e < starts[last]; ++e) {
+                const Index c = rows[entries[e] / (d + 1)], a = entries[e] % (d + 1), width = d * d * d;
+                if (c < 0) continue;
+                const double* from = &blocks(c, 0, 0) + std::max<Index>(a - 1, 0) * width;
+                double row[(d + 1) * d * d];
+                couplings<d>(Vector<const double>(from, {a ? width : d * width}), a > 0, row);
+                for (int b = 0; b <= d; ++b) {
+                    double* out = block_of(hessian, slots(e, b));
+                    for (int q = 0; out && q < d * d; ++q) out[q] += row[b * d * d + q];
                 }
             }
         });

@@ -36,6 +36,10 @@ void assemble_corners(Vector<const Index> starts, Vector<const std::int32_t> ent
                       Vector<const Index> row_starts, Cube<const float> blocks, Vector<const double> weights,
                       double least_weight, Cube<double> hessian);
 
+/// hessian (b, d, d) += the blocks (k, d², d²) of some corners: rows (c) has the block of each corner, or −1.
+void add_corners(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
+                 Vector<const std::int32_t> rows, Cube<const double> blocks, Cube<double> hessian);
+
 /// hessian (b, d, d) += the cells' blocks (m, k², d²).
 void add_cells(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
                Cube<const float> blocks, Cube<double> hessian);

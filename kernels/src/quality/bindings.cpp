@@ -4,12 +4,30 @@
 #include "quality/order_statistics.h"
 #include "quality/summaries.h"
 
+/// What is known at rest comes as (skews, points).
+template <>
+struct nanobind::detail::type_caster<mesh_motion::AtRest> {
+    using Both = std::pair<mesh_motion::Vector<const double>, mesh_motion::Matrix<const double>>;
+    NB_TYPE_CASTER(mesh_motion::AtRest, make_caster<Both>::Name)
+
+    bool from_python(handle source, std::uint32_t flags, cleanup_list* cleanup) noexcept {
+        if (!both_.from_python(source, flags, cleanup)) return false;
+        const Both both = both_.operator Both();
+        value = {both.first, both.second};
+        return true;
+    }
+
+  private:
+    make_caster<Both> both_;  // keeps the memory during the call
+};
+
 namespace mesh_motion {
 
 void bind_quality(nanobind::module_& m) {
     bind(m, "cell_sizes", cell_sizes);
     bind(m, "cell_quality", cell_quality);
     bind(m, "chosen_quality", chosen_quality);
+    bind(m, "relative_shapes", relative_shapes);
     bind(m, "transformed_quality", transformed_quality);
     bind(m, "column_quality", column_quality);
     bind(m, "metric_values", metric_values);

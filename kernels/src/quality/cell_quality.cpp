@@ -248,6 +248,78 @@ void judge_rows(Matrix<const double> points, Matrix<const Node> nodes, const dou
     });
 }
 
+constexpr double flat_corner = 1e-6;  // det / product of the edges' lengths: such corners have no shape to keep
+
+/// d |det T|^(2/d) / |T|² of a corner against itself at rest; 1 where that is flat.
+template <int d>
+[[gnu::always_inline]] inline double kept_shape(const Corner<d>& now, const Corner<d>& rest) {
+    double inverse[d][d];  // det A₀ A₀⁻¹
+    if constexpr (d == 1) {
+        return 1.0;
+    } else if constexpr (d == 2) {
+        inverse[0][0] = rest.a[1][1], inverse[0][1] = -rest.a[0][1];
+        inverse[1][0] = -rest.a[1][0], inverse[1][1] = rest.a[0][0];
+    } else {
+        for (int i = 0; i < 3; ++i)
+            for (int j = 0; j < 3; ++j) {
+                const int a = (j + 1) % 3, b = (j + 2) % 3, c = (i + 1) % 3, e = (i + 2) % 3;
+                inverse[i][j] = rest.a[a][c] * rest.a[b][e] - rest.a[a][e] * rest.a[b][c];
+            }
+    }
+    double lengths = 1.0;
+    for (int j = 0; j < d; ++j) lengths *= rest.lambda(j, j);
+    const double before = rest.determinant(), unit = 1.0 / before;
+    double square = 0.0;
+    for (int i = 0; i < d; ++i)
+        for (int j = 0; j < d; ++j) {
+            double entry = now.a[i][0] * inverse[0][j];
+            for (int k = 1; k < d; ++k) entry += now.a[i][k] * inverse[k][j];
+            entry *= unit;
+            square += entry * entry;
+        }
+    const double grown = at_least_smallest(std::abs(now.determinant() * unit));
+    double shape = d * grown / square;
+    if constexpr (d == 3) {
+        const double root = inverse_cube_root(grown);
+        shape = d / (square * root * root);
+    }
+    return std::abs(before) > flat_corner * std::sqrt(lengths) ? shape : 1.0;
+}
+
+/// The relative shapes of the cells of one block.
+template <class Type>
+void relate_rows(Matrix<const double> points, Matrix<const double> rest_points, Matrix<const Node> nodes,
+                 const double* skew, const double* rest_skew, double* shapes) {
+    constexpr int d = Type::dimension;
+    constexpr bool simplex = Type::nodes == d + 1;
+    if constexpr (simplex) {
+        for (Index s = 0; s < nodes.shape(0); ++s) {
+            const double shape = skew[s] / rest_skew[s];
+            shapes[s] = shape < 1.0 ? shape : 1.0;  // a better shape than at rest counts as that at rest
+        }
+    } else {
+        for_chunks(0, nodes.shape(0), [&](Index first, Index count) {
+            const Rows rows(points, nodes, first, count);
+            const auto now = from_points<Type>(points, count, rows.cells<Type>(), rows.inside);
+            const auto before = from_points<Type>(rest_points, count, rows.cells<Type>(), rows.inside);
+            Jacobians<d> moved, rest;
+            alignas(64) double least[chunk];
+            for (int k = 0; k < static_cast<int>(Type::corners.size()); ++k) {
+                now(k, moved);
+                before(k, rest);
+                for (Index s = 0; s < count; ++s) {
+                    const double shape = kept_shape<d>(Corner<d>(moved, s), Corner<d>(rest, s));
+                    least[s] = k && least[s] < shape ? least[s] : shape;
+                }
+            }
+            for (Index s = 0; s < count; ++s) {  // 0 and −∞ of cells that are inverted in part or have no position
+                const double shape = least[s] < 1.0 ? least[s] : 1.0;
+                shapes[first + s] = skew[first + s] > 0.0 ? shape : skew[first + s];
+            }
+        });
+    }
+}
+
 void require_results(Index m, Vector<const double> reference, Vector<double> size, Vector<double> skew,
                      Vector<bool> inverted) {
     require(reference.size() == m && size.size() == m && skew.size() == m && inverted.size() == m,
@@ -269,17 +341,18 @@ constexpr double tiny = 1e-280;        // products below may have lost digits
 }  // namespace
 
 Cells::Cells(Matrix<const double> points, std::vector<Matrix<const Node>> blocks, Vector<const double> reference,
-             Vector<const double> rest)
+             AtRest rest)
     : points_(points), reference_(reference), rest_(rest) {
     Index first = 0;
     for (const auto& nodes : blocks) {
         with_cell_type(points.shape(1), nodes.shape(1), [&](auto type) {
-            blocks_.push_back({nodes, first, judge_rows<decltype(type)>});
+            blocks_.push_back({nodes, first, judge_rows<decltype(type)>, relate_rows<decltype(type)>});
         });
         first += nodes.shape(0);
     }
     require(reference.size() == first, "reference: expected one entry for each cell");
-    require(rest.size() == first || rest.size() == 0, "rest: expected one entry for each cell, or none");
+    require(rest.skews.size() == first || rest.skews.size() == 0, "rest: expected one entry for each cell, or none");
+    require(!has_rest() || rest.points.shape() == points.shape(), "rest: expected the points at rest too");
 }
 
 template <class F>
@@ -290,31 +363,37 @@ void Cells::by_block(Index first, Index last, F&& f) const {
     }
 }
 
-void Cells::judge(Index first, Index last, double* size, double* skew, bool* inverted) const {
+void Cells::judge(Index first, Index last, double* size, double* skew, double* relative, bool* inverted) const {
     by_block(first, last, [&](const Block& block, Index from, Index to) {
         const Index place = from - first;
-        block.judge(points_, block.nodes.rows(from - block.first, to - block.first), reference_.data() + from,
-                    size + place, skew + place, inverted + place);
+        const auto nodes = block.nodes.rows(from - block.first, to - block.first);
+        block.judge(points_, nodes, reference_.data() + from, size + place, skew + place, inverted + place);
+        if (relative)
+            block.relate(points_, rest_.points, nodes, skew + place, rest_.skews.data() + from, relative + place);
     });
 }
 
-void Cells::judge_chosen(Vector<const Index> numbers, double* size, double* skew, bool* inverted) const {
+void Cells::judge_chosen(Vector<const Index> numbers, double* size, double* skew, double* relative,
+                         bool* inverted) const {
     std::vector<Node> nodes;
-    std::vector<double> reference;
+    std::vector<double> reference, rest;
     const Index* at = numbers.begin();
     for (const Block& block : blocks_) {
         const Index beyond = block.first + block.nodes.shape(0);
         const Index* end = std::lower_bound(at, static_cast<const Index*>(numbers.end()), beyond);
         nodes.clear();
         reference.clear();
+        rest.clear();
         for (const Index* number = at; number < end; ++number) {
             const auto row = block.nodes[*number - block.first];
             nodes.insert(nodes.end(), row.begin(), row.end());
             reference.push_back(reference_[*number]);
+            if (relative) rest.push_back(rest_.skews[*number]);
         }
         const Index place = at - numbers.begin();
-        block.judge(points_, {nodes.data(), {end - at, block.nodes.shape(1)}}, reference.data(), size + place,
-                    skew + place, inverted + place);
+        const Matrix<const Node> rows(nodes.data(), {end - at, block.nodes.shape(1)});
+        block.judge(points_, rows, reference.data(), size + place, skew + place, inverted + place);
+        if (relative) block.relate(points_, rest_.points, rows, skew + place, rest.data(), relative + place);
         at = end;
     }
 }
@@ -355,7 +434,7 @@ Index Cells::mark_near(Index first, Index last, Metric metric, double limit, Ind
             }
         };
         if (relative)
-            mark(std::true_type{}, rest_.data() + from);
+            mark(std::true_type{}, rest_.skews.data() + from);
         else
             mark(std::false_type{}, nullptr);
         found = std::accumulate(marks, marks + count, found);
@@ -363,16 +442,11 @@ Index Cells::mark_near(Index first, Index last, Metric metric, double limit, Ind
     return found;
 }
 
-void metric_of(Metric metric, Index count, const double* size, const double* skew, const double* rest, double* values) {
+void metric_of(Metric metric, Index count, const double* size, const double* skew, const double* relative,
+               double* values) {
     const auto fill = [&]<Metric which>() {
-        for (Index s = 0; s < count; ++s) {
-            double shape = skew[s];
-            if (which == Metric::relative_size_skew && rest) {
-                shape /= rest[s];
-                shape = shape < 1.0 ? shape : 1.0;  // what is better than at rest is as good
-            }
-            values[s] = metric_value<which>(size[s], shape);
-        }
+        const double* shape = which == Metric::relative_size_skew ? relative : skew;
+        for (Index s = 0; s < count; ++s) values[s] = metric_value<which>(size[s], shape[s]);
     };
     switch (metric) {
         case Metric::size: return fill.template operator()<Metric::size>();
@@ -434,6 +508,19 @@ void chosen_quality(Matrix<const double> points, Matrix<const Node> nodes, Vecto
                 judge_chunk<Type>(from_points<Type>(points, count, cell), count, told, &size[first], &skew[first],
                                   &inverted[first]);
             });
+        });
+    });
+}
+
+void relative_shapes(Matrix<const double> points, Matrix<const double> rest_points, Matrix<const Node> nodes,
+                     Vector<const double> skew, Vector<const double> rest_skew, Vector<double> shapes) {
+    const Index m = nodes.shape(0);
+    require(skew.size() == m && rest_skew.size() == m && shapes.size() == m, "expected one entry for each cell");
+    require(rest_points.shape() == points.shape(), "rest_points: expected the shape of points");
+    with_cell_type(points.shape(1), nodes.shape(1), [&]<class Type>(Type) {
+        for_ranges(m, judged_at_once, [&](Index first, Index last) {
+            relate_rows<Type>(points, rest_points, nodes.rows(first, last), skew.data() + first,
+                              rest_skew.data() + first, shapes.data() + first);
         });
     });
 }
@@ -506,7 +593,7 @@ void column_quality(Matrix<const double> edges, Cube<const Index> columns, Vecto
 void metric_values(Vector<const double> size, Vector<const double> skew, Index metric, Vector<double> values) {
     require(skew.size() == size.size() && values.size() == size.size(), "size, skew, values: expected one length");
     for_ranges(size.size(), 4 * judged_at_once, [&](Index first, Index last) {
-        metric_of(static_cast<Metric>(metric), last - first, &size[first], &skew[first], nullptr, &values[first]);
+        metric_of(static_cast<Metric>(metric), last - first, &size[first], &skew[first], &skew[first], &values[first]);
     });
 }
 

@@ -17,7 +17,7 @@ inline constexpr Index judged_at_once = 64 * chunk;
 /// Quality metrics by their number in numerics/quality/metrics.py.
 enum class Metric : Index { size, skew, size_skew, size_skew_root, size_skew_product, relative_size_skew };
 
-/// One quality metric of one cell, of the relative one with its relative skew; −∞ stays −∞.
+/// One quality metric of one cell, of the relative one with its relative shape; −∞ stays −∞.
 template <Metric metric>
 inline double metric_value(double size, double skew) {
     if constexpr (metric == Metric::size) return size;
@@ -34,8 +34,16 @@ inline double metric_value(double size, double skew) {
     return grown <= 1.0 ? value : size;
 }
 
-/// values[s] of the metric, from size[s] and skew[s]; the relative one takes the skew at rest from rest[s].
-void metric_of(Metric metric, Index count, const double* size, const double* skew, const double* rest, double* values);
+/// values[s] of the metric, from size[s] and skew[s], or for the relative one relative[s].
+void metric_of(Metric metric, Index count, const double* size, const double* skew, const double* relative,
+               double* values);
+
+/// What the relative metric compares cells with: the skews (m,) at rest of all cells, of which simplices are read, and
+/// the positions (n, d) at rest. Both empty where only other metrics are wanted.
+struct AtRest {
+    Vector<const double> skews;
+    Matrix<const double> points;
+};
 
 /// x^(−1/3) of x > 10⁻²⁹⁰ to 2 ulp, without a division: y ← y (1 − e)^(−1/3) for e = 1 − x y³, to the third order in e.
 inline double inverse_cube_root(double x) {
@@ -52,19 +60,17 @@ inline double inverse_cube_root(double x) {
 /// Judges cells of several blocks that are numbered through.
 class Cells {
   public:
-    /// Each block's nodes (m_i, k) into points (n, d), reference (m,) sizes and, for the relative metric, the skews at
-    /// rest (m,) of all cells (or none).
+    /// Each block's nodes (m_i, k) into points (n, d), reference (m,) sizes and the state at rest, or nothing of it.
     Cells(Matrix<const double> points, std::vector<Matrix<const Node>> blocks, Vector<const double> reference,
-          Vector<const double> rest);
+          AtRest rest);
 
     Index size() const { return reference_.size(); }
-    bool has_rest() const { return rest_.size() == size(); }
-    const double* rest() const { return rest_.data(); }
+    bool has_rest() const { return rest_.skews.size() == size(); }
 
-    /// Sizes, skews and whether they are inverted of the cells first … last − 1.
-    void judge(Index first, Index last, double* size, double* skew, bool* inverted) const;
+    /// Sizes, skews, relative shapes (unless null) and whether they are inverted of the cells first … last − 1.
+    void judge(Index first, Index last, double* size, double* skew, double* relative, bool* inverted) const;
     /// The same of cells with ascending numbers.
-    void judge_chosen(Vector<const Index> numbers, double* size, double* skew, bool* inverted) const;
+    void judge_chosen(Vector<const Index> numbers, double* size, double* skew, double* relative, bool* inverted) const;
     /// near[s]: whether the metric of the cell first + s may be at most the limit; how many of at most `chunk` cells.
     /// All may be where finding out costs as much as judging.
     Index mark_near(Index first, Index last, Metric metric, double limit, Index* near) const;
@@ -74,6 +80,8 @@ class Cells {
         Matrix<const Node> nodes;
         Index first;
         void (*judge)(Matrix<const double>, Matrix<const Node>, const double*, double*, double*, bool*);
+        void (*relate)(Matrix<const double>, Matrix<const double>, Matrix<const Node>, const double*, const double*,
+                       double*);
     };
     /// f(block, first, last) for the cells of each block among the cells first … last − 1.
     template <class F>
@@ -81,7 +89,8 @@ class Cells {
 
     Matrix<const double> points_;
     std::vector<Block> blocks_;
-    Vector<const double> reference_, rest_;
+    Vector<const double> reference_;
+    AtRest rest_;
 };
 
 /// sizes (m,) = Σ_k det A_k of each cell.
@@ -95,6 +104,12 @@ void cell_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<
 void chosen_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<const double> reference,
                     Vector<const Index> chosen, Vector<double> size, Vector<double> skew, Vector<bool> inverted);
 
+/// Shape (m,) of each cell relative to that at rest, from its nodes (m, k), its skew now and at rest (m,): of simplices
+/// min(1, skew / skew at rest), of others the smallest d |det T|^(2/d) / |T|² of T = A A₀⁻¹ over the corners, with A₀
+/// the corner at rest. A corner that is flat at rest is not compared.
+void relative_shapes(Matrix<const double> points, Matrix<const double> rest_points, Matrix<const Node> nodes,
+                     Vector<const double> skew, Vector<const double> rest_skew, Vector<double> shapes);
+
 /// The same with every corner Jacobian A replaced by (I + J) A, J = gradients (m, d, d) of the cell.
 void transformed_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<const double> reference,
                          Cube<const double> gradients, Vector<double> size, Vector<double> skew, Vector<bool> inverted);
@@ -103,7 +118,7 @@ void transformed_quality(Matrix<const double> points, Matrix<const Node> nodes, 
 void column_quality(Matrix<const double> edges, Cube<const Index> columns, Vector<const double> reference,
                     Vector<double> size, Vector<double> skew, Vector<bool> inverted);
 
-/// Values (m,) of a metric; the relative one takes the relative skews.
+/// Values (m,) of a metric; the relative one takes the relative shapes instead of the skews.
 void metric_values(Vector<const double> size, Vector<const double> skew, Index metric, Vector<double> values);
 
 }  // namespace mesh_motion

@@ -19,30 +19,31 @@ constexpr Index looked_at_first = 1 << 13;  // cells whose lowest values are the
 
 /// Values of cells that were judged together.
 struct Judged {
-    std::vector<double> size, skew, values;
+    std::vector<double> size, skew, relative, values;
     std::unique_ptr<bool[]> inverted;
 
-    explicit Judged(Index count) : size(count), skew(count), values(count), inverted(new bool[count]) {}
+    Judged(Index count, Metric ranked)
+        : size(count), skew(count), relative(ranked == Metric::relative_size_skew ? count : 0), values(count),
+          inverted(new bool[count]) {}
+
+    /// Where the relative shapes of the cells from `first` on are written; null where they are not wanted.
+    double* relative_from(Index first) { return relative.empty() ? nullptr : relative.data() + first; }
+
+    /// Computes the values of a metric.
+    void fill(Metric metric) {
+        metric_of(metric, static_cast<Index>(size.size()), size.data(), skew.data(), relative.data(), values.data());
+    }
 };
 
 /// Judges cells with ascending numbers, on all threads.
-Judged judged(const Cells& cells, const std::vector<Index>& numbers) {
+Judged judged(const Cells& cells, const std::vector<Index>& numbers, Metric ranked) {
     const Index n = static_cast<Index>(numbers.size());
-    Judged found(n);
+    Judged found(n, ranked);
     for_ranges(n, 8 * chunk, [&](Index first, Index last) {
         cells.judge_chosen({numbers.data() + first, {last - first}}, &found.size[first], &found.skew[first],
-                           &found.inverted[first]);
+                           found.relative_from(first), &found.inverted[first]);
     });
     return found;
-}
-
-/// Values of a metric of judged cells with ascending numbers.
-void fill(Metric metric, const Cells& cells, const std::vector<Index>& numbers, Judged& found) {
-    std::vector<double> rest;
-    if (metric == Metric::relative_size_skew)
-        for (Index number : numbers) rest.push_back(cells.rest()[number]);
-    metric_of(metric, static_cast<Index>(numbers.size()), found.size.data(), found.skew.data(), rest.data(),
-              found.values.data());
 }
 
 /// A number that the `count` lowest of m values are not above; the order of the sample is lost.
@@ -54,7 +55,7 @@ double limit_of(std::vector<double>& sample, Index count, Index m) {
 Metric checked(Index metric, const Cells& cells) {
     require(metric >= 0 && metric <= static_cast<Index>(Metric::relative_size_skew), "metric: expected 0 to 5");
     const auto known = static_cast<Metric>(metric);
-    require(known != Metric::relative_size_skew || cells.has_rest(), "rest: expected the skews at rest");
+    require(known != Metric::relative_size_skew || cells.has_rest(), "rest: expected the skews and points at rest");
     return known;
 }
 
@@ -68,12 +69,12 @@ std::vector<Metric> reported(Metric ranked) {
 /// f(k, values) for the reported metrics of the cells first … first + n − 1, at most a chunk; how many are inverted.
 template <class F>
 Index for_metrics(const Cells& cells, const std::vector<Metric>& metrics, Index first, Index n, F&& f) {
-    alignas(64) double size[chunk], skew[chunk], other[chunk];
+    alignas(64) double size[chunk], skew[chunk], relative[chunk], other[chunk];
     bool inverted[chunk];
-    cells.judge(first, first + n, size, skew, inverted);
+    const bool is_relative = metrics.back() == Metric::relative_size_skew;
+    cells.judge(first, first + n, size, skew, is_relative ? relative : nullptr, inverted);
     for (Index k = 0; k < static_cast<Index>(metrics.size()); ++k) {
-        const double* rest = metrics[k] == Metric::relative_size_skew ? cells.rest() + first : nullptr;
-        if (k > 1) metric_of(metrics[k], n, size, skew, rest, other);
+        if (k > 1) metric_of(metrics[k], n, size, skew, relative, other);
         f(k, k == 0 ? size : k == 1 ? skew : other);
     }
     return std::count(inverted, inverted + n, true);
@@ -119,14 +120,14 @@ void check_bins(Index bins) {
 
 std::tuple<Owned<double, 1>, Owned<Index, 1>, Index> lowest_cells(Matrix<const double> points, const Blocks& blocks,
                                                                   Vector<const double> reference,
-                                                                  Vector<const double> rest, Index metric,
+                                                                  AtRest rest, Index metric,
                                                                   Index count) {
     const Cells cells(points, blocks, reference, rest);
     const Metric ranked = checked(metric, cells);
     const Index m = cells.size();
     const auto first_ones = sample_of(m, std::min(m, looked_at_first));
-    Judged sample = judged(cells, first_ones);
-    fill(ranked, cells, first_ones, sample);
+    Judged sample = judged(cells, first_ones, ranked);
+    sample.fill(ranked);
     const double limit = limit_of(sample.values, count, m);
 
     const Index tasks = (m + judged_at_once - 1) / judged_at_once;
@@ -142,9 +143,10 @@ std::tuple<Owned<double, 1>, Owned<Index, 1>, Index> lowest_cells(Matrix<const d
                 for (Index e = first; e < last; ++e)
                     if (marks[e - first]) near.push_back(e);
         }
-        Judged found(static_cast<Index>(near.size()));
-        cells.judge_chosen(view_of(near), found.size.data(), found.skew.data(), found.inverted.get());
-        fill(ranked, cells, near, found);
+        Judged found(static_cast<Index>(near.size()), ranked);
+        cells.judge_chosen(view_of(near), found.size.data(), found.skew.data(), found.relative_from(0),
+                           found.inverted.get());
+        found.fill(ranked);
         for (std::size_t k = 0; k < near.size(); ++k)
             if (found.values[k] <= limit) lowest[task].add(found.values[k], near[k]);
         lowest[task].trim();
@@ -159,7 +161,7 @@ std::tuple<Owned<double, 1>, Owned<Index, 1>, Index> lowest_cells(Matrix<const d
 
 std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const double> points, const Blocks& blocks,
                                                                   Vector<const double> reference,
-                                                                  Vector<const double> rest, Index metric,
+                                                                  AtRest rest, Index metric,
                                                                   Index count) {
     const Cells cells(points, blocks, reference, rest);
     const Metric ranked = checked(metric, cells);
@@ -170,12 +172,12 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
 
     // what a sample says of all
     const auto numbers = sample_of(m, sample_size(m));
-    Judged sample = judged(cells, numbers);
+    Judged sample = judged(cells, numbers, ranked);
     std::vector<Brackets> brackets(numbers.empty() ? 0 : kinds);
     double limit = infinity;
     std::vector<std::vector<double>> values(kinds);
     for (Index k = 0; k < kinds && !numbers.empty(); ++k) {
-        fill(metrics[k], cells, numbers, sample);
+        sample.fill(metrics[k]);
         values[k] = sample.values;
     }
     for_blocks(static_cast<Index>(brackets.size()), [&](Index k) {
@@ -244,7 +246,7 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
 }
 
 std::tuple<Owned<double, 2>, Owned<Index, 2>, Owned<Index, 1>, Index> counted_cells(
-    Matrix<const double> points, const Blocks& blocks, Vector<const double> reference, Vector<const double> rest,
+    Matrix<const double> points, const Blocks& blocks, Vector<const double> reference, AtRest rest,
     Index metric, Index count, Index bins, Matrix<std::uint32_t> places) {
     const Cells cells(points, blocks, reference, rest);
     const Metric ranked = checked(metric, cells);
@@ -253,8 +255,8 @@ std::tuple<Owned<double, 2>, Owned<Index, 2>, Owned<Index, 1>, Index> counted_ce
     check_bins(bins);
     require(places.shape(0) == kinds && places.shape(1) == m, "places: expected one for each metric and cell");
     const auto numbers = sample_of(m, std::min(m, looked_at_first));
-    Judged sample = judged(cells, numbers);
-    fill(ranked, cells, numbers, sample);
+    Judged sample = judged(cells, numbers, ranked);
+    sample.fill(ranked);
     const double limit = limit_of(sample.values, count, m);
 
     constexpr Index task_size = 8 * judged_at_once;
@@ -327,7 +329,7 @@ Owned<Index, 2> counts_in_parts(Vector<const std::uint32_t> places, Vector<const
 }
 
 Owned<double, 1> values_at(Matrix<const double> points, const Blocks& blocks, Vector<const double> reference,
-                           Vector<const double> rest, Index metric, Vector<const std::uint32_t> places,
+                           AtRest rest, Index metric, Vector<const std::uint32_t> places,
                            Vector<const std::uint32_t> wanted) {
     const Cells cells(points, blocks, reference, rest);
     const Metric asked = checked(metric, cells);
@@ -350,8 +352,8 @@ Owned<double, 1> values_at(Matrix<const double> points, const Blocks& blocks, Ve
             if (at[s] - low <= span && std::binary_search(sorted.begin(), sorted.end(), at[s]))
                 numbers.push_back(first + s);
     }
-    Judged all = judged(cells, numbers);
-    fill(asked, cells, numbers, all);
+    Judged all = judged(cells, numbers, asked);
+    all.fill(asked);
     return owned(std::move(all.values));
 }
 

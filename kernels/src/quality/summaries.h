@@ -1,6 +1,6 @@
 // Judging a whole mesh in one pass that stores nothing of its size: its worst cells, or the distributions too.
 //
-// Blocks of cells are numbered through; `metric` is a number of numerics/quality/metrics.py, `rest` holds the skews at rest
+// Blocks of cells are numbered through; `metric` is a number of numerics/quality/metrics.py, `rest` is needed
 // where it is the relative one.
 #pragma once
 
@@ -17,19 +17,19 @@ using Blocks = std::vector<Matrix<const Node>>;
 /// certainly are, and only the others are judged: for about half of the time of judging all.
 std::tuple<Owned<double, 1>, Owned<Index, 1>, Index> lowest_cells(Matrix<const double> points, const Blocks& blocks,
                                                                   Vector<const double> reference,
-                                                                  Vector<const double> rest, Index metric, Index count);
+                                                                  AtRest rest, Index metric, Index count);
 
 /// Minimum, mean and percentiles (metrics, 5) of size, skew, size-skew and, where it is none of these, the metric; the
 /// `count` lowest cells of the metric, and how many cells are inverted.
 std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const double> points, const Blocks& blocks,
                                                                   Vector<const double> reference,
-                                                                  Vector<const double> rest, Index metric, Index count);
+                                                                  AtRest rest, Index metric, Index count);
 
 /// What cells tell that are a part of a mesh: sum, minimum and maximum (metrics, 3) of the same metrics, how many values
 /// are in each of equal bins (metrics, bins) of [−1, 1], the `count` lowest cells, and how many are inverted. places
 /// (metrics, m) receives where each value is: its bin times the bins, plus its part of that bin, which has as many parts.
 std::tuple<Owned<double, 2>, Owned<Index, 2>, Owned<Index, 1>, Index> counted_cells(
-    Matrix<const double> points, const Blocks& blocks, Vector<const double> reference, Vector<const double> rest,
+    Matrix<const double> points, const Blocks& blocks, Vector<const double> reference, AtRest rest,
     Index metric, Index count, Index bins, Matrix<std::uint32_t> places);
 
 /// How many of such places (m,) are in each part (w, bins) of the `wanted` (w,) of the bins.
@@ -38,7 +38,7 @@ Owned<Index, 2> counts_in_parts(Vector<const std::uint32_t> places, Vector<const
 /// The values of a metric, in the order of the cells, that are at the `wanted` (w,) places: `places` (m,) are of cells
 /// that were counted at these points.
 Owned<double, 1> values_at(Matrix<const double> points, const Blocks& blocks, Vector<const double> reference,
-                           Vector<const double> rest, Index metric, Vector<const std::uint32_t> places,
+                           AtRest rest, Index metric, Vector<const std::uint32_t> places,
                            Vector<const std::uint32_t> wanted);
 
 }  // namespace mesh_motion

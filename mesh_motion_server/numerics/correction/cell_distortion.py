@@ -7,9 +7,10 @@ well, but it is not the metric: a quad's skew requires right angles, nothing els
 
 with the corner terms f_k of :mod:`.metrics`. For a = ½ and m → ∞, L is log(1/size-skew) of any cell exactly.
 
-Relative to the cells at rest it is L minus its value at rest; simplices that are flat at rest have their own Jacobian
-at rest as W (a target matrix), so that only a rigid motion has L = 0. A skew better than that at rest gains nothing
-there, as in the metric: otherwise a cell that was poor at rest could compensate a lost size by a better shape.
+Relative to the cells at rest, which is for simplices only, it is L minus its value at rest; those that are flat at rest
+have their own Jacobian at rest as W (a target matrix), so that only a rigid motion has L = 0. A skew better than that at
+rest gains nothing there, as in the metric: otherwise a cell that was poor at rest could compensate a lost size by a
+better shape.
 
 The derivatives use the corners' Jacobians, see kernels/src/correction/cells.h.
 """
@@ -67,7 +68,7 @@ class CellGroup:
 
 
 def cell_groups(cells: CellTable, at_rest: AtRest, simplices: CornerSimplices) -> tuple[CellGroup, ...]:
-    """The blocks of a table as groups; relative to the cells at rest if their skews are known.
+    """The blocks of a table as groups; relative to the cells at rest if these are known and simplices.
 
     Parameters
     ----------
@@ -86,8 +87,6 @@ def cell_groups(cells: CellTable, at_rest: AtRest, simplices: CornerSimplices) -
         if skews is not None and simplices.offset is not None and block.type.is_simplex:
             ideal, offset = simplices.ideal[here], simplices.offset[here]
             ideal = ideal * np.abs(np.linalg.det(ideal))[:, None, None] ** (-1 / len(w))
-        elif skews is not None:
-            offset = np.log(skews[rows])
         groups.append(CellGroup(block.type, block.nodes.astype(np.int32), sizes, ideal, offset))
     return tuple(groups)
 

@@ -12,9 +12,8 @@ enrichment          all coefficients of all points at once: :mod:`.enrichment.co
 optimised           trial nodes freed as needed: :mod:`.trial_nodes`; in 1D the exact optimum: :mod:`.equal_stretch`
 ==================  =====================================================================================
 
-``correction_in_time`` says how the corrections of successive motions are related: each one is independent and follows
-its threshold and target ("independent"), or they are a smooth function of the boundary ("smooth", for ``optimised``
-only: :mod:`.smooth_in_time`).
+These corrections follow a threshold and a target, each motion by itself. ``correction_in_time = "smooth"`` does not
+come here: it is a smooth function of the boundary (:mod:`.smooth_motion`).
 
 ``optimised`` frees nodes and does not start with an enrichment: from plain RBF positions the freed nodes reach the
 threshold in less time than the setup of an enrichment takes, at every measured size, and end at a better quality.
@@ -43,7 +42,6 @@ from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSp
 from mesh_motion_server.numerics.correction.equal_stretch import equal_stretch
 from mesh_motion_server.numerics.correction.free_region import cells_of_nodes
 from mesh_motion_server.numerics.correction.near_rest import NEAR_REST, leans, nearer_rest, raises, reshaped, spoils
-from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime, travel
 from mesh_motion_server.numerics.correction.trial_nodes import Polished, Stage, TrialMesh, polish, reach, signed
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.quality.metrics import CellQuality
@@ -106,8 +104,6 @@ def correct(problem: CorrectionProblem, method: Method) -> Correction:
     p = problem
     reference = p.start if p.reference is None else p.reference
     mesh = TrialMesh(reference, p.cells, p.reference_sizes, p.held, method.quality_metric, elsewhere=p.elsewhere)
-    if method.correction_in_time == "smooth":
-        return _smooth_in_time(problem, method, mesh)
     unchanged = _without_points(problem, p.begin)
     lifts = raises(problem, method)
     enough = max(NEAR_REST, goal(method)) if lifts else goal(method)
@@ -138,24 +134,6 @@ def correct(problem: CorrectionProblem, method: Method) -> Correction:
         raise _refusal(corrected, method)
     name = "none" if good and found.points is p.begin else method.correction
     return _judged(replace(found, method=name), method, float(corrected.min()), after)
-
-
-def _smooth_in_time(problem: CorrectionProblem, method: Method, mesh: TrialMesh) -> Correction:
-    """The correction that is a smooth function of the boundary; the quality is judged but never switches it."""
-    if mesh.held.all():
-        quality = mesh.cell_quality(problem.standard)
-        minimum = float(signed(quality, mesh.metric).min())
-        return _judged(_without_points(problem, problem.standard), method, minimum, quality)
-    with one_blas_thread():
-        smooth = problem.smooth or SmoothInTime.build(mesh)
-        travelled = travel(mesh.reference, problem.standard, mesh.held)
-        found = smooth.correct(problem.standard, travelled, problem.near, problem.valid)
-    quality = mesh.cell_quality(found.points)
-    corrected = signed(quality, mesh.metric)
-    if not corrected.min() > 0.0:
-        raise _refusal(corrected, method)
-    freed = replace(_freed(problem, found), method=method.correction)
-    return _judged(freed, method, float(corrected.min()), quality)
 
 
 def _without_points(problem: CorrectionProblem, points: Floats) -> Correction:

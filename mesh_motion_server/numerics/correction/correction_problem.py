@@ -8,7 +8,6 @@ import numpy as np
 from mesh_motion_server.numerics.arrays import Floats, Marks
 from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint
 from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
-from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime
 from mesh_motion_server.numerics.interpolation.interpolant import Factorization
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.method import Method
@@ -42,10 +41,6 @@ class CorrectionProblem:
         Nodes of the reference mesh, the ideal shape of cells that are not simplices; ``start`` by default.
     constraint : BoundaryConstraint, optional
         Held nodes that ``optimised`` may move: along their surface, or in pairs.
-    smooth : SmoothInTime, optional
-        The prepared correction of this mesh, for ``in_time`` "smooth"; built when needed by default.
-    near : (n, d) array, mesh length unit, optional
-        Positions near the corrected ones, from which ``in_time`` "smooth" begins: they only change the computing time.
     valid : (n, d) array, mesh length unit, optional
         A valid mesh with the held nodes of ``standard``, if one is known: ``optimised`` begins from it instead of
         untangling ``standard``, and the other corrections leave it as it is.
@@ -67,8 +62,6 @@ class CorrectionProblem:
     factorization: Factorization
     reference: Floats | None = None
     constraint: BoundaryConstraint | None = None
-    smooth: SmoothInTime | None = None
-    near: Floats | None = None
     valid: Floats | None = None
     known: float | None = None
     last: Floats | None = None
@@ -82,7 +75,7 @@ class CorrectionProblem:
 
     @property
     def begin(self) -> Floats:
-        """Start positions (n, d) of a correction that is not smooth in time."""
+        """Start positions (n, d) of the correction."""
         return self.standard if self.valid is None else self.valid
 
 

@@ -38,6 +38,7 @@ __all__ = [
     "CornerSimplices",
     "PNorm",
     "corner_blocks",
+    "corner_distortions",
     "corner_simplices",
     "determinants",
     "distortion_gradient",
@@ -164,9 +165,15 @@ def mean_distortion(points: Floats, simplices: CornerSimplices, norm: PNorm) -> 
 
     E is ``inf`` where the barrier is violated (ε = 0 and some τ ≤ 0) or anything is not finite.
     """
+    measure = corner_distortions(points, simplices, norm)
+    return kernels.p_mean(measure, norm.p), measure
+
+
+def corner_distortions(points: Floats, simplices: CornerSimplices, norm: PNorm) -> Floats:
+    """ℓ (c,) of every corner at the points (n, d); ``inf`` where the barrier is violated."""
     measure, offset = np.empty(len(simplices)), np.empty(0) if simplices.offset is None else simplices.offset
     kernels.distortions(*_arrays(points, simplices), offset, *_law(norm), measure)
-    return kernels.p_mean(measure, norm.p), measure
+    return measure
 
 
 def distortion_gradient(points: Floats, simplices: CornerSimplices, weights: Floats, norm: PNorm) -> Floats:

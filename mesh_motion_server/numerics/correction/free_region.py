@@ -17,7 +17,7 @@ from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.correction.cell_distortion import CellGroup, cell_groups
 from mesh_motion_server.numerics.correction.distortion import CornerSimplices, corner_simplices
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import AtRest
+from mesh_motion_server.numerics.quality.metrics import AtRest, CellsAtRest
 
 __all__ = ["CellAdjacency", "FreeRegion", "NodeAdjacency", "free_region", "grow", "nodes_of_cells"]
 
@@ -190,6 +190,7 @@ def free_region(
         }
     )
     sizes = reference_sizes[chosen]
+    sizes = sizes.of_nodes(nodes) if isinstance(sizes, CellsAtRest) else sizes
     simplices = corner_simplices(reference[nodes], table, sizes)
     adjacency = NodeAdjacency(*kernels.node_adjacency(simplices.nodes, n_free, len(nodes), _diagonals(table)))
     return FreeRegion(nodes, n_free, np.flatnonzero(chosen), table, sizes, simplices, adjacency)

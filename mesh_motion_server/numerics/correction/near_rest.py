@@ -51,8 +51,7 @@ _WORTH = 0.92
 def raises(problem: CorrectionProblem, method: Method) -> bool:
     """Whether the method and the mesh are such that the mesh is raised beyond the threshold."""
     dimension = problem.start.shape[1]
-    independent = method.correction_in_time == "independent"
-    default = method.correction == "optimised" and method.correction_target == "auto" and independent
+    default = method.correction == "optimised" and method.correction_target == "auto"
     relative = method.quality_metric == "relative-size-skew" and dimension > 1
     return default and relative and int(np.count_nonzero(~problem.held)) <= _LARGEST[dimension]
 
@@ -76,7 +75,7 @@ def nearer_rest(problem: CorrectionProblem, mesh: TrialMesh, before: CellQuality
     least, lowest = before.relative_extremes()[0], before.metric(mesh.metric).min()
     held = mesh.held | kept
     # no node of these cells is free: what they have is the most that the whole mesh can reach
-    limit = np.min(before.relative_skew, where=~cells_of_nodes(mesh.cells, ~held), initial=NEAR_REST)
+    limit = np.min(before.relative_shape, where=~cells_of_nodes(mesh.cells, ~held), initial=NEAR_REST)
     for metric in (RELATIVE_SHAPE, mesh.metric, RELATIVE_BOTH) if limit > NOTICED * least else ():
         found = reach(problem.begin, replace(mesh, held=held, metric=metric), NEAR_REST)
         if _jumps(problem, found.points):

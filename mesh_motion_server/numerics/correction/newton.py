@@ -5,7 +5,7 @@ far as Armijo's rule allows; beyond the barrier the distortion is infinite, so n
 factorized, large ones are solved roughly by conjugate gradients preconditioned with the diagonal blocks: an inexact
 Newton method needs no more accuracy (Dembo, Eisenstat & Steihaug, SIAM J. Numer. Anal. 19, 1982).
 
-A :class:`QuadraticTerm` may be added to the distortion, and :class:`Accuracy` says where to stop.
+:class:`Accuracy` says where to stop.
 """
 
 import math
@@ -26,7 +26,7 @@ from mesh_motion_server.numerics.correction.linked_unknowns import StepSolver
 from mesh_motion_server.numerics.correction.region_measure import RegionMeasure, region_measure
 from mesh_motion_server.numerics.stopwatch import check_time
 
-__all__ = ["Accuracy", "Descent", "QuadraticTerm", "newton"]
+__all__ = ["Accuracy", "Descent", "newton"]
 
 _ARMIJO, _HALVINGS = 1e-4, 25
 _UNTANGLING_CG = 0.05, 200  # rough steps do not untangle large meshes
@@ -64,29 +64,8 @@ class Accuracy:
 
 
 @dataclass(frozen=True, eq=False)
-class QuadraticTerm:
-    """½ vᵀ K v with v = x − rest of the free nodes; added to the distortion.
-
-    Attributes
-    ----------
-    rest : (f, d) array, mesh length unit
-    stiffness : (b, d, d) array, 1 / length²
-        K, symmetric and positive semi-definite, in the pattern of the region's :class:`NodeAdjacency`.
-    """
-
-    rest: Floats
-    stiffness: Floats
-
-    def gradient(self, points: Floats, adjacency: NodeAdjacency) -> tuple[float, Floats]:
-        """The term and its gradient K v (f, d) at the free nodes' points (f, d)."""
-        pull = np.empty_like(self.rest)
-        pattern = adjacency.row_starts, adjacency.columns
-        return 0.5 * kernels.block_product(*pattern, self.stiffness, points - self.rest, pull), pull
-
-
-@dataclass(frozen=True, eq=False)
 class Descent:
-    """Result of :func:`newton`: points (l, d), sum of distortion E and quadratic term, iterations made, measure."""
+    """Result of :func:`newton`: points (l, d), distortion E, iterations made, measure."""
 
     points: Floats
     distortion: float
@@ -102,7 +81,6 @@ def newton(
     iterations: int = 12,
     good_enough: Callable[[Floats], bool] | None = None,
     solve: StepSolver | None = None,
-    quadratic: QuadraticTerm | None = None,
     accuracy: Accuracy | None = None,
     constraint: RegionConstraint | None = None,
     earlier: RegionMeasure | None = None,
@@ -118,30 +96,26 @@ def newton(
         Called with the points after every second iteration; true stops.
     solve : StepSolver, optional
         Gives the step; by default every free node moves on its own.
-    quadratic : QuadraticTerm, optional
-        Added to E.
     constraint : RegionConstraint, optional
         Of free nodes that slide or move alike; the points must be admissible.
     earlier : RegionMeasure, optional
         Of the same region's last descent; its curvature is reused for light corners or cells.
     """
     accuracy = accuracy or Accuracy()
-    objective = _Objective(region, region_measure(region, norm, earlier), quadratic)
-    energy, weights = objective(points)
+    measure = region_measure(region, norm, earlier)
+    energy, weights = measure.mean(points)
     done = 0
     while done < iterations and math.isfinite(energy):
         check_time()
-        gradient = objective.gradient(points, weights)
-        hessian = objective.measure.hessian(points, weights, refresh=accuracy.refresh, floor=accuracy.floor)
-        if quadratic is not None:
-            hessian = hessian + quadratic.stiffness
+        gradient = measure.gradient(points, weights)
+        hessian = measure.hessian(points, weights, refresh=accuracy.refresh, floor=accuracy.floor)
         solver = solve or partial(_solve, accuracy=accuracy, untangling=norm.epsilon > 0.0)
         if constraint is None:
             step = solver(region.adjacency, hessian, -gradient)
         else:
             step = constraint.step(points, hessian, -gradient, solver)
         slope = float(np.vdot(gradient, step))
-        found = _line_search(points, objective, step, energy, slope, constraint)
+        found = _line_search(points, measure, step, energy, slope, constraint)
         if found is None:
             break
         length, points, lower, weights = found
@@ -151,35 +125,12 @@ def newton(
             break
         if good_enough is not None and done % 2 == 0 and good_enough(points):
             break
-    return Descent(points, energy, done, objective.measure)
-
-
-@dataclass(frozen=True, eq=False)
-class _Objective:
-    """The function to minimise: the distortion of a region plus the quadratic term."""
-
-    region: FreeRegion
-    measure: RegionMeasure
-    quadratic: QuadraticTerm | None
-
-    def __call__(self, points: Floats) -> tuple[float, Floats]:
-        """The objective at the points (l, d), and the weights of the measured corners or cells."""
-        energy, weights = self.measure.mean(points)
-        if self.quadratic is not None and math.isfinite(energy):
-            energy += self.quadratic.gradient(points[: self.region.n_free], self.region.adjacency)[0]
-        return energy, weights
-
-    def gradient(self, points: Floats, weights: Floats) -> Floats:
-        """Gradient (f, d) of the objective."""
-        gradient = self.measure.gradient(points, weights)
-        if self.quadratic is not None:
-            gradient += self.quadratic.gradient(points[: self.region.n_free], self.region.adjacency)[1]
-        return gradient
+    return Descent(points, energy, done, measure)
 
 
 def _line_search(
     points: Floats,
-    objective: _Objective,
+    measure: RegionMeasure,
     step: Floats,
     energy: float,
     slope: float,
@@ -194,7 +145,7 @@ def _line_search(
         trial[: len(step)] += length * step
         admitted = trial if constraint is None else constraint.retract(points, trial)
         if admitted is not None:
-            lower, weights = objective(admitted)
+            lower, weights = measure.mean(admitted)
             if lower <= energy + _ARMIJO * length * slope:
                 return length, admitted, lower, weights
         length *= 0.5

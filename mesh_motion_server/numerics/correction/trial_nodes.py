@@ -157,7 +157,7 @@ class TrialMesh:
 def signed(quality: CellQuality, metric: str) -> Floats:
     """The metric (m,) of cells; negative where any corner is inverted, whatever the metric says."""
     if metric == RELATIVE_SHAPE:
-        values = np.abs(quality.size) ** _SHAPE_SIZE * quality.relative_skew
+        values = np.abs(quality.size) ** _SHAPE_SIZE * quality.relative_shape
     else:
         values = quality.metric("relative-size-skew" if metric == RELATIVE_BOTH else metric)
     return np.where(quality.inverted, np.minimum(-np.abs(values), -_TINY), values)

@@ -12,6 +12,7 @@ __all__ = [
     "quality_warnings",
     "reduction_warnings",
     "refuse_unacceptable",
+    "way_out",
 ]
 
 #: Steps of a bisection: accurate to 1/2⁵ ≈ 3 %.
@@ -119,3 +120,12 @@ def _bisected(holds: Callable[[float], bool], high: float) -> float:
 def _thousandths(fraction: float) -> float:
     """The fraction, rounded down."""
     return math.floor(1000.0 * fraction) / 1000.0
+
+
+def way_out(fraction: float | None) -> str:
+    """The hint of a refusal, by the acceptable ``fraction`` of the displacement: 0 for none, None if it is unknown."""
+    if fraction is None:
+        return "the time allowed ended before an acceptable fraction was found; allow more, or take a smaller step"
+    if fraction > 0.0:
+        return f"a fraction of {fraction:.3g} of this displacement is acceptable; take a smaller step"
+    return "no tested fraction of this displacement is acceptable; the domain may have to be remeshed"

@@ -17,7 +17,9 @@ import numpy as np
 
 from mesh_motion_server.errors import DeadlineExceeded, NumericalError
 from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.blas import one_blas_thread
 from mesh_motion_server.numerics.correction.correction import Correction, CorrectionProblem, correct
+from mesh_motion_server.numerics.correction.smooth_motion import SmoothMotion
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
 from mesh_motion_server.numerics.motion.acceptance import (
@@ -25,6 +27,7 @@ from mesh_motion_server.numerics.motion.acceptance import (
     quality_warnings,
     reduction_warnings,
     refuse_unacceptable,
+    way_out,
 )
 from mesh_motion_server.numerics.motion.body_paths import Way, moving_bodies, straight_way, ways
 from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer, held_with
@@ -32,6 +35,7 @@ from mesh_motion_server.numerics.motion.boundary_layer_fallback import LayerAtte
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.motion_found import Motion
 from mesh_motion_server.numerics.motion.prepared_mesh import PreparedMesh
+from mesh_motion_server.numerics.motion.smooth_step import smooth_step, unconverged
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.motion.sub_steps import Leg, Walk, furthest_walk
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
@@ -128,7 +132,7 @@ class MotionModel(PreparedMesh):
                 best=refusal.best,
                 cells=refusal.cells,
                 fraction=fraction,
-                hint=_way_out(fraction),
+                hint=way_out(fraction),
                 details=refusal.details,
             ) from refusal
 
@@ -137,11 +141,12 @@ class MotionModel(PreparedMesh):
     def _accept_or_lead(self, step: _Step) -> Motion:
         """Attempt the step at once; if that is refused, lead the mesh to its targets and correct it from there."""
         refusal = None
-        if self.method.sub_steps != "always":
+        if self.method.sub_steps != "always" or self.smooth is not None:
             try:
                 return self._attempt(step)
             except NumericalError as error:
-                if self.method.sub_steps == "never" or self.method.correction == "none" or not _of_the_mesh(error):
+                final = self.method.sub_steps == "never" or self.method.correction == "none" or self.smooth is not None
+                if final or not _of_the_mesh(error):
                     raise
                 refusal = error
         watch = Stopwatch()
@@ -159,6 +164,8 @@ class MotionModel(PreparedMesh):
         A layer that the method requests gives way only where it must. A layer that is not requested moves with its wall
         only where interpolation or a correction may spoil it, and only if the mesh is about as good with it.
         """
+        if self.smooth is not None:
+            return self._smooth_attempt(step, self.smooth)
         watch, asked, plain = Stopwatch(), self.standard_motion.layer, None
         attempts = LayerAttempts(asked, self.method.quality_threshold)
         check_time()
@@ -182,6 +189,36 @@ class MotionModel(PreparedMesh):
                 attempts.accepted(motion)
         motion, left = attempts.answer
         return motion if asked is None else replace(motion, warnings=[*given_way(asked, left), *motion.warnings])
+
+    def _smooth_attempt(self, step: _Step, smooth: SmoothMotion) -> Motion:
+        """One step of the motion that is a smooth function of the boundary; layers move with their walls always."""
+        watch, layer = Stopwatch(), self.standard_motion.layer
+        check_time()
+        if layer is None and self.layered is not None:
+            layer = self.layered.layer
+        predicted = self._interpolate(step, layer, watch)
+        plain, moving = predicted.trial.points, step.committed[self.roles.moving]
+
+        def plain_at(targets: Floats) -> Floats:
+            return predicted.motion.trial(step.committed, targets, predicted.factors, Stopwatch()).points
+
+        with watch.phase("correct"), one_blas_thread():
+            resting = np.array_equal(step.committed, self.points)
+            before = self.points if resting else plain_at(moving)
+            ways = (lambda t, path=path: plain_at(path.at(t)) for path in self._ways(moving, step.targets))
+            lead = ways if self.method.sub_steps != "never" else ()
+            followed = smooth_step(smooth, step.committed, before, plain, lead)
+        found = followed.found
+        correction = Correction(
+            found.points,
+            np.empty((0, plain.shape[1])),
+            freed_nodes=found.freed,
+            iterations=followed.iterations,
+            method=self.method.correction if found.freed else "none",
+        )
+        motion = self._accept(predicted, correction, self._judge(predicted, correction, watch), watch)
+        warnings = motion.warnings if found.converged else [*motion.warnings, unconverged(found)]
+        return replace(motion, sub_steps=followed.legs, warnings=warnings)
 
     # --- its parts ---------------------------------------------------------------------------------------------------
 
@@ -234,7 +271,6 @@ class MotionModel(PreparedMesh):
     def _correct(self, step: _Step, predicted: _Predicted, watch: Stopwatch) -> Correction:
         """The correction of an interpolated mesh, from a valid one if one is known."""
         layer, standard, quality = predicted.motion.layer, predicted.trial, predicted.quality
-        near = self._near(step, predicted, watch) if step.valid is None else None
         problem = CorrectionProblem(
             start=standard.start,
             standard=standard.points,
@@ -244,8 +280,6 @@ class MotionModel(PreparedMesh):
             factorization=standard.factorization,
             reference=self.points,
             constraint=self.constraint_with(layer),
-            smooth=self.smooth_with(layer),
-            near=near,
             valid=step.valid,
             last=step.committed,
             known=None if quality.inverted else quality.metric.min,
@@ -282,14 +316,6 @@ class MotionModel(PreparedMesh):
             ],
         )
 
-    def _near(self, step: _Step, predicted: _Predicted, watch: Stopwatch) -> Floats | None:
-        """The standard motion plus the committed mesh's correction (n, d), if that is smooth and cheap to get."""
-        smooth, committed = self.smooth_with(predicted.motion.layer), step.committed
-        if smooth is None or self.method.displacement != "absolute" or np.array_equal(committed, self.points):
-            return None
-        before = self.standard_motion.trial(committed, committed[self.roles.moving], predicted.factors, watch)
-        return predicted.trial.points + (committed - before.points)
-
     def _lead(self, step: _Step, refusal: NumericalError | None) -> Walk:
         """Lead the mesh to its targets along the first of the bodies' ways on which it stays valid.
 
@@ -308,15 +334,13 @@ class MotionModel(PreparedMesh):
         alike = self.with_method(
             displacement="relative",
             correction_target="threshold",
-            correction_in_time="independent",
             refuse_below_threshold=False,
         )
-        legs = replace(alike, smooth=None)
 
         def move(points: Floats, waypoint: Floats) -> Leg:
             self.boundary.refuse(points, waypoint)
             factors = step.factors if points is start else MakeEachTime()  # coupling iterations share the start's
-            found = legs._attempt(_Step(points, waypoint, factors))
+            found = alike._attempt(_Step(points, waypoint, factors))
             return Leg(found.points, found.standard.inverted == 0, found.correction.iterations)
 
         paths = self._ways(start[self.roles.moving], step.targets)
@@ -368,15 +392,6 @@ class MotionModel(PreparedMesh):
             possible,
             certain=certain,
         )
-
-
-def _way_out(fraction: float | None) -> str:
-    """The hint of a refusal, by the acceptable ``fraction`` of the displacement: 0 for none, None if it is unknown."""
-    if fraction is None:
-        return "the time allowed ended before an acceptable fraction was found; allow more, or take a smaller step"
-    if fraction > 0.0:
-        return f"a fraction of {fraction:.3g} of this displacement is acceptable; take a smaller step"
-    return "no tested fraction of this displacement is acceptable; the domain may have to be remeshed"
 
 
 def _of_the_mesh(refusal: NumericalError) -> bool:

@@ -10,8 +10,7 @@ import numpy as np
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint
 from mesh_motion_server.numerics.correction.free_region import grow
-from mesh_motion_server.numerics.correction.smooth_in_time import SmoothInTime
-from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
+from mesh_motion_server.numerics.correction.smooth_motion import SmoothMotion
 from mesh_motion_server.numerics.interpolation.support_radius import suggest_enrichment_radius, suggest_support_radius
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -48,7 +47,7 @@ class PreparedMesh:
         Which of the held nodes the optimised correction may still move, and how.
     warnings : tuple of str
         The warnings of :func:`checked_mesh`.
-    smooth : SmoothInTime or None
+    smooth : SmoothMotion or None
         The prepared correction for ``correction_in_time`` "smooth".
     layered : LayeredWalls or None
         Walls whose layers move with them if interpolation would spoil the layers; None if the method selects layers.
@@ -68,7 +67,7 @@ class PreparedMesh:
     constraint: BoundaryConstraint | None
     coincident: Integers
     warnings: tuple[str, ...]
-    smooth: SmoothInTime | None = None
+    smooth: SmoothMotion | None = None
     layered: LayeredWalls | None = None
     distributions: bool = True
 
@@ -101,9 +100,9 @@ class PreparedMesh:
         motion = StandardMotion.build(points, cells, patches, method)
         if motion.layer is None and method.boundary_layer_thickness:
             warnings = [*warnings, f"boundary_layer_thickness = {method.boundary_layer_thickness:.4g} holds no node"]
-        smooth, never_free = None, held_with(held, motion.layer)
-        if method.correction_in_time == "smooth" and not never_free.all():
-            smooth = SmoothInTime.build(TrialMesh(points, cells, at_rest, never_free, method.quality_metric))
+        smooth = None
+        if method.correction_in_time == "smooth":
+            smooth = SmoothMotion(points, cells, held_with(held, motion.layer))
         layered = None
         if method.boundary_layer_thickness is None and motion.periodic is None:
             layered = LayeredWalls.build(points, cells, patches, motion.sliding)
@@ -163,10 +162,6 @@ class PreparedMesh:
         if self.constraint is None or layer is None:
             return self.constraint
         return replace(self.constraint, released=self.constraint.released & ~layer.known)
-
-    def smooth_with(self, layer: BoundaryLayer | None) -> SmoothInTime | None:
-        """The prepared correction that is smooth in time; for another layer it is prepared when needed."""
-        return self.smooth if layer is self.standard_motion.layer else None
 
 
 def with_radii(method: Method, points: Floats, roles: BoundaryRoles) -> Method:

@@ -14,13 +14,16 @@ metric                  formula                            source
 ``size-skew``           sign(size) · √|size| · skew        thesis, text below (2.15)
 ``size-skew-root``      sign(size) · √(|size| · skew)      thesis (2.15)
 ``size-skew-product``   size · skew                        thesis (3.21), (3.24), (3.28), (3.30)
-``relative-size-skew``  size-skew with the skew relative   target matrices: Knupp (2012)
-                        to that of the cell at rest
+``relative-size-skew``  size-skew with the shape relative  target matrices: Knupp (2012)
+                        to the cell at rest
 ======================  =================================  =========================================
 
-The last one compares both with the cell itself in the reference mesh, ``min(1, skew / skew at rest)``: 1 at rest and
-after any rigid motion of the cell, whatever its shape. A triangle of a boundary layer that is a thousand times as long
-as high always has a skew of 1e-3; its relative skew falls when its height does.
+The last one compares both with the cell itself in the reference mesh: 1 at rest and after any rigid motion of the cell,
+whatever its shape. Of triangles and tetrahedra the relative shape is ``min(1, skew / skew at rest)``: a triangle of a
+boundary layer that is a thousand times as long as high always has a skew of 1e-3; its relative shape falls when its
+height does. Of other cells it is the smallest ``d det(T)^(2/d) / |T|²_F`` of ``T = A_k A_k⁰⁻¹`` over the corners: the
+skew of (2.14) sees their angles alone and is 1 for every rectangle, T sees the aspect ratio too. It is the worst corner
+and not a mean, because a flow solver feels the worst corner: a mean over a quad's corners may be three times as good.
 
 Skew is never negative. A cell whose corners are all inverted has the skew of its mirror image, so size-skew
 distinguishes a badly inverted cell from a slightly inverted one; a cell with only some corners inverted has skew 0. A
@@ -72,13 +75,13 @@ QUALITY_METRICS: dict[str, str] = {
     "size-skew": "sign(size) √|size| skew",
     "size-skew-root": "sign(size) √(|size| skew)",
     "size-skew-product": "size skew",
-    "relative-size-skew": "sign(size) √|size| min(1, skew / skew at rest)",
+    "relative-size-skew": "sign(size) √|size| shape relative to the cell at rest",
 }
 
 #: Number of each quality metric in the compiled loops.
 METRIC_CODES = {name: code for code, name in enumerate(QUALITY_METRICS)}
 _RELATIVE = "relative-size-skew"
-_NO_SKEWS = np.empty(0)
+_NOTHING = np.empty(0), np.empty((0, 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,31 +96,33 @@ class CellQuality:
         In [0, 1]; -inf as above.
     inverted : (m,) bool array
         Any corner determinant ≤ 0 (or not a number).
-    rest : (m,) array, optional
-        Skew at rest, if it is known; "relative-size-skew" needs it.
+    relative : (m,) array, optional
+        Shape relative to the cell at rest, in [0, 1], if the cells at rest are known; "relative-size-skew" needs it.
     """
 
     size: Floats
     skew: Floats
     inverted: Marks
-    rest: Floats | None = None
+    relative: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.size)
 
     def subset(self, numbers: Integers | slice) -> CellQuality:
         """The quality of the cells with the given numbers only, in that order."""
-        rest = None if self.rest is None else self.rest[numbers]
-        return CellQuality(self.size[numbers], self.skew[numbers], self.inverted[numbers], rest)
+        relative = None if self.relative is None else self.relative[numbers]
+        return CellQuality(self.size[numbers], self.skew[numbers], self.inverted[numbers], relative)
 
     @property
-    def relative_skew(self) -> Floats:
-        """Skew relative to that at rest (m,), at most 1; InvalidInput if the skews at rest are not known."""
-        return np.minimum(self.skew / _known(self.rest), 1.0)
+    def relative_shape(self) -> Floats:
+        """Shape relative to that at rest (m,), at most 1; InvalidInput if the cells at rest are not known."""
+        if self.relative is None:
+            raise _unknown_rest()
+        return self.relative
 
     def relative_extremes(self) -> tuple[float, float]:
-        """The smallest relative skew (0 for an inverted cell) and the smallest size."""
-        relative = np.where(self.inverted, 0.0, self.relative_skew)
+        """The smallest relative shape (0 for an inverted cell) and the smallest size."""
+        relative = np.where(self.inverted, 0.0, self.relative_shape)
         return float(relative.min()), float(self.size.min())
 
     def metric(self, name: str) -> Floats:
@@ -126,13 +131,13 @@ class CellQuality:
         Raises
         ------
         InvalidInput
-            On an unknown name, or one that needs the cells' skews at rest if they are not known.
+            On an unknown name, or one that needs the cells at rest if they are not known.
         """
         code, skew = metric_code(name), self.skew
         if name in ("size", "skew"):
             return self.size if name == "size" else self.skew
         if name == _RELATIVE:
-            skew = self.relative_skew
+            skew = self.relative_shape
         values = np.empty(len(self))
         kernels.metric_values(np.ascontiguousarray(self.size), np.ascontiguousarray(skew), code, values)
         return values
@@ -140,34 +145,38 @@ class CellQuality:
 
 @dataclass(frozen=True, eq=False)
 class CellsAtRest:
-    """Sizes and skews of the cells in the reference mesh; moved cells are measured against them.
+    """The cells in the reference mesh; moved cells are measured against them.
 
     Attributes
     ----------
     sizes : (m,) array
         Of :func:`reference_sizes`.
     skews : (m,) array
+    points : (n, d) array, mesh length unit
+        Of the reference mesh's nodes.
     """
 
     sizes: Floats
     skews: Floats
+    points: Floats
 
     def __len__(self) -> int:
         return len(self.sizes)
 
     def __getitem__(self, rows: Any) -> CellsAtRest:
-        return CellsAtRest(self.sizes[rows], self.skews[rows])
+        return CellsAtRest(self.sizes[rows], self.skews[rows], self.points)
+
+    def of_nodes(self, nodes: Integers) -> CellsAtRest:
+        """The same cells in a mesh that has only these nodes (k,)."""
+        return replace(self, points=self.points[nodes])
 
 
-#: Reference sizes alone, or with the skews at rest.
+#: Reference sizes alone, or the cells at rest.
 AtRest = Floats | CellsAtRest
 
 
-def _known(rest: Floats | None) -> Floats:
-    """The skews at rest (m,), or an error."""
-    if rest is None:
-        raise InvalidInput("the metric 'relative-size-skew' needs the cells' skews at rest: give CellsAtRest")
-    return rest
+def _unknown_rest() -> InvalidInput:
+    return InvalidInput("the metric 'relative-size-skew' needs the cells at rest: give CellsAtRest")
 
 
 def sizes_of(rest: AtRest) -> Floats:
@@ -185,7 +194,8 @@ def rest_for(metric: str, rest: AtRest) -> AtRest:
     metric_code(metric)
     if metric != _RELATIVE:
         return sizes_of(rest)
-    _known(skews_of(rest))
+    if not isinstance(rest, CellsAtRest):
+        raise _unknown_rest()
     return rest
 
 
@@ -214,11 +224,12 @@ def block_slices(cells: CellTable) -> Iterator[tuple[CellBlock, slice]]:
         yield block, slice(first, first + len(block))
 
 
-def judged(cells: CellTable, rest: AtRest) -> tuple[list[Shorts], Floats, Floats]:
-    """Arguments of loops over all cells: the nodes of each block, the reference sizes, the skews at rest if known."""
-    skews = skews_of(rest)
+def judged(cells: CellTable, rest: AtRest) -> tuple[list[Shorts], Floats, tuple[Floats, Floats]]:
+    """Arguments of loops over all cells: the nodes of each block, the reference sizes, skews and points at rest."""
     nodes = [np.ascontiguousarray(block.nodes) for block in cells]
-    return nodes, np.ascontiguousarray(sizes_of(rest)), _NO_SKEWS if skews is None else np.ascontiguousarray(skews)
+    known = (rest.skews, rest.points) if isinstance(rest, CellsAtRest) else _NOTHING
+    skews, points = (np.ascontiguousarray(each) for each in known)
+    return nodes, np.ascontiguousarray(sizes_of(rest)), (skews, points)
 
 
 def as_positions(points: NDArray[np.floating], dimension: int) -> Floats:
@@ -253,7 +264,7 @@ def reference_sizes(points: NDArray[np.floating], cells: CellTable) -> Floats:
 
 
 def cells_at_rest(points: NDArray[np.floating], cells: CellTable, sizes: Floats | None = None) -> CellsAtRest:
-    """Sizes and skews of the cells of the reference mesh with nodes at ``points`` (n, d).
+    """The cells of the reference mesh with nodes at ``points`` (n, d).
 
     Parameters
     ----------
@@ -262,11 +273,12 @@ def cells_at_rest(points: NDArray[np.floating], cells: CellTable, sizes: Floats 
         Of :func:`reference_sizes`, if they are known.
     """
     sizes = reference_sizes(points, cells) if sizes is None else sizes
-    return CellsAtRest(sizes, cell_quality(points, cells, sizes).skew)
+    positions = as_positions(points, cells.dimension)
+    return CellsAtRest(sizes, cell_quality(positions, cells, sizes).skew, positions)
 
 
 def cell_quality(points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest) -> CellQuality:
-    """Size, skew and validity of every cell.
+    """Size, skew, validity and, if the cells at rest are known, relative shape of every cell.
 
     Parameters
     ----------
@@ -278,7 +290,12 @@ def cell_quality(points: NDArray[np.floating], cells: CellTable, reference_sizes
     out = empty_quality(len(cells))
     for block, rows in block_slices(cells):
         _block_quality(positions, block.nodes, sizes[rows], out, rows)
-    return replace(out, rest=skews_of(reference_sizes))
+    if not isinstance(reference_sizes, CellsAtRest):
+        return out
+    relative = np.empty(len(cells))
+    for block, rows in block_slices(cells):
+        _relate(positions, block.nodes, reference_sizes[rows], out.skew[rows], relative[rows])
+    return replace(out, relative=relative)
 
 
 def subset_quality(
@@ -286,17 +303,25 @@ def subset_quality(
 ) -> CellQuality:
     """As :func:`cell_quality` for the cells with the given numbers (s,) only, in that order; the cost is O(s)."""
     positions = as_positions(points, cells.dimension)
-    chosen, sizes, skews = np.asarray(numbers, dtype=np.int64), sizes_of(reference_sizes), skews_of(reference_sizes)
-    out = empty_quality(len(chosen))
+    chosen, sizes = np.asarray(numbers, dtype=np.int64), sizes_of(reference_sizes)
+    rest = reference_sizes if isinstance(reference_sizes, CellsAtRest) else None
+    out = replace(empty_quality(len(chosen)), relative=None if rest is None else np.empty(len(chosen)))
     for block, rows in block_slices(cells):
-        if len(cells.blocks) == 1:
-            _chosen_quality(positions, block, chosen, sizes, out)
-            break
         here = np.flatnonzero((chosen >= rows.start) & (chosen < rows.stop))
-        part = empty_quality(len(here))
-        _chosen_quality(positions, block, chosen[here] - rows.start, sizes[rows], part)
+        part, own = empty_quality(len(here)), chosen[here] - rows.start
+        _chosen_quality(positions, block, own, sizes[rows], part)
         out.size[here], out.skew[here], out.inverted[here] = part.size, part.skew, part.inverted
-    return out if skews is None else replace(out, rest=skews[chosen])
+        if rest is not None and out.relative is not None:
+            relative = np.empty(len(here))
+            _relate(positions, block.nodes[own], rest[chosen[here]], part.skew, relative)
+            out.relative[here] = relative
+    return out
+
+
+def _relate(points: Floats, nodes: Shorts, rest: CellsAtRest, skew: Floats, out: Floats) -> None:
+    """Relative shapes (m,) of cells of one type, from their skews (m,) now."""
+    arrays = points, rest.points, np.ascontiguousarray(nodes), skew, np.ascontiguousarray(rest.skews)
+    kernels.relative_shapes(*arrays, out)
 
 
 def _block_quality(points: Floats, nodes: Shorts, reference: Floats, out: CellQuality, rows: slice) -> None:

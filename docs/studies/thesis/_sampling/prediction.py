@@ -237,9 +237,10 @@ def _by_groups(
             remainder,
         )
         size[rows], skew[rows] = modelled
-        own = None if rest is None else rest[rows]
+        own = None if rest is None else np.minimum(low[1] / rest[rows], 1.0)
         least[rows] = CellQuality(low[0], low[1], np.zeros(len(block), dtype=bool), own).metric(metric)
-    return CellQuality(size, skew, np.zeros(len(cells), dtype=bool), rest), least
+    relative = None if rest is None else np.minimum(skew / rest, 1.0)
+    return CellQuality(size, skew, np.zeros(len(cells), dtype=bool), relative), least
 
 
 @dataclass(eq=False)

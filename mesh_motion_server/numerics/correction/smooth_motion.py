@@ -1,0 +1,416 @@
+"""The motion that is a smooth function of the boundary: interpolation, and a correction where cells would suffer.
+
+A correction that starts at one threshold and stops at another makes nodes jump from step to step, and a flow solver
+takes every jump for a mesh velocity. Here the corrected mesh is a minimum that depends on the boundary alone::
+
+    y = argmin  Σ_c w_c ψ(f_c(y)) + a/2 Σ_c w_c [ |∇v|²_F + mean_k |v_k|² / ((l h_c)² σ_k) ],      v = y − y_plain
+
+f_c is the distortion of a corner simplex against the cell at rest (:mod:`.distortion`), with its barrier; w_c is one
+over the number of a cell's corners, h_c the cell's size at rest. Cells do not resist until f_c exceeds the onset::
+
+    ψ(f) = (exp(k s) − 1 − k s − (k s)²/2) / k²,      s = max(f − onset, 0)
+
+σ is 1 at the cells that resist in the plain mesh, spreads over a fixed number of rings as averages, and is exactly 0
+beyond: there v has infinite mass, so the nodes stay in their plain positions. ψ and σ have two continuous derivatives,
+so y is a continuously differentiable function of the boundary; where no cell of the plain mesh is beyond the onset,
+y = y_plain exactly, at the cost of the plain motion. Nothing depends on the way or on the number of steps: a start only
+changes the time.
+
+Newton's iterations are exact near the minimum; further away, and where the function is not convex, every corner's
+Hessian loses its negative part. They end where the step is below :data:`_TOLERANCE`, or report that they did not.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import bsr_matrix, coo_matrix, csr_matrix
+from scipy.sparse.linalg import splu
+
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
+from mesh_motion_server.numerics.correction.distortion import (
+    CornerSimplices,
+    PNorm,
+    corner_distortions,
+    corner_simplices,
+    distortion_gradient,
+)
+from mesh_motion_server.numerics.correction.free_region import FreeRegion, free_region
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.quality.metrics import CellsAtRest, cells_at_rest
+from mesh_motion_server.numerics.stopwatch import check_time
+
+__all__ = ["Law", "SmoothMotion", "Smoothed"]
+
+PENALTY = 4.0  # a
+LENGTH = 10.0  # l, in cells
+RINGS = 8
+_RAMP = 0.6  # … of f, over which a cell of the plain mesh becomes active
+_START = -math.log(0.9)  # distortion at which a cell resists and is active in the plain mesh …
+_PINNED = 1e-8  # σ below which a node keeps its plain position
+_TOLERANCE = 1e-9  # largest Newton step of a node, as a share of the mesh's extent
+_ITERATIONS = 60
+_STAGE = 25.0  # largest exponent k s at which a descent may begin
+_ARMIJO, _HALVINGS = 1e-4, 40
+_DIRECT_UNKNOWNS = {1: 100_000, 2: 100_000, 3: 6_000}  # a larger factorization is slower than conjugate gradients
+_CG = 1e-3, 600
+
+
+@dataclass(frozen=True)
+class Law:
+    """The resistance ψ of a cell.
+
+    Attributes
+    ----------
+    onset : float
+        Distortion at which a cell begins to resist.
+    stiffness : float
+        k.
+    norm : PNorm
+        Weight and sharpness of the size in f.
+    """
+
+    onset: float = _START
+    stiffness: float = 24.0
+    norm: PNorm = field(default_factory=lambda: PNorm(1.0, 16.0))
+
+    def resistance(self, distortion: Floats) -> tuple[Floats, Floats, Floats]:
+        """ψ, ψ′ and ψ″ of (c,) distortions; ψ is inf where the distortion is."""
+        x = self.stiffness * np.maximum(distortion - self.onset, 0.0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            grown = np.expm1(np.minimum(x, 600.0))
+            small = x < 1e-3  # the differences below would have no digit left
+            value = np.where(small, x**3 / 6 * (1 + x / 4), grown - x - x * x / 2) / self.stiffness**2
+            slope = np.where(small, x * x / 2 * (1 + x / 3), grown - x) / self.stiffness
+        return np.where(np.isfinite(distortion), value, np.inf), slope, grown
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """A corrected motion.
+
+    Attributes
+    ----------
+    points : (n, d) array, mesh length unit
+    freed : int
+        Number of nodes that were free.
+    converged : bool
+        Whether the iterations ended at the minimum.
+    residual : float, mesh length unit
+        The last Newton step's largest displacement of a node.
+    """
+
+    points: Floats
+    freed: int = 0
+    iterations: int = 0
+    converged: bool = True
+    residual: float = 0.0
+
+
+@dataclass(eq=False)
+class _Corners:
+    """The corners of some cells, with what the penalty needs of them.
+
+    Attributes
+    ----------
+    simplices : CornerSimplices
+        As f measures them.
+    weights : (c,) array
+        w_c.
+    gradient : (c, d + 1, d + 1) array, 1 / length²
+        w_c times the products of the nodes' shape functions' gradients in the reference mesh.
+    mass : (c,) array, 1 / length²
+        w_c / ((d + 1) (l h_c)²): a node's share.
+    """
+
+    simplices: CornerSimplices
+    weights: Floats
+    gradient: Floats
+    mass: Floats
+
+    @classmethod
+    def of(cls, simplices: CornerSimplices, reference: Floats, weights: Floats) -> _Corners:
+        """Of simplices with their nodes at ``reference`` (n, d) at rest."""
+        edges = reference[simplices.nodes[:, 1:]] - reference[simplices.nodes[:, :1]]
+        inverse = np.swapaxes(np.linalg.inv(edges), 1, 2)  # (c, d, d): rows are the gradients of the edges' nodes
+        gradients = np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
+        size = np.abs(np.linalg.det(edges)) ** (2 / simplices.dimension)
+        return cls(
+            simplices,
+            weights,
+            np.einsum("c,cai,cbi->cab", weights, gradients, gradients),
+            weights / (size * LENGTH**2 * (simplices.dimension + 1)),
+        )
+
+
+@dataclass(eq=False)
+class _Region:
+    """Free nodes, and the penalty's matrix K, one number for each block of the Hessian's pattern.
+
+    Attributes
+    ----------
+    free : FreeRegion
+    corners : _Corners
+        In its local numbers.
+    gradient : (b,) array, 1 / length²
+    mass : (f,) array, 1 / length²
+        Of the free nodes, for σ = 1.
+    """
+
+    free: FreeRegion
+    corners: _Corners
+    gradient: Floats
+    mass: Floats
+    penalty: Floats = field(default_factory=lambda: np.empty(0))
+
+    @classmethod
+    def build(cls, free: FreeRegion, reference: Floats) -> _Region:
+        """Of a region of the mesh with its nodes at ``reference`` (n, d) at rest."""
+        corners = _Corners.of(free.simplices, reference[free.nodes], _corner_weights(free))
+        adjacency, d = free.adjacency, free.simplices.dimension
+        corner, place = np.divmod(adjacency.entries, d + 1)
+        here = adjacency.slots >= 0
+        rows = corners.gradient[corner, place][here]
+        gradient = _sums(adjacency.slots[here], rows, len(adjacency.columns))
+        node = np.repeat(np.arange(free.n_free), np.diff(adjacency.starts))
+        mass = _sums(node, corners.mass[corner], free.n_free)
+        return cls(free, corners, gradient, mass)
+
+    def with_activation(self, sigma: Floats) -> _Region:
+        """The same with the penalty for σ (n,) of all nodes."""
+        penalty = self.gradient.copy()
+        penalty[self.free.adjacency.row_starts[:-1]] += self.mass / sigma[self.free.free]
+        return replace(self, penalty=PENALTY * penalty)
+
+    @cached_property
+    def blocks(self) -> Floats:
+        """K (b, d, d)."""
+        d = self.free.simplices.dimension
+        return np.ascontiguousarray(self.penalty[:, None, None] * np.eye(d))
+
+    def pull(self, offset: Floats) -> tuple[float, Floats]:
+        """½ vᵀ K v and K v (f, d) of the free nodes' v (f, d)."""
+        product = np.empty_like(offset)
+        pattern = self.free.adjacency.row_starts, self.free.adjacency.columns
+        return 0.5 * kernels.block_product(*pattern, self.blocks, np.ascontiguousarray(offset), product), product
+
+
+def _sums(places: NDArray[np.integer], values: Floats, count: int) -> Floats:
+    """The sum (count,) of the values (e,) at each of their places (e,)."""
+    return np.bincount(places, weights=values, minlength=count).astype(np.float64, copy=False)
+
+
+def _corner_weights(free: FreeRegion) -> Floats:
+    """w_c of the corners of a region's cells."""
+    counts = [(len(block), len(block.type.corners)) for block in free.cells]
+    return np.concatenate([np.full(cells * corners, 1.0 / corners) for cells, corners in counts])
+
+
+@dataclass(eq=False)
+class SmoothMotion:
+    """The correction of one mesh; its result depends on the plain motion only.
+
+    Attributes
+    ----------
+    reference : (n, d) array, mesh length unit
+        Nodes of the reference mesh.
+    held : (n,) bool array
+        Nodes that keep their plain positions.
+    """
+
+    reference: Floats
+    cells: CellTable
+    held: Marks
+    law: Law = field(default_factory=Law)
+    _last: tuple[bytes, _Region] | None = None  # of the latest free nodes: the next step's are often the same
+
+    @cached_property
+    def _at_rest(self) -> CellsAtRest:
+        return cells_at_rest(self.reference, self.cells)
+
+    @cached_property
+    def _all(self) -> CornerSimplices:
+        return corner_simplices(self.reference, self.cells, self._at_rest)
+
+    @cached_property
+    def _extent(self) -> float:
+        return float(np.ptp(self.reference, axis=0).max())
+
+    def correct(self, plain: Floats, start: Floats | None = None) -> Smoothed:
+        """The corrected motion.
+
+        Parameters
+        ----------
+        plain : (n, d) array, mesh length unit
+            y_plain.
+        start : (n, d) array, mesh length unit, optional
+            A mesh near the result, with the held nodes of ``plain``: the iterations begin there if it is better.
+
+        Returns
+        -------
+        Smoothed
+            Not converged if the iterations could not begin, since both meshes are tangled, or did not end.
+        """
+        region = self._region(plain)
+        if region is None:
+            return Smoothed(plain)
+        nodes, n = region.free.nodes, region.free.n_free
+        rest = plain[nodes]
+        found = None
+        for begin in (rest,) if start is None else (np.concatenate([start[nodes[:n]], rest[n:]]), rest):
+            if np.isfinite(self._distortions(begin, region).max()):
+                found = self._settle(begin, rest, region)
+                break
+        if found is None:
+            return Smoothed(plain, n, 0, False, math.inf)
+        points = plain.copy()
+        points[nodes[:n]] = found.points[:n]
+        return replace(found, points=points)
+
+    # --- region ------------------------------------------------------------------------------------------------------
+
+    def _region(self, plain: Floats) -> _Region | None:
+        """The free nodes with their penalty; None if no cell of the plain mesh resists."""
+        distortion = corner_distortions(plain, self._all, self.law.norm)
+        x = np.clip((np.where(np.isfinite(distortion), distortion, 1e3) - _START) / _RAMP, 0.0, 1.0)
+        active = np.flatnonzero(x)
+        if not len(active):
+            return None
+        sigma = self._activation(active, x[active], len(plain))
+        marked = (sigma > _PINNED) & ~self.held
+        if not marked.any():
+            return None
+        key = np.packbits(marked).tobytes()
+        if self._last is None or self._last[0] != key:
+            free = free_region(self.reference, self.cells, self._at_rest, marked)
+            self._last = key, _Region.build(free, self.reference)
+        return self._last[1].with_activation(sigma)
+
+    def _activation(self, active: Integers, x: Floats, n_nodes: int) -> Floats:
+        """σ (n,) from the active corners' x in (0, 1]."""
+        corners = self._all.nodes[active]
+        calm = np.ones(n_nodes)
+        np.multiply.at(calm, corners, (1.0 - x**3 * (10.0 + x * (6.0 * x - 15.0)))[:, None])
+        sigma = 1.0 - calm
+        for _ in range(RINGS):
+            sigma += (1.0 - sigma) * (self._averages @ sigma)
+        return sigma
+
+    @cached_property
+    def _averages(self) -> csr_matrix:
+        """(n, n): the mean over a node's neighbours, as often as they share a corner."""
+        nodes, n = self._all.nodes, len(self.reference)
+        k = nodes.shape[1]
+        first, second = (np.repeat(nodes, k, axis=1).ravel(), np.tile(nodes, (1, k)).ravel())
+        apart = first != second
+        pairs = coo_matrix((np.ones(np.count_nonzero(apart)), (first[apart], second[apart])), shape=(n, n)).tocsr()
+        pairs.data /= np.repeat(np.asarray(pairs.sum(axis=1)).ravel(), np.diff(pairs.indptr))
+        return pairs
+
+    # --- minimum -----------------------------------------------------------------------------------------------------
+
+    def _settle(self, begin: Floats, rest: Floats, region: _Region) -> Smoothed:
+        """The minimum, from local positions (l, d); the stiffness grows from where it is bearable."""
+        worst = float(self._distortions(begin, region).max()) - self.law.onset
+        stiffness = min(self.law.stiffness, _STAGE / max(worst, 1e-9))
+        points, iterations = begin, 0
+        while stiffness < 0.7 * self.law.stiffness:
+            law = replace(self.law, stiffness=stiffness)
+            part = self._descend(points, rest, region, law, most=4)
+            points, iterations = part.points, iterations + part.iterations
+            worst = float(self._distortions(points, region).max()) - self.law.onset
+            stiffness = max(1.7 * stiffness, _STAGE / max(worst, 1e-9))
+        found = self._descend(points, rest, region, self.law, most=_ITERATIONS)
+        return replace(found, iterations=iterations + found.iterations)
+
+    def _descend(self, points: Floats, rest: Floats, region: _Region, law: Law, most: int) -> Smoothed:
+        """Newton's iterations."""
+        n, tolerance = region.free.n_free, _TOLERANCE * self._extent
+        energy, distortion = self._energy(points, rest, region, law)
+        exact, residual = True, math.inf
+        for done in range(most):
+            check_time()
+            gradient, hessian = self._model(points, rest, region, law, distortion, exact=exact)
+            step = self._solve(region, hessian, -gradient)
+            slope = float(np.vdot(gradient, step))
+            if exact and not slope < 0.0 and np.any(gradient):
+                gradient, hessian = self._model(points, rest, region, law, distortion, exact=False)
+                step, exact = self._solve(region, hessian, -gradient), False
+                slope = float(np.vdot(gradient, step))
+            residual = float(np.abs(step).max())
+            length = 1.0
+            for _ in range(_HALVINGS):
+                trial = points.copy()
+                trial[:n] += length * step
+                lower, after = self._energy(trial, rest, region, law)
+                if lower <= energy + _ARMIJO * length * slope + 1e-14 * abs(energy):
+                    break
+                length *= 0.5
+            else:
+                if not exact:
+                    return Smoothed(points, n, done, residual < 1e3 * tolerance, residual)
+                exact = False
+                continue
+            points, energy, distortion = trial, lower, after
+            if residual < tolerance and (exact or residual < 1e-3 * tolerance):
+                return Smoothed(points, n, done + 1, True, residual)
+            exact = length == 1.0 and -slope < 0.5 * max(energy, 1e-12)
+        return Smoothed(points, n, most, False, residual)
+
+    def _distortions(self, points: Floats, region: _Region) -> Floats:
+        """f (c,) of the region's corners with local positions (l, d)."""
+        return corner_distortions(points, region.free.simplices, self.law.norm)
+
+    def _energy(self, points: Floats, rest: Floats, region: _Region, law: Law) -> tuple[float, Floats]:
+        """The function to minimise at the local positions (l, d), and the corners' distortions."""
+        distortion, n = self._distortions(points, region), region.free.n_free
+        if not np.isfinite(distortion).all():
+            return math.inf, distortion
+        resistance = float(region.corners.weights @ law.resistance(distortion)[0])
+        return resistance + region.pull(points[:n] - rest[:n])[0], distortion
+
+    def _model(
+        self, points: Floats, rest: Floats, region: _Region, law: Law, distortion: Floats, *, exact: bool
+    ) -> tuple[Floats, Floats]:
+        """Gradient (f, d) and Hessian (b, d, d) in the region's pattern."""
+        n, d, adjacency = region.free.n_free, points.shape[1], region.free.adjacency
+        active = np.flatnonzero(distortion > law.onset)
+        _, slope, bend = law.resistance(distortion[active])
+        weights = region.corners.weights[active]
+        simplices = _chosen(region.free.simplices, active)
+        shares = np.zeros((len(distortion), d + 1, d))
+        shares[active] = distortion_gradient(points, simplices, weights * slope, law.norm)
+        gradient = adjacency.gather(shares) + region.pull(points[:n] - rest[:n])[1]
+        blocks = np.empty((len(active), d * d, d * d))
+        arrays = points, simplices.nodes, simplices.ideal, weights * slope, weights * bend
+        kernels.corner_hessians(*arrays, law.norm.m, law.norm.size_weight, exact, blocks)
+        rows = np.full(len(distortion), -1, dtype=np.int32)
+        rows[active] = np.arange(len(active))
+        hessian = region.blocks.copy()
+        kernels.add_corners(adjacency.starts, adjacency.entries, adjacency.slots, rows, blocks, hessian)
+        return gradient, hessian
+
+    def _solve(self, region: _Region, hessian: Floats, right: Floats) -> Floats:
+        """The step (f, d) of H (b, d, d) dx = right (f, d)."""
+        adjacency = region.free.adjacency
+        if right.size <= _DIRECT_UNKNOWNS[right.shape[1]]:
+            matrix = bsr_matrix((hessian, adjacency.columns, adjacency.row_starts), shape=(right.size, right.size))
+            factor = splu(
+                matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+            )
+            return np.asarray(factor.solve(right.ravel())).reshape(right.shape)
+        step = np.empty_like(right)
+        pattern = adjacency.row_starts, adjacency.columns
+        kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *_CG, step)
+        return step
+
+
+def _chosen(simplices: CornerSimplices, rows: Integers) -> CornerSimplices:
+    """Some of the simplices (k,)."""
+    offset = None if simplices.offset is None else simplices.offset[rows]
+    return CornerSimplices(simplices.nodes[rows], simplices.ideal[rows], offset)

@@ -1,0 +1,93 @@
+"""A step of the motion that is a smooth function of the boundary: at once if it can be, otherwise along a way.
+
+The result depends on where the boundary is, not on the way (:mod:`~.correction.smooth_motion`). The way only leads to
+the start of Newton's iterations: the committed mesh, carried along with the plain motion, and for a large step the same
+in parts, each corrected before the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.correction.smooth_motion import Smoothed, SmoothMotion
+
+__all__ = ["Followed", "follow", "smooth_step", "unconverged"]
+
+_SHORTEST = 1 / 256  # part of a way
+_MOST_TRIES = 64  # of one way
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """How far a way was followed: the last corrected mesh, its fraction of the way, the parts and the iterations."""
+
+    found: Smoothed
+    fraction: float
+    legs: int
+    iterations: int
+
+
+def smooth_step(
+    correction: SmoothMotion, committed: Floats, plain_before: Floats, plain: Floats, ways: Iterable[PlainWay]
+) -> Followed:
+    """The corrected mesh for the ``plain`` motion (n, d).
+
+    Parameters
+    ----------
+    committed, plain_before : (n, d) arrays, mesh length unit
+        The committed mesh, and the plain motion to its boundary.
+    ways : iterable of callable
+        Fraction → the plain motion (n, d), from ``plain_before`` to ``plain``; tried in turn where one step fails.
+
+    Raises
+    ------
+    NumericalError
+        If no way leads to a valid mesh: says how far the mesh stayed valid.
+    """
+    at_once = correction.correct(plain, committed + (plain - plain_before))
+    if at_once.converged:
+        return Followed(at_once, 1.0, 1, at_once.iterations)
+    furthest = 0.0
+    for way in ways:
+        followed = follow(correction, committed, plain_before, way)
+        if followed.fraction == 1.0:
+            return followed
+        furthest = max(furthest, followed.fraction)
+    if np.isfinite(at_once.residual):
+        return Followed(at_once, 1.0, 1, at_once.iterations)
+    raise NumericalError(f"no valid mesh found: in sub-steps the mesh was kept valid for {furthest:.3g} of the way")
+
+
+PlainWay = Callable[[float], Floats]
+
+
+def follow(correction: SmoothMotion, committed: Floats, plain_before: Floats, way: PlainWay) -> Followed:
+    """Lead the committed mesh along a way; a part is halved where the iterations cannot begin or do not end soon."""
+    fraction, length, points, before = 0.0, 0.5, committed, plain_before
+    found, legs, iterations = Smoothed(committed), 0, 0
+    for _ in range(_MOST_TRIES):
+        length = min(length, 1.0 - fraction)  # sums of powers of two: exact
+        plain = way(fraction + length)
+        leg = correction.correct(plain, points + (plain - before))
+        iterations += leg.iterations
+        if leg.converged:
+            found, fraction, points, before, legs = leg, fraction + length, leg.points, plain, legs + 1
+            length *= 2.0
+        else:
+            length *= 0.5
+        if fraction == 1.0 or length < _SHORTEST:
+            break
+    return Followed(found, fraction, legs, iterations)
+
+
+def unconverged(found: Smoothed) -> str:
+    """The warning about a mesh that is not at the minimum."""
+    return (
+        f"the correction stopped before its minimum: its last step was {found.residual:.3g} long, so the mesh depends "
+        "on the way by about as much"
+    )
