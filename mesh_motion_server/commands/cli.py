@@ -79,6 +79,7 @@ def say_json(values: dict[str, Any]) -> None:
 
 def main() -> NoReturn:
     """Run the command line and exit."""
+    _open_standard_files()
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # otherwise pydantic searches every installed package
     if isinstance(sys.stdout, TextIOWrapper):  # a label may have what its encoding lacks: it is shown as "?"
         sys.stdout.reconfigure(errors="replace")
@@ -98,6 +99,15 @@ def main() -> NoReturn:
     except Exception as error:
         _report_defect(error)
     sys.exit(ExitStatus.DONE)
+
+
+def _open_standard_files() -> None:
+    """Open descriptors 0 to 2 where the caller closed them (cron, daemons): a socket there would get all output."""
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(descriptor, True)
+    os.close(descriptor)
+    sys.stdout = sys.stdout or open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+    sys.stderr = sys.stderr or open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
 
 
 def _report_defect(error: Exception) -> NoReturn:

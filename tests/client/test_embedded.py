@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from mesh_motion_client import Unavailable, connect
+from mesh_motion_client import Unavailable, connect, embedded
 
 CLIENT = """
 import time
@@ -44,9 +44,45 @@ def test_kill_9_of_the_client_ends_it():
     assert gone(pid)
 
 
-def test_a_server_that_cannot_start_says_why(tmp_path, monkeypatch):
+def test_a_temporary_folder_with_a_long_path_is_not_used_for_sockets(tmp_path, monkeypatch):
     deep = tmp_path / ("x" * 100)
     deep.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(deep))
-    with pytest.raises(Unavailable, match=r"did not become ready: an ipc path must leave room in 107 bytes"):
+    with connect() as server:
+        assert server.sessions() == []
+
+
+def test_a_server_that_cannot_start_says_why(tmp_path, monkeypatch):
+    deep = tmp_path / ("x" * 100)
+    deep.mkdir()
+    monkeypatch.setattr(embedded, "_short_folder", lambda: str(deep))
+    with pytest.raises(Unavailable, match=r"did not become ready: an ipc path must leave room in 107 bytes") as refusal:
         connect()
+    assert refusal.value.hint == "set TMPDIR to a folder with a shorter path"
+
+
+@pytest.mark.parametrize("closed", [(0,), (1,), (2,), (0, 1, 2)])
+def test_it_starts_where_standard_descriptors_are_closed(closed, tmp_path):
+    """As of a job of cron, a daemon, or an MPI rank."""
+    said = tmp_path / "said"
+    code = f"""
+import os
+for descriptor in {closed}:
+    os.close(descriptor)
+from mesh_motion_client import connect
+with connect() as server:
+    open({str(said)!r}, "w").write(server.endpoint)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    assert said.read_text().startswith("ipc://")
+
+
+@pytest.mark.parametrize("closed", [(0,), (1,), (2,), (0, 1, 2)])
+def test_commands_run_where_standard_descriptors_are_closed(closed):
+    code = f"""
+import os, sys
+for descriptor in {closed}:
+    os.close(descriptor)
+os.execv(sys.executable, [sys.executable, "-m", "mesh_motion_server", "version"])
+"""
+    assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0

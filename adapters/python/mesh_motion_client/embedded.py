@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import json
 import os
 import subprocess
@@ -16,8 +17,36 @@ from mesh_motion_client.errors import Unavailable
 
 __all__ = ["EmbeddedServer"]
 
+_PREFIX = "mesh-motion-"
+_SOCKET_PATH_BYTES = 107  # of sockaddr_un, without its final zero
 #: The server drains when this inherited file descriptor reads as ended: it never outlives its client.
 _LIFELINE = "MESH_MOTION_LIFELINE_FD"
+
+
+def _short_folder() -> str:
+    """A folder whose sockets have paths that the kernel takes: TMPDIR, or where that is too long, another one."""
+    longest = _SOCKET_PATH_BYTES - len(f"/{_PREFIX}12345678/w4194304.ipc")
+    for folder in (tempfile.gettempdir(), os.environ.get("XDG_RUNTIME_DIR", ""), "/tmp"):
+        if folder and len(os.fsencode(folder)) <= longest and os.access(folder, os.W_OK | os.X_OK):
+            return folder
+    return tempfile.gettempdir()
+
+
+def _hint(words: str) -> str:
+    if "not installed" in words or "No module named" in words:
+        return "install the server beside the client (mesh-motion-server[server]), or give an endpoint"
+    if "ipc path" in words:
+        return "set TMPDIR to a folder with a shorter path"
+    return "`python -m mesh_motion_server serve` in this environment shows more"
+
+
+def _above_standard(descriptor: int) -> int:
+    """The same pipe at a descriptor above 2: where 0, 1 or 2 is closed, the server's own standard files replace it."""
+    if descriptor > 2:
+        return descriptor
+    higher = fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, 3)
+    os.close(descriptor)
+    return higher
 
 
 class EmbeddedServer:
@@ -40,14 +69,14 @@ class EmbeddedServer:
 
     def __init__(self, state: str | os.PathLike[str] | None, timeout: float, options: Sequence[str] = ()) -> None:
         self._timeout = timeout
-        self._folder = tempfile.TemporaryDirectory(prefix="mesh-motion-", ignore_cleanup_errors=True)
+        self._folder = tempfile.TemporaryDirectory(prefix=_PREFIX, dir=_short_folder(), ignore_cleanup_errors=True)
         folder = Path(self._folder.name)
         self._log = folder / "log"
         self.endpoint = f"ipc://{folder}/control"
         ready = folder / "ready.json"
         arguments = ["--endpoint", self.endpoint, "--ready-file", str(ready)]
         arguments += ["--state", str(state if state is not None else folder / "state")]
-        reader, self._lifeline = os.pipe()
+        reader, self._lifeline = (_above_standard(descriptor) for descriptor in os.pipe())
         with open(self._log, "wb") as log:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "mesh_motion_server", "serve", *arguments, *options],
@@ -69,7 +98,7 @@ class EmbeddedServer:
                 self.stop()
                 raise Unavailable(
                     f"the embedded server did not become ready: {words}",
-                    hint="install the server beside the client (mesh-motion-server[server]), or give an endpoint",
+                    hint=_hint(words),
                 )
             time.sleep(0.01)
         self.endpoint = json.loads(ready.read_text(encoding="utf-8"))["endpoint"]
