@@ -8,8 +8,8 @@ well, but it is not the metric: a quad's skew requires right angles, nothing els
 with the corner terms f_k of :mod:`.metrics`. For a = ½ and m → ∞, L is log(1/size-skew) of any cell exactly.
 
 Relative to the cells at rest, which is for simplices only, it is L minus its value at rest; those that are flat at rest
-have their own Jacobian at rest as W (a target matrix), so that only a rigid motion has L = 0. A skew better than that at
-rest gains nothing there, as in the metric: otherwise a cell that was poor at rest could compensate a lost size by a
+have their own Jacobian at rest as W (a target matrix), so that only a rigid motion has L = 0. A skew better than that
+at rest gains nothing there, as in the metric: otherwise a cell that was poor at rest could compensate a lost size by a
 better shape.
 
 The derivatives use the corners' Jacobians, see kernels/src/correction/cells.h.
