@@ -1,5 +1,8 @@
 """A session through real sockets: what a driver does, and what it did wrong."""
 
+import os
+import signal
+
 import numpy as np
 import pytest
 from mesh_motion_client import InvalidInput, Mesh, Patch, QualityRefused, Timeout, connect
@@ -58,11 +61,12 @@ def test_two_patches_may_differ_by_a_rounding_where_they_meet(client, mesh):
         session.close("discard")
 
 
-def test_a_resumed_session_knows_its_patches(client, mesh):
+def test_a_resumed_session_knows_its_patches(server, client, mesh):
     first = client.open(two_patches(mesh))
     rows = {"low": np.array([[0.1, 0.2], [0.3, 0.4]]), "high": np.array([[0.5, 0.6], [0.1 + 7e-10, 0.2], [0.7, 0.8]])}
     moved = first.move(rows).displacement.tobytes()
     first.leave()
+    os.kill(server.worker_of(first.credentials.session), signal.SIGKILL)  # the next one has the journal only
     resumed = client.resume(first.credentials)
     assert resumed.move(rows).displacement.tobytes() == moved
     with pytest.raises(InvalidInput, match=r"must name the moving patches \['high', 'low'\], got \['left'\]"):

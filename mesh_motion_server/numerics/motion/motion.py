@@ -22,6 +22,7 @@ from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
 from mesh_motion_server.numerics.motion.acceptance import (
     largest_accepted,
+    other_unit,
     quality_warnings,
     reduction_warnings,
     refuse_unacceptable,
@@ -128,7 +129,7 @@ class MotionModel(PreparedMesh):
                 best=refusal.best,
                 cells=refusal.cells,
                 fraction=fraction,
-                hint=_way_out(fraction),
+                hint="; ".join(filter(None, (_way_out(fraction), self._other_unit(targets)))),
                 details=refusal.details,
             ) from refusal
 
@@ -337,6 +338,10 @@ class MotionModel(PreparedMesh):
         if self.standard_motion.periodic is not None:
             return iter([straight_way(origin, targets)])
         return ways(origin, targets, moving_bodies(self.cells, self.roles.moving))
+
+    def _other_unit(self, targets: Floats) -> str:
+        """The question whether the targets (k, d) are in the unit of the mesh, where that is in doubt."""
+        return other_unit(self.points, targets - self.points[self.roles.moving])
 
     def _acceptable_fraction(self, step: _Step, whole: BoundaryDisplacement) -> float:
         """A fraction of the ``whole`` displacement that is accepted."""
