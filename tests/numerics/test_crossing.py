@@ -1,6 +1,7 @@
 """Motions whose boundary alone says that no valid mesh exists: exact contacts, walls that slip, what only slides."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -127,6 +128,26 @@ def test_a_body_that_leaves_through_walls(
     if leaves and kind == "quad":
         with pytest.raises(NumericalError, match=NO_MESH):
             model.move(model.points, targets)
+
+
+@pytest.mark.parametrize("settings", [{}, {"correction": "none"}, {"displacement": "absolute"}], ids=str)
+@pytest.mark.parametrize("triangles", [False, True])
+def test_two_bodies_of_two_nodes_do_not_meet(settings: dict[str, Any], triangles: bool) -> None:
+    points, cells = grid(np.linspace(0, 1, 6), np.linspace(0, 1, 6))
+    table = {"quad": cells}
+    if triangles:
+        table = {"triangle": np.concatenate([cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]])}
+    rim = np.flatnonzero(((points < 0.01) | (points > 0.99)).any(axis=1))
+    patches = {"left": Patch("moving", [14, 15]), "right": Patch("moving", [20, 21]), "rim": Patch("fixed", rim)}
+    model = MotionModel.build(points, CellTable.from_arrays(table), patches, Method(**settings))
+    start = points[model.roles.moving]
+    towards = np.where(start[:, :1] < 0.5, 1.0, -1.0) * np.eye(2)[0]
+    with pytest.raises(NumericalError, match=NO_MESH + "bring node 14 and node 20 to the same place") as caught:
+        model.move(points, start + 0.1 * towards)
+    assert 0.9 < (caught.value.fraction or 0.0) < 1.0
+    with pytest.raises(NumericalError, match="no valid mesh found"):  # in half of the way the nodes are at one place
+        model.move(points, start + 0.2 * towards)
+    model.move(points, start + 0.09 * towards)
 
 
 def interface(dimension: int) -> tuple[MotionModel, Callable[[float, float], Floats]]:

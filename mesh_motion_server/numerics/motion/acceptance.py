@@ -11,6 +11,7 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
 
 __all__ = [
+    "collapsed",
     "largest_accepted",
     "other_unit",
     "quality_warnings",
@@ -25,8 +26,15 @@ _SHARES = (0.7, 0.3)
 #: Is tried before if the boundary alone forbids the whole motion: then no correction has been tried yet.
 _NEARLY = 0.9
 _LEAST = 0.004
+#: A lower quality, which is the root of a size, is that of a cell whose size is only rounding, or close to it.
+_COLLAPSED = 1e-7
 #: As a share of the mesh's diagonal: a longer displacement is probably in another unit.
 _FARTHEST = 2.0
+
+
+def collapsed(quality: Judgement) -> bool:
+    """Whether a cell is inverted, or so small that its sign may be rounding."""
+    return quality.inverted > 0 or quality.metric.min < _COLLAPSED
 
 
 def refuse_unacceptable(method: Method, quality: Judgement, reached: bool) -> None:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.boundary_crossing import BoundaryFacets, crossing_place, touching_facets
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_server.numerics.mesh.boundary_orientation import overturned_place
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.coincidence import CoincidentSides
+from mesh_motion_server.numerics.mesh.coincidence import CoincidentSides, met_nodes
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
 from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_server.numerics.motion.boundary_nesting import contact_place, misplaced_place
@@ -86,10 +87,25 @@ class PossibleCrossing:
         moved = points.copy()
         moved[self.roles.sliding] = self.reference[self.roles.sliding]
         moved[self.roles.moving] = targets
+        self._refuse_meeting(moved, refusal)
         for fault, place in self._faults(moved):
             if place is not None:
                 near = ", ".join(f"{x:.4g}" for x in place)
                 raise _no_mesh(f"{fault} near ({near})", refusal)
+
+    def _refuse_meeting(self, moved: Floats, refusal: NumericalError | None) -> None:
+        """Refuse nodes of ``moved`` (n, d) that meet and have cells between them, unlike two sides of a thin solid."""
+        for one, other in met_nodes(self.reference, moved, self.roles.prescribed).tolist():
+            ends = np.array([one, other])
+            linked = any((np.isin(block.nodes, ends).sum(axis=1) == 2).any() for block in self.cells.blocks)
+            if linked or not np.isin(ends, self._boundary_nodes).all():
+                fault = f"bring node {one} and node {other} to the same place, which are apart at rest"
+                raise _no_mesh(fault, refusal, {"node": one})
+
+    @cached_property
+    def _boundary_nodes(self) -> Integers:
+        """(b,) nodes of the boundary facets, ascending."""
+        return boundary_nodes(self.cells)
 
     def _faults(self, moved: Floats) -> Iterator[tuple[str, Floats | None]]:
         """Each fault of a boundary with its nodes at ``moved`` (n, d), and a place (d,) that has it."""

@@ -21,6 +21,7 @@ from mesh_motion_server.numerics.correction.correction import Correction, Correc
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
 from mesh_motion_server.numerics.motion.acceptance import (
+    collapsed,
     largest_accepted,
     other_unit,
     quality_warnings,
@@ -195,8 +196,9 @@ class MotionModel(PreparedMesh):
         if self._overshoots(step, predicted.trial):
             absolute = replace(motion, method=replace(motion.method, displacement="absolute"))
             predicted = max(predicted, self._predict(absolute, step, watch), key=lambda found: found.quality.metric.min)
-        if predicted.quality.inverted and self.method.correction != "none" and not self.method.allow_invalid:
-            # a correction would find no mesh, or one whose cells are all positive but overlap
+        corrected = self.method.correction != "none" or not predicted.quality.inverted
+        if collapsed(predicted.quality) and corrected and not self.method.allow_invalid:
+            # a correction would find no mesh, or one whose cells are all positive but overlap or have no size
             worst = [cell.number for cell in predicted.quality.worst]
             refusal = NumericalError("", best=predicted.quality.metric.min, cells=worst)
             self.boundary.refuse(predicted.trial.points, step.targets, refusal)
