@@ -21,6 +21,7 @@ from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_server.numerics.motion.acceptance import other_unit
 from mesh_motion_server.numerics.motion.method_check import check_method
 from mesh_motion_server.numerics.quality.mesh_check import checked_mesh, suggest_support_radius
 from mesh_motion_server.numerics.quality.metrics import cell_quality
@@ -30,8 +31,8 @@ from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing
 __all__ = ["CheckReport", "check"]
 
 
-#: As a share of the mesh's extent: a longer or a shorter motion than these is probably a mistake.
-_FARTHEST, _NEAREST = 5.0, 1e-5
+#: As a share of the mesh's extent: a shorter motion is probably in another unit.
+_NEAREST = 1e-5
 _KINDS = ("moving", "fixed", "sliding", "periodic")
 
 
@@ -125,10 +126,8 @@ def _predicted(report: CheckReport, prediction: Prediction, seconds: float) -> C
 def _odd_motion(mesh: MeshFile, case: Case, program: MotionProgram) -> list[str]:
     """Warnings of a motion that is probably a mistake: in another unit than the mesh, or out of its domain."""
     told = [program.displacement(step) for step in range(1, program.count + 1)]
-    far = max(float(np.linalg.norm(rows, axis=1).max()) for rows in told)
-    extent = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
-    if far > _FARTHEST * extent or 0.0 < far < _NEAREST * extent:
-        return [f"the motion's largest displacement is {far:.3g} and the mesh's extent {extent:.3g}: is it one unit?"]
+    if doubt := other_unit(mesh.points, np.concatenate(told), _NEAREST):
+        return [doubt]
     split = BoundaryRoles.from_patches({n: Patch(role, mesh.patches[n]) for n, role in case.content.patches.items()})
     box = mesh.points[np.setdiff1d(split.all, program.nodes)]
     at_rest = mesh.points[program.nodes]

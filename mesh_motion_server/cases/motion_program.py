@@ -7,8 +7,8 @@ A rigid motion with the total angle θ about c and the total translation t displ
 so the angle is interpolated, not the matrix, and a body stays rigid in every step. An oscillation of frequency f and
 phase φ uses sin(2π f s + φ) - sin φ instead of s/S; it is 0 at the reference mesh. Several motions of one patch add
 their displacements, each computed from the reference coordinates. If two moving patches share a node, both must give it
-the same displacement (within 1e-9 of the mesh's extent; the later patch of the case file is then used). Otherwise the
-mesh would tear: the case is refused and the error names the node.
+the same displacement, as :mod:`mesh_motion_protocol.shared_nodes` says. Otherwise the mesh would tear: the case is
+refused and the error names the node.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from mesh_motion_protocol.shared_nodes import Torn, united
 
 from mesh_motion_server.cases.case import Case, Oscillation, RigidMotion
 from mesh_motion_server.errors import InvalidInput
@@ -27,10 +28,6 @@ from mesh_motion_server.files.npz import read_archive
 from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["MotionProgram", "RigidProgram", "TableProgram"]
-
-
-#: Displacements of a shared node may differ by this fraction of the mesh's extent, because of rounding.
-_AGREEMENT = 1e-9
 
 
 class PatchProgram(Protocol):
@@ -96,12 +93,15 @@ class MotionProgram:
         Number of steps.
     patches : tuple
         One entry for each moving patch, in the order of the case file.
+    extent : float
+        Longest side of the mesh's bounding box, mesh length unit.
     """
 
     nodes: Integers
     dimension: int
     count: int
     patches: tuple[_PatchMotion, ...]
+    extent: float
 
     @classmethod
     def of(cls, case: Case, mesh: MeshFile) -> MotionProgram:
@@ -118,8 +118,9 @@ class MotionProgram:
             _PatchMotion(name, np.searchsorted(nodes, mesh.patches[name]), _programs(case, mesh, name))
             for name in moving
         )
-        program = cls(nodes, mesh.dimension, case.content.steps.count, patches)
-        _check_agreement(program, mesh, case.path)
+        extent = float(np.ptp(mesh.points, axis=0).max())
+        program = cls(nodes, mesh.dimension, case.content.steps.count, patches, extent)
+        _check_agreement(program, case.path)
         return program
 
     @property
@@ -129,10 +130,8 @@ class MotionProgram:
 
     def displacement(self, step: int) -> Floats:
         """(k, d) total displacement, since the reference mesh, of :attr:`nodes` after step 0 … count."""
-        total = np.zeros((len(self.nodes), self.dimension))
-        for patch in self.patches:
-            total[patch.places] = patch.displacement(step, self.dimension)
-        return total
+        rows = [patch.displacement(step, self.dimension) for patch in self.patches]
+        return united(rows, [patch.places for patch in self.patches], len(self.nodes), self.extent)
 
 
 def _programs(case: Case, mesh: MeshFile, patch: str) -> tuple[PatchProgram, ...]:
@@ -197,25 +196,20 @@ def _check_nodes(path: Path, patch: str, node_ids: Integers, nodes: Integers) ->
     raise InvalidInput(f"{path}: node {foreign} in node_ids does not belong to patch {patch!r}")
 
 
-def _check_agreement(program: MotionProgram, mesh: MeshFile, path: Path) -> None:
+def _check_agreement(program: MotionProgram, path: Path) -> None:
     """Refuse two patches that give a shared node different displacements."""
-    times = np.bincount(np.concatenate([patch.places for patch in program.patches]))
-    shared = np.flatnonzero(times > 1)
-    if not len(shared):
+    if sum(len(patch.places) for patch in program.patches) == len(program.nodes):
         return
-    tolerance = _AGREEMENT * float(np.ptp(mesh.points, axis=0).max())
     for step in range(1, program.count + 1):
-        agreed = program.displacement(step)
-        for patch in program.patches:
-            differs = np.abs(patch.displacement(step, program.dimension) - agreed[patch.places]).max(axis=1) > tolerance
-            if differs.any():
-                place = int(patch.places[np.argmax(differs)])
-                others = [p.name for p in program.patches if place in p.places and p is not patch]
-                raise InvalidInput(
-                    f"{path}: node {int(program.nodes[place])} is on the moving patches {patch.name!r} and "
-                    f"{others[-1]!r}, which move it differently in step {step}",
-                    hint="a mesh cannot tear: give both patches the same motion there",
-                )
+        try:
+            program.displacement(step)
+        except Torn as torn:
+            one, other = (repr(program.patches[part].name) for part in torn.parts)
+            raise InvalidInput(
+                f"{path}: node {int(program.nodes[torn.place])} is on the moving patches {one} and {other}, which "
+                f"move it differently in step {step}",
+                hint="a mesh cannot tear: give both patches the same motion there",
+            ) from None
 
 
 def _rotation(angle: float, axis: Sequence[float] | None, dimension: int) -> Floats:

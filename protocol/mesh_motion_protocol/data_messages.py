@@ -20,6 +20,7 @@ from mesh_motion_protocol.field_types import (
     JudgedCells,
     JudgedValues,
     KnownMovingIndices,
+    KnownPatchIndices,
     MovingIndices,
     Name,
     Outcome,
@@ -94,7 +95,10 @@ class Joined(Message):
     partitions: int = 0  # as in OPEN; 0 = the server does not say
     nodes: int = 0  # nodes of this partition once BUILT
     evaluation: str = "server"  # as in OPEN
+    extent: float = 0.0  # longest side of the bounding box of the whole mesh, once BUILT; 0 = the server does not say
+    moving_patches: list[list[Any]] = field(default_factory=list)  # [name, number of nodes] of each, once BUILT
     moving_nodes: KnownMovingIndices = None  # as in BUILT, once BUILT
+    patch_nodes: KnownPatchIndices = None  # of the moving patches, one after the other, each in the order of UPLOAD
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

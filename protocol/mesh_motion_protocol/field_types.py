@@ -24,6 +24,7 @@ __all__ = [
     "JudgedCells",
     "JudgedValues",
     "KnownMovingIndices",
+    "KnownPatchIndices",
     "MovingIndices",
     "Name",
     "Outcome",
@@ -61,6 +62,7 @@ FloatMoving = Annotated[NDArray[np.float64], ArrayField("<f8", ("moving node", "
 FloatEnrichment = Annotated[NDArray[np.float64], ArrayField("<f8", ("enrichment point", "dimension"))]
 MovingIndices = Annotated[NDArray[np.int64], ArrayField("<i8", ("moving node",))]
 KnownMovingIndices = Annotated[NDArray[np.int64] | None, ArrayField("<i8", ("moving node",), required=False)]
+KnownPatchIndices = Annotated[NDArray[np.int64] | None, ArrayField("<i8", ("patch node",), required=False)]
 FieldCentres = Annotated[NDArray[np.float64] | None, ArrayField("<f8", ("centre", "dimension"), required=False)]
 FieldBoxes = Annotated[NDArray[np.float64] | None, ArrayField("<f8", ("box", "column"), required=False)]
 FieldCoefficients = Annotated[

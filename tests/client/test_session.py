@@ -1,5 +1,8 @@
 """A session through real sockets: what a driver does, and what it did wrong."""
 
+import os
+import signal
+
 import numpy as np
 import pytest
 from mesh_motion_client import InvalidInput, Mesh, Patch, QualityRefused, Timeout, connect
@@ -36,6 +39,39 @@ def test_displacements_by_patch(session):
         session.move({"right": UP})
     with pytest.raises(InvalidInput, match=r"patch 'left' must have shape \(4, 2\), got \(3, 2\)"):
         session.move({"left": UP[:3]})
+
+
+def two_patches(mesh):
+    """The moving side as two patches that share a node, which is not at the same place in both."""
+    patches = {name: patch for name, patch in mesh.patches.items() if name != "left"}
+    patches |= {"low": Patch("moving", [4, 0]), "high": Patch("moving", [12, 4, 8])}
+    return Mesh(mesh.points, mesh.cells, patches)
+
+
+def test_two_patches_may_differ_by_a_rounding_where_they_meet(client, mesh):
+    low, high = np.array([[0.1, 0.2], [0.3, 0.4]]), np.array([[0.5, 0.6], [np.nextafter(0.1, 1), 0.2], [0.7, 0.8]])
+    with client.open(two_patches(mesh)) as session:
+        rows = session.move({"low": low, "high": high}).displacement[session.moving_nodes]
+        assert rows.tobytes() == session.move({"high": high, "low": low}).displacement[session.moving_nodes].tobytes()
+        assert rows.tolist() == [[0.3, 0.4], [np.nextafter(0.1, 1), 0.2], [0.7, 0.8], [0.5, 0.6]]
+        high[1, 0] = 0.1 + 0.8e-9  # the mesh is 0.75 wide
+        words = r"node 4 lies on the patches 'low' and 'high', which move it to different places: by \[0.1, 0.2\] and "
+        with pytest.raises(InvalidInput, match=words):
+            session.move({"low": low, "high": high})
+        session.close("discard")
+
+
+def test_a_resumed_session_knows_its_patches(server, client, mesh):
+    first = client.open(two_patches(mesh))
+    rows = {"low": np.array([[0.1, 0.2], [0.3, 0.4]]), "high": np.array([[0.5, 0.6], [0.1 + 7e-10, 0.2], [0.7, 0.8]])}
+    moved = first.move(rows).displacement.tobytes()
+    first.leave()
+    os.kill(server.worker_of(first.credentials.session), signal.SIGKILL)  # the next one has the journal only
+    resumed = client.resume(first.credentials)
+    assert resumed.move(rows).displacement.tobytes() == moved
+    with pytest.raises(InvalidInput, match=r"must name the moving patches \['high', 'low'\], got \['left'\]"):
+        resumed.move({"left": UP})
+    resumed.close("discard")
 
 
 def test_a_refused_motion_says_how_far_one_can_go(session):

@@ -6,7 +6,7 @@ from box_meshes import box_mesh
 from correction_cases import stored
 from frame_meshes import rotation
 
-from mesh_motion_server.numerics.mesh.boundary_crossing import BoundaryFacets, crossing_place
+from mesh_motion_server.numerics.mesh.boundary_crossing import BoundaryFacets, crossing_place, touching_facets
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 
 
@@ -25,6 +25,51 @@ def test_two_segments(end: tuple[float, float], crosses: bool) -> None:
     points = np.array([(0.0, 1.0), (1.0, 0.0), (0.0, 0.0), end])
     place = crossing_place(*facets_of(points, line=[[0, 1], [2, 3]]))
     assert (place is not None) == crosses
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3, 1.1])
+@pytest.mark.parametrize(
+    ("ends", "crosses"),
+    [((0.4, 1.4), True), ((0.2, 0.7), True), ((0.0, 1.0), True), ((1.0, 2.0), False), ((1.5, 2.0), False)],
+)
+def test_segments_in_one_line_cross_if_they_face_the_same_way(
+    turn: float, ends: tuple[float, float], crosses: bool
+) -> None:
+    line = np.array([0.0, 1.0, *ends])
+    for far in (0.0, 1e4):
+        points = np.column_stack([line, 0.0 * line]) @ rotation(np.degrees(turn)).T + far
+        assert (crossing_place(*facets_of(points, line=[[0, 1], [2, 3]])) is not None) == crosses
+        assert crossing_place(*facets_of(points, line=[[0, 1], [3, 2]])) is None  # the sides of a baffle
+
+
+@pytest.mark.parametrize(
+    ("shift", "crosses"),
+    [((0.5, 0.25), True), ((0.0, 0.0), True), ((1.0, 0.0), False), ((1.0, 1.0), False), ((0.9, 0.9), True)],
+)
+def test_facets_in_one_plane_cross_if_they_face_the_same_way(shift: tuple[float, float], crosses: bool) -> None:
+    quad = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)])
+    tilt = np.linalg.qr(np.random.default_rng(5).standard_normal((3, 3)))[0]
+    tilt *= np.sign(np.linalg.det(tilt))
+    for far in (0.0, 1e3):
+        points = np.vstack([quad, quad + np.array([*shift, 0.0])]) @ tilt.T + far
+        for rows in (
+            {"quad": [[0, 1, 2, 3], [5, 6, 7, 4]]},
+            {"triangle": [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]},
+        ):
+            assert (crossing_place(*facets_of(points, **rows)) is not None) == crosses
+        assert crossing_place(*facets_of(points, quad=[[0, 1, 2, 3], [7, 6, 5, 4]])) is None
+        above = points + np.repeat([(0.0, 0.0, 0.0), tilt[:, 2] * 1e-6], 4, axis=0)
+        assert crossing_place(*facets_of(above, quad=[[0, 1, 2, 3], [5, 6, 7, 4]])) is None
+
+
+@pytest.mark.parametrize(("low", "touches"), [(0.0, 2), (1e-17, 2), (1e-6, 0), (-1e-6, 2)])
+def test_facets_that_touch_are_found(low: float, touches: int) -> None:
+    points = np.array([(0.0, 0.0), (1.0, 0.0), (0.5, low), (0.5, 1.0)])
+    assert len(touching_facets(*facets_of(points, line=[[0, 1], [2, 3]]))) == touches
+    solid = np.insert(points, 2, 0.0, axis=1)
+    solid = np.vstack([solid, solid[:2] + np.array([0.0, 0.0, 1.0]), solid[2:] + np.array([0.0, 0.0, 0.5])])
+    rows = {"quad": [[0, 1, 5, 4]], "triangle": [[2, 3, 6]]}
+    assert len(touching_facets(*facets_of(solid, **rows))) == touches
 
 
 def test_segments_that_share_a_node_do_not_cross() -> None:

@@ -6,6 +6,7 @@
 #include "SHA1Digest.H"
 #include "Time.H"
 #include "addToRunTimeSelectionTable.H"
+#include "boundBox.H"
 #include "knownEntries.H"
 
 namespace Foam
@@ -370,12 +371,13 @@ void Foam::remoteMeshMotion::solve()
     pointDisplacement_.correctBoundaryConditions();
     patches_.checkFixed(pointDisplacement_);
 
+    const scalar extent = cmptMax(boundBox(points0(), true).span());
     label nMoving = 0;
     const int64_t* moving = session_->movingNodes(nMoving);
     scalarField rows, answer;
     const vectorField moved
     (
-        ofOwn(patches_.moved(pointDisplacement_)()) - offset_
+        ofOwn(patches_.moved(pointDisplacement_, extent)()) - offset_
     );
     remoteMesh_.toNodes(moved, nMoving, moving, rows);
     session_->move(rows, answer);

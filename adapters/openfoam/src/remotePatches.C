@@ -192,11 +192,18 @@ void Foam::remotePatches::check
 
 Foam::tmp<Foam::vectorField> Foam::remotePatches::moved
 (
-    const pointVectorField& displacement
+    const pointVectorField& displacement,
+    const scalar extent
 ) const
 {
-    tmp<vectorField> tvalues(new vectorField(displacement.size(), Zero));
-    vectorField& values = tvalues.ref();
+    // a point of two patches takes the larger of each component, if they
+    // differ by no more than rounding: section 9.3 of SPEC.md
+    tmp<vectorField> thighest
+    (
+        new vectorField(displacement.size(), vector::uniform(-VGREAT))
+    );
+    vectorField& highest = thighest.ref();
+    vectorField lowest(displacement.size(), vector::uniform(VGREAT));
     const label n = nPhysical(displacement);
     for (label patchi = 0; patchi < n; ++patchi)
     {
@@ -205,25 +212,38 @@ Foam::tmp<Foam::vectorField> Foam::remotePatches::moved
             const auto& pf = displacement.boundaryField()[patchi];
             const auto& value = refCast<const valuePointPatchField<vector>>(pf);
             const labelList& points = pf.patch().meshPoints();
-            // of a point of two patches the larger one, as between ranks
             forAll(points, i)
             {
-                maxMagSqrEqOp<vector>()(values[points[i]], value[i]);
+                highest[points[i]] = max(highest[points[i]], value[i]);
+                lowest[points[i]] = min(lowest[points[i]], value[i]);
             }
         }
     }
     if (Pstream::parRun())
     {
         // a rank may hold a point of a moving patch without a face of it
-        syncTools::syncPointList
-        (
-            displacement.mesh()(),
-            values,
-            maxMagSqrEqOp<vector>(),
-            vector(Zero)
-        );
+        const polyMesh& mesh = displacement.mesh()();
+        const vector most(vector::uniform(VGREAT));
+        syncTools::syncPointList(mesh, highest, maxEqOp<vector>(), -most);
+        syncTools::syncPointList(mesh, lowest, minEqOp<vector>(), most);
     }
-    return tvalues;
+    forAll(highest, pointi)
+    {
+        if (highest[pointi].x() < lowest[pointi].x())
+        {
+            highest[pointi] = Zero;
+        }
+        else if (cmptMax(highest[pointi] - lowest[pointi]) > 1e-9*extent)
+        {
+            FatalErrorInFunction
+                << "point " << pointi << " lies on moving patches that move it "
+                << "to different places, by " << lowest[pointi] << " and "
+                << highest[pointi] << " (lowest and highest components)" << nl
+                << "    give both patches the same displacement there"
+                << exit(FatalError);
+        }
+    }
+    return thighest;
 }
 
 

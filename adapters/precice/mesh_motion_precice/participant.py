@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from mesh_motion_client import Credentials, InvalidInput, Mesh, Patch, Server, Session, SessionError
+from mesh_motion_protocol.shared_nodes import Torn, united
 from numpy.typing import NDArray
 
 from mesh_motion_precice.api import Coupling
@@ -166,14 +167,29 @@ class Participant:
         return rest / max(1, math.ceil(rest / self._time_step - _REST))
 
     def _boundary(self, relative_time: float) -> NDArray[np.float64]:
-        """(k, d) displacements of the moving nodes; of a node on several patches that of the first one."""
+        """(k, d) displacements of the moving nodes.
+
+        Raises
+        ------
+        InvalidInput
+            If two patches move a node to different places.
+        """
         moving = self._session.moving_nodes
-        rows = np.empty((len(moving), self._mesh.dimension))
-        for surface in reversed(self._surfaces):
+        rows, places = [], []
+        for surface in self._surfaces:
             at = np.minimum(np.searchsorted(moving, surface.nodes), len(moving) - 1)
             moves = moving[at] == surface.nodes
-            rows[at[moves]] = surface.read(self._coupling, relative_time)[moves]
-        return rows
+            rows.append(surface.read(self._coupling, relative_time)[moves])
+            places.append(at[moves])
+        try:
+            return united(rows, places, len(moving), float(np.ptp(self._mesh.points, axis=0).max()))
+        except Torn as torn:
+            one, other = (self._surfaces[part].surface.mesh for part in torn.parts)
+            raise InvalidInput(
+                f"node {int(moving[torn.place])} is read from the preCICE meshes {one!r} and {other!r}, which move it "
+                f"to different places: by {torn.values[0].tolist()} and {torn.values[1].tolist()}",
+                hint="read both patches from one preCICE mesh, so that one mapping gives the node",
+            ) from None
 
 
 def load_mesh(configuration: Configuration) -> Mesh:

@@ -29,12 +29,13 @@ from mesh_motion_protocol.messages import (
 )
 from numpy.typing import ArrayLike, NDArray
 
+from mesh_motion_client.boundary_rows import boundary_rows
 from mesh_motion_client.control import Control
 from mesh_motion_client.courier import Courier
 from mesh_motion_client.credentials import Credentials
 from mesh_motion_client.display import Described, draw
 from mesh_motion_client.errors import InvalidInput, MeshMotionError, SessionError
-from mesh_motion_client.mesh import Mesh, finite_rows
+from mesh_motion_client.mesh import Mesh
 from mesh_motion_client.moved import Moved
 from mesh_motion_client.own_cells import OwnCells
 from mesh_motion_client.volume import Volume
@@ -93,6 +94,7 @@ class Session(Described):
         self.mesh_report: dict[str, Any] = {}
         self.quality: dict[str, Any] = {}
         self._patches: dict[str, NDArray[np.int64]] = {}
+        self._extent = 0.0
         self._mesh: Mesh | None = None
         self._evaluation = "server"
         self._own_cells: OwnCells | None = None
@@ -164,7 +166,9 @@ class Session(Described):
             report=report,
             compute_limit_ms=math.ceil(1000 * compute_limit),
             field_known=own is not None and own.volume.field_known,
-            displacement=self._rows(displacements),
+            displacement=boundary_rows(
+                displacements, self.moving_nodes, self._patches, dimension=self.dimension, extent=self._extent
+            ),
         )
         moved = self._courier.deliver(move, messages.Moved, seconds)
         self._courier.trial, self._courier.iteration = (replace(move, compute_limit_ms=0),), moved.iteration
@@ -284,7 +288,12 @@ class Session(Described):
         self._evaluation = joined.evaluation
         if joined.moving_nodes is not None:
             self.moving_nodes = self._in_mesh(joined.moving_nodes)
+            self._extent = joined.extent
             self._courier.may_resume = joined.partitions == 1
+        if joined.patch_nodes is not None:
+            ends = np.cumsum([count for _, count in joined.moving_patches], dtype=np.int64)
+            parts = np.split(self._in_mesh(joined.patch_nodes), ends)  # and an empty one
+            self._patches = {name: nodes for (name, _), nodes in zip(joined.moving_patches, parts, strict=False)}
         return joined
 
     def upload(self, mesh: Mesh, partitions: int) -> Built:
@@ -296,6 +305,7 @@ class Session(Described):
         self.moving_nodes = self._in_mesh(built.moving_nodes)
         self._courier.may_resume = partitions == 1
         self.settings, self.mesh_report, self.quality = built.settings, built.mesh, built.quality
+        self._extent = float(np.ptp(built.mesh["box"], axis=0).max())
         return built
 
     def take(self, mesh: Mesh) -> None:
@@ -350,46 +360,3 @@ class Session(Described):
                 "the session is closed", hint="server.resume(session.credentials) takes a kept one up again"
             )
         return self._courier.address
-
-    # --- displacements -----------------------------------------------------------------------------------------------
-
-    def _rows(self, displacements: ArrayLike | Mapping[str, ArrayLike]) -> NDArray[np.float64]:
-        """(k, d) in the order of the moving nodes."""
-        if isinstance(displacements, Mapping):
-            return self._gather(displacements)
-        rows = finite_rows(displacements, "displacements")
-        wanted = (len(self.moving_nodes), self.dimension)
-        if rows.shape != wanted:
-            raise InvalidInput(
-                f"displacements must have shape {wanted}, one row a moving node, got {rows.shape}",
-                code="INVALID_ARGUMENT.SHAPE",
-                hint="session.moving_nodes tells the order of the rows",
-            )
-        return rows
-
-    def _gather(self, by_patch: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
-        """(k, d) from the displacements of each patch."""
-        if set(by_patch) != set(self._patches):
-            raise InvalidInput(
-                f"displacements must name the moving patches {sorted(self._patches)}, got {sorted(by_patch)}",
-                hint="a resumed session knows no patches: give rows in the order of session.moving_nodes",
-            )
-        rows = np.full((len(self.moving_nodes), self.dimension), np.nan)
-        for name, values in by_patch.items():
-            nodes = self._patches[name]
-            displacement = finite_rows(values, f"displacements of patch {name!r}")
-            if displacement.shape != (len(nodes), self.dimension):
-                raise InvalidInput(
-                    f"displacements of patch {name!r} must have shape {(len(nodes), self.dimension)}, "
-                    f"got {displacement.shape}",
-                    code="INVALID_ARGUMENT.SHAPE",
-                )
-            at = np.searchsorted(self.moving_nodes, nodes)
-            taken = ~np.isnan(rows[at, 0])
-            differs = taken & (rows[at] != displacement).any(axis=1)
-            if differs.any():
-                raise InvalidInput(
-                    f"node {int(nodes[differs][0])} lies on two patches that move it to different places"
-                )
-            rows[at] = displacement
-        return rows

@@ -15,7 +15,7 @@ from mesh_motion_server.numerics.mesh.boundary_orientation import of_one_width
 from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors
 
-__all__ = ["CoincidentSides", "coincident_nodes", "first_at_place"]
+__all__ = ["CoincidentSides", "coincident_nodes", "first_at_place", "met_nodes"]
 
 # rounding of coordinates, relative to the extent
 _SAME_PLACE = 1e-13
@@ -55,6 +55,14 @@ def coincident_nodes(points: Floats, nodes: Integers) -> Integers:
     first = nodes[first_at_place(points[nodes], float(np.ptp(bounding_box(points), axis=0).max()))]
     others = first != nodes
     return np.column_stack([first[others], nodes[others]])
+
+
+def met_nodes(reference: Floats, points: Floats, nodes: Integers) -> Integers:
+    """(c, 2) pairs of the nodes (b,), ascending, at one place of ``points`` (n, d), not of the ``reference`` (n, d)."""
+    extent = float(np.ptp(bounding_box(reference), axis=0).max())
+    first = nodes[first_at_place(points[nodes], extent)]
+    apart = np.abs(reference[first] - reference[nodes]).max(axis=1) > _SAME_PLACE * extent
+    return np.column_stack([first[apart], nodes[apart]])
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,12 +3,17 @@
 import math
 from collections.abc import Callable
 
+import numpy as np
+
 from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
 
 __all__ = [
+    "collapsed",
     "largest_accepted",
+    "other_unit",
     "quality_warnings",
     "reduction_warnings",
     "refuse_unacceptable",
@@ -22,6 +27,15 @@ _SHARES = (0.7, 0.3)
 #: Is tried before if the boundary alone forbids the whole motion: then no correction has been tried yet.
 _NEARLY = 0.9
 _LEAST = 0.004
+#: A lower quality, which is the root of a size, is that of a cell whose size is only rounding, or close to it.
+_COLLAPSED = 1e-7
+#: As a share of the mesh's diagonal: a longer displacement is probably in another unit.
+_FARTHEST = 2.0
+
+
+def collapsed(quality: Judgement) -> bool:
+    """Whether a cell is inverted, or so small that its sign may be rounding."""
+    return quality.inverted > 0 or quality.metric.min < _COLLAPSED
 
 
 def refuse_unacceptable(method: Method, quality: Judgement, reached: bool) -> None:
@@ -68,6 +82,18 @@ def reduction_warnings(method: Method, error: float, control_points: int) -> lis
         f"reduction {method.reduction!r} left an error of {error:.2g} of the largest displacement with "
         f"{control_points} control points; it was corrected near the surface"
     ]
+
+
+def other_unit(points: Floats, displacement: Floats, nearest: float = 0.0) -> str:
+    """The question whether a displacement (k, d) is in the unit of the mesh (n, d), if it is far larger than the mesh.
+
+    It is asked too if the displacement is not 0 and smaller than the share ``nearest`` of the mesh's diagonal.
+    """
+    far = float(np.linalg.norm(displacement, axis=1).max(initial=0.0))
+    extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+    if far == 0.0 or nearest * extent <= far <= _FARTHEST * extent:
+        return ""
+    return f"the motion's largest displacement is {far:.3g} and the mesh's extent {extent:.3g}: is it one unit?"
 
 
 def largest_accepted(

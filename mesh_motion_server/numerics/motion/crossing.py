@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.boundary_crossing import BoundaryFacets, crossing_place
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
+from mesh_motion_server.numerics.mesh.boundary_crossing import BoundaryFacets, crossing_place, touching_facets
+from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_server.numerics.mesh.boundary_orientation import overturned_place
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.coincidence import CoincidentSides
+from mesh_motion_server.numerics.mesh.coincidence import CoincidentSides, met_nodes
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
-from mesh_motion_server.numerics.motion.boundary_nesting import misplaced_place
+from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
+from mesh_motion_server.numerics.motion.boundary_nesting import contact_place, misplaced_place
 
 __all__ = ["PossibleCrossing"]
 
@@ -28,6 +30,10 @@ class PossibleCrossing:
     ----------
     reference : (n, d) array, mesh length unit
         Reference coordinates.
+    facets : BoundaryFacets
+        With places that are known; those of a wall whose nodes slide are its reference places if no node of it moves.
+    known : (n,) bool array
+        Nodes with known places; nodes that slide in a plane leave its winding numbers as they are.
     sides : CoincidentSides
         Of nodes with prescribed positions.
     """
@@ -36,15 +42,26 @@ class PossibleCrossing:
     cells: CellTable
     roles: BoundaryRoles
     facets: BoundaryFacets
+    known: Marks
     sides: CoincidentSides
 
     @classmethod
-    def build(cls, reference: Floats, cells: CellTable, roles: BoundaryRoles, coincident: Integers) -> PossibleCrossing:
+    def build(
+        cls,
+        reference: Floats,
+        cells: CellTable,
+        roles: BoundaryRoles,
+        coincident: Integers,
+        sliding: SlidingSurfaces | None = None,
+    ) -> PossibleCrossing:
         """Build it for a checked mesh with ``coincident`` (c, 2) nodes."""
         facets, known = boundary_facets(cells), np.zeros(len(reference), dtype=bool)
         known[roles.moving] = known[roles.fixed] = True
-        own = BoundaryFacets.build(facets, roles.moving, roles.fixed, len(reference))
-        return cls(reference, cells, roles, own, CoincidentSides.build(coincident, facets, known))
+        sides = CoincidentSides.build(coincident, facets, known)
+        still = np.union1d(roles.fixed, _on_planes(sliding, roles.moving))
+        own = BoundaryFacets.build(facets, roles.moving, still, len(reference))
+        known[_on_planes(sliding, roles.moving[:0])] = True
+        return cls(reference, cells, roles, own, known, sides)
 
     def refuse_passing(self, points: Floats, targets: Floats, refusal: NumericalError | None = None) -> None:
         """Refuse it if two nodes at the same place in the reference mesh pass through each other: as below."""
@@ -67,20 +84,46 @@ class PossibleCrossing:
             With the best quality, the worst cells and the details of an earlier ``refusal``.
         """
         self.refuse_passing(points, targets, refusal)
-        moved, prescribed = points.copy(), np.zeros(len(points), dtype=bool)
+        moved = points.copy()
+        moved[self.roles.sliding] = self.reference[self.roles.sliding]
         moved[self.roles.moving] = targets
-        prescribed[self.roles.moving] = prescribed[self.roles.fixed] = True
-        place, fault = crossing_place(self.facets, moved), "cross itself"
-        if place is None:
-            facets = boundary_facets(self.cells)
-            place, fault = overturned_place(facets, prescribed, self.reference, moved), "turn inside out"
-            if place is None:
-                place = misplaced_place(facets, prescribed, self.roles.moving, self.reference, moved)
-                fault = "leave its side of another part"
-        if place is None:
-            return
-        near = ", ".join(f"{x:.4g}" for x in place)
-        raise _no_mesh(f"{fault} near ({near})", refusal)
+        self._refuse_meeting(moved, refusal)
+        for fault, place in self._faults(moved):
+            if place is not None:
+                near = ", ".join(f"{x:.4g}" for x in place)
+                raise _no_mesh(f"{fault} near ({near})", refusal)
+
+    def _refuse_meeting(self, moved: Floats, refusal: NumericalError | None) -> None:
+        """Refuse nodes of ``moved`` (n, d) that meet and have cells between them, unlike two sides of a thin solid."""
+        for one, other in met_nodes(self.reference, moved, self.roles.prescribed).tolist():
+            ends = np.array([one, other])
+            linked = any((np.isin(block.nodes, ends).sum(axis=1) == 2).any() for block in self.cells.blocks)
+            if linked or not np.isin(ends, self._boundary_nodes).all():
+                fault = f"bring node {one} and node {other} to the same place, which are apart at rest"
+                raise _no_mesh(fault, refusal, {"node": one})
+
+    @cached_property
+    def _boundary_nodes(self) -> Integers:
+        """(b,) nodes of the boundary facets, ascending."""
+        return boundary_nodes(self.cells)
+
+    def _faults(self, moved: Floats) -> Iterator[tuple[str, Floats | None]]:
+        """Each fault of a boundary with its nodes at ``moved`` (n, d), and a place (d,) that has it."""
+        yield "cross itself", crossing_place(self.facets, moved)
+        facets, reference = boundary_facets(self.cells), self.reference
+        yield "turn inside out", overturned_place(facets, self.known, reference, moved)
+        misplaced = misplaced_place(facets, self.known, self.roles.moving, reference, moved)
+        yield "leave its side of another part", misplaced
+        touching = touching_facets(self.facets, moved)
+        yield "touch or cross itself", contact_place(facets, touching, self.known, reference, moved)
+
+
+def _on_planes(sliding: SlidingSurfaces | None, away: Integers) -> Integers:
+    """(s,) nodes that slide in planes only, on pieces without a node of ``away``."""
+    if sliding is None:
+        return np.empty(0, dtype=np.int64)
+    others = [p.nodes for p in sliding.pieces if p.normal is None or np.isin(away, p.nodes).any()]
+    return np.setdiff1d(sliding.nodes, np.concatenate([away[:0], *others]))
 
 
 def _no_mesh(fault: str, refusal: NumericalError | None, details: Mapping[str, object] | None = None) -> NumericalError:

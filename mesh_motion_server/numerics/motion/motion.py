@@ -23,7 +23,9 @@ from mesh_motion_server.numerics.correction.smooth_motion import SmoothMotion
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
 from mesh_motion_server.numerics.motion.acceptance import (
+    collapsed,
     largest_accepted,
+    other_unit,
     quality_warnings,
     reduction_warnings,
     refuse_unacceptable,
@@ -132,7 +134,7 @@ class MotionModel(PreparedMesh):
                 best=refusal.best,
                 cells=refusal.cells,
                 fraction=fraction,
-                hint=way_out(fraction),
+                hint="; ".join(filter(None, (way_out(fraction), self._other_unit(targets)))),
                 details=refusal.details,
             ) from refusal
 
@@ -231,8 +233,9 @@ class MotionModel(PreparedMesh):
         if self._overshoots(step, predicted.trial):
             absolute = replace(motion, method=replace(motion.method, displacement="absolute"))
             predicted = max(predicted, self._predict(absolute, step, watch), key=lambda found: found.quality.metric.min)
-        if predicted.quality.inverted and self.method.correction != "none" and not self.method.allow_invalid:
-            # a correction would find no mesh, or one whose cells are all positive but overlap
+        corrected = self.method.correction != "none" or not predicted.quality.inverted
+        if collapsed(predicted.quality) and corrected and not self.method.allow_invalid:
+            # a correction would find no mesh, or one whose cells are all positive but overlap or have no size
             worst = [cell.number for cell in predicted.quality.worst]
             refusal = NumericalError("", best=predicted.quality.metric.min, cells=worst)
             self.boundary.refuse(predicted.trial.points, step.targets, refusal)
@@ -361,6 +364,10 @@ class MotionModel(PreparedMesh):
         if self.standard_motion.periodic is not None:
             return iter([straight_way(origin, targets)])
         return ways(origin, targets, moving_bodies(self.cells, self.roles.moving))
+
+    def _other_unit(self, targets: Floats) -> str:
+        """The question whether the targets (k, d) are in the unit of the mesh, where that is in doubt."""
+        return other_unit(self.points, targets - self.points[self.roles.moving])
 
     def _acceptable_fraction(self, step: _Step, whole: BoundaryDisplacement) -> float:
         """A fraction of the ``whole`` displacement that is accepted."""

@@ -133,7 +133,8 @@ class PreparedMesh:
     @cached_property
     def boundary(self) -> PossibleCrossing:
         """The boundary, which may cross itself."""
-        return PossibleCrossing.build(self.points, self.cells, self.roles, self.coincident)
+        sliding = self.standard_motion.sliding
+        return PossibleCrossing.build(self.points, self.cells, self.roles, self.coincident, sliding)
 
     @cached_property
     def near_walls(self) -> Marks:

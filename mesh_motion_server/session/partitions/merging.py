@@ -59,6 +59,10 @@ def merge(partitions: Sequence[PartitionMesh]) -> MergedMesh:
         patches=_merge_patches(partitions, node_maps),
         node_maps=node_maps,
         moving_local=tuple(nodes_with(partition.patches, ("moving",)) for partition in partitions),
+        moving_patches=tuple(
+            {name: patch.nodes for name, patch in partition.patches.items() if patch.role == "moving"}
+            for partition in partitions
+        ),
         cell_origins=origins,
     )
 

@@ -1,8 +1,8 @@
 """What n partitions uploaded, the merged mesh, and the mapping back to the partitions: nodes, cells, displacements.
 
 The numerics see the one mesh only, so that 1 and n partitions give identical arrays
-(:mod:`.merging` makes it). A node that several partitions move must be given the same
-displacement by each to 1e-12 of the largest one; the lowest partition's value is taken.
+(:mod:`.merging` makes it). A node that several partitions move must be given the same displacement by each, as
+:mod:`mesh_motion_protocol.shared_nodes` says.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from mesh_motion_protocol.shared_nodes import Torn, united
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
@@ -21,10 +22,6 @@ from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.motion.exact_displacements import differences_of
 
 __all__ = ["CellCount", "CellOrigin", "MergedMesh", "PartitionMesh", "joined"]
-
-
-#: Admitted difference of one node's displacement between partitions, relative to the largest displacement.
-_DISPLACEMENT_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +103,8 @@ class MergedMesh:
         Per partition: canonical index of each local node.
     moving_local : tuple of (k_p,) int64 arrays
         Per partition: local indices of the nodes it listed in a patch with role ``moving``, ascending.
+    moving_patches : tuple of dicts
+        Per partition: name → (p,) local indices of the nodes of each of these patches, in the order of the upload.
     """
 
     points: Floats
@@ -115,6 +114,7 @@ class MergedMesh:
     patches: Mapping[str, Patch]
     node_maps: tuple[Integers, ...]
     moving_local: tuple[Integers, ...]
+    moving_patches: tuple[Mapping[str, Integers], ...]
     cell_origins: tuple[CellOrigin | CellCount, ...]
 
     @cached_property
@@ -217,12 +217,11 @@ class MergedMesh:
         """
         if len(boundary_displacements) == 1:
             return self._single_gather(boundary_displacements[0])
-        rows = np.concatenate(boundary_displacements)
-        nodes = np.concatenate([m[local] for m, local in self._moving_pairs()])
-        _, first, inverse = np.unique(nodes, return_index=True, return_inverse=True)
-        taken = rows[first]
-        self._check_agreement(rows, taken[inverse], nodes)
-        return taken
+        places = [np.searchsorted(self.moving, m[local]) for m, local in self._moving_pairs()]
+        try:
+            return united(boundary_displacements, places, len(self.moving), self.extent)
+        except Torn as torn:
+            raise self._torn(torn) from None
 
     def _moving_pairs(self) -> list[tuple[Integers, Integers]]:
         return list(zip(self.node_maps, self.moving_local, strict=True))
@@ -236,32 +235,17 @@ class MergedMesh:
         """(k,) order that sorts the only partition's moving nodes by canonical index."""
         return np.argsort(self.node_maps[0][self.moving_local[0]])
 
-    def _check_agreement(self, rows: Floats, taken: Floats, nodes: Integers) -> None:
-        """Compare every row (r, d) with the one taken for its node (r,)."""
-        gap = np.max(np.abs(rows - taken), axis=1)
-        limit = _DISPLACEMENT_TOLERANCE * float(np.max(np.abs(taken)))
-        bad = np.flatnonzero(gap > limit)
-        if not len(bad):
-            return
-        row, node = int(bad[0]), int(nodes[bad[0]])
-        lengths = np.cumsum([len(local) for local in self.moving_local])
-        here, there = int(np.searchsorted(lengths, row, side="right")), self._first_mover(node)
-        global_id = int(self.global_ids[node])
-        raise InvalidInput(
-            f"node with global id {global_id}: partition {there} moves it by {taken[row].tolist()}, "
-            f"partition {here} by {rows[row].tolist()}",
+    def _torn(self, torn: Torn) -> InvalidInput:
+        """The error for a node that two partitions move to different places."""
+        global_id, values = int(self.global_ids[self.moving[torn.place]]), [value.tolist() for value in torn.values]
+        there, here = torn.parts
+        return InvalidInput(
+            f"node with global id {global_id}: partition {there} moves it by {values[0]}, "
+            f"partition {here} by {values[1]}",
             code="INVALID_ARGUMENT.PARTITION",
             hint="give a shared node the same displacement in every partition",
-            details={
-                "global_id": global_id,
-                "partitions": [there, here],
-                "values": [taken[row].tolist(), rows[row].tolist()],
-            },
+            details={"global_id": global_id, "partitions": [there, here], "values": values},
         )
-
-    def _first_mover(self, node: int) -> int:
-        """Lowest partition that moves a canonical node."""
-        return next(p for p, (m, local) in enumerate(self._moving_pairs()) if np.any(m[local] == node))
 
 
 def joined(pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:

@@ -121,7 +121,8 @@ def _variants() -> Iterable[tuple[str, str, Frames]]:
     """Other spellings that a receiver must take."""
     narrow = np.array([[0.5, -0.25], [0.125, 3.0]], dtype="<f4").tobytes()
     yield "move-f4-is-widened", "5.1", [_array("MOVE", "dtype", "<f4")[0], narrow]
-    yield "joined-i4-is-widened", "5.1", [_array("JOINED", "dtype", "<i4")[0], np.array([2, 3], "<i4").tobytes()]
+    moving = np.array([2, 3], "<i4").tobytes()
+    yield "joined-i4-is-widened", "5.1", [_array("JOINED", "dtype", "<i4")[0], moving, *_frames(_BY_TYPE["JOINED"])[2:]]
     yield "defaults-left-out", "4", _changed("OPEN", lambda header: header.update(fields={"dimension": 3}))
     yield "optional-array-left-out", "12", [_changed("JOINED", lambda header: header.update(arrays=[]))[0]]
     yield "empty-array-has-no-frame", "5.3", [_array("MOVE", "shape", [0, 2])[0]]

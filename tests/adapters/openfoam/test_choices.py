@@ -76,6 +76,26 @@ def test_cyclic_patches_stay_images_of_each_other(make_case):
     assert "Mesh OK." in case.run("checkMesh", "-latestTime")
 
 
+@pytest.mark.parametrize(("gap", "words"), [("1e-10", ""), ("1e-3", "lies on moving patches that move it")])
+def test_two_moving_patches_agree_where_they_meet(make_case, gap, words):
+    case = make_case(steps=2)
+    no_flow(case)
+    still = "{ type fixedValue; value uniform (0 0 0); }"
+    change(
+        case,
+        "0/pointDisplacement",
+        (f'"(inlet|outlet)" {still}', f"inlet {{ type fixedValue; value uniform (0 {gap} 0); }} outlet {still}"),
+        ("walls            { type slip; }", f"walls {still}"),
+    )
+    change(case, "constant/dynamicMeshDict", ("inlet   fixed;", "inlet moving;"), ("walls   slip;", "walls moving;"))
+    case.run("blockMesh")
+    assert words in case.run("moveDynamicMesh", expect=1 if words else 0)
+    if not words:
+        start, moved = case.numbers("constant/polyMesh/points", 3), case.points("0.1")
+        both = np.intersect1d(points_of(case, "inlet"), points_of(case, "walls"))
+        np.testing.assert_allclose(moved[both, 1] - start[both, 1], float(gap), rtol=1e-5)
+
+
 def test_polygons_in_the_plane(make_case):
     case = make_case(steps=2)
     no_flow(case)

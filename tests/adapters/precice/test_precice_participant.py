@@ -255,6 +255,29 @@ def test_what_does_not_fit_is_refused(participant, case, square):
         made.begin(session)
 
 
+def test_a_node_of_two_patches_is_read_alike_from_both(participant, square):
+    follower, session = participant()
+    follower.begin(session)
+    lower, upper = (surface.read for surface in follower._surfaces)
+    shared = np.flatnonzero(np.isin(square.patches["upper"].nodes, square.patches["lower"].nodes))
+
+    def off(size):
+        def read(coupling, time):
+            rows = upper(coupling, time)
+            rows[shared[0], 1] += size
+            return rows
+
+        follower._surfaces = [SimpleNamespace(**vars(s), read=r) for s, r in zip(wet, (lower, read), strict=True)]
+
+    wet, exact = list(follower._surfaces), follower._boundary(0.0)
+    row = np.searchsorted(session.moving_nodes, square.patches["upper"].nodes[shared[0]])
+    off(9e-10)
+    assert follower._boundary(0.0)[row, 1] == exact[row, 1] + 9e-10
+    off(2e-9)
+    with pytest.raises(InvalidInput, match="is read from the preCICE meshes 'Lower' and 'Upper', which move it"):
+        follower._boundary(0.0)
+
+
 def test_connectivity_is_given_where_a_mapping_uses_it(stub, square, case):
     configuration = read_configuration(case())
     precice = stub([1], connectivity=True)

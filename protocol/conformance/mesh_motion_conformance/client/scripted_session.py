@@ -108,7 +108,10 @@ class ScriptedSession:
     def _join(self, _: Message) -> Reply:
         fields = {"state": self.state, "step": self.step, "iteration": self.iteration, "dimension": 2, "partitions": 1}
         built = self.state in ("READY", "TRIAL")
-        return Reply("JOINED", fields | {"nodes": 4 if built else 0}, {"moving_nodes": LEFT} if built else {})
+        if not built:
+            return Reply("JOINED", fields | {"nodes": 0}, {})
+        fields |= {"nodes": 4, "extent": 1.0, "moving_patches": [["left", 2]]}
+        return Reply("JOINED", fields, {"moving_nodes": LEFT, "patch_nodes": LEFT})
 
     def _upload(self, request: Message) -> Reply:
         return Reply("UPLOADED", {"rows_total": len(request.arrays["rows"])})

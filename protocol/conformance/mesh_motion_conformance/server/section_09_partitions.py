@@ -190,6 +190,27 @@ def shared_node_moved_to_two_places(stage: Stage) -> None:
         refused(_receive(session, partition, number), "INVALID_ARGUMENT", state="TRIAL")
 
 
+@suite("9.3")
+def shared_node_moved_by_two_roundings(stage: Stage) -> None:
+    """Displacements of a shared node may differ by 1e-9 of the mesh's longest side; the larger component is taken."""
+    session = _pair(stage, "READY")
+    extent = np.ptp(np.concatenate([part.points for part in HALVES]), axis=0).max()
+    rows = [session.rows(partition, 0.01) + partition * 5e-10 * extent for partition in (0, 1)]
+    numbers = [
+        _ask(session, session.request("MOVE", partition).carrying(displacement=rows[partition]), partition)
+        for partition in (0, 1)
+    ]
+    replies = _all([_receive(session, partition, number) for partition, number in enumerate(numbers)], "MOVED")
+    moved = [
+        dict(zip(part.global_ids, reply.arrays["displacement"].tolist(), strict=True))
+        for part, reply in zip(HALVES, replies, strict=True)
+    ]
+    given = dict(zip(np.take(HALVES[1].global_ids, HALVES[1].moving), rows[1].tolist(), strict=True))
+    for node in set(given) & set(np.take(HALVES[0].global_ids, HALVES[0].moving)):
+        if not moved[0][node] == moved[1][node] == given[node]:
+            raise Unmet(f"node {node} at {given[node]}", f"{moved[0][node]} and {moved[1][node]}")
+
+
 @suite("9.4")
 def wrong_in_itself(stage: Stage) -> None:
     """A request that is wrong in itself is answered alone; the others wait for the corrected one."""

@@ -193,3 +193,26 @@ def moving_nodes_ascend(stage: Stage) -> None:
             raise Unmet("moving_nodes [0, 4, 8, 12] in BUILT and in JOINED", f"{found}, {joined}")
     finally:
         session.discard()
+
+
+@suite("13.5")
+def JOINED_names_the_moving_patches(stage: Stage) -> None:
+    """JOINED names each moving patch, with its nodes in the order of UPLOAD, after RESUME too."""
+    sides = {"b": Side("fixed", (3, 7, 11, 15)), "c": Side("moving", (12, 8)), "a": Side("moving", (0, 8, 4))}
+    session = stage.open(Part(SQUARE.points, SQUARE.triangles, sides))
+    try:
+        session.upload()
+        session.do("BUILD")
+        session.resume()
+        joined = session.join()[0]
+        counts = joined.fields.get("moving_patches", [])
+        nodes = joined.arrays.get("patch_nodes", np.empty(0)).tolist()
+        found = {}
+        for name, count in counts:
+            found[name], nodes = nodes[:count], nodes[count:]
+        if found != {"c": [12, 8], "a": [0, 8, 4]} or nodes:
+            raise Unmet("patch c with the nodes 12, 8 and patch a with 0, 8, 4", show(joined))
+        if joined.fields.get("extent") != np.ptp(SQUARE.points, axis=0).max():
+            raise Unmet("the longest side of the mesh's bounding box", show(joined))
+    finally:
+        session.discard()

@@ -1,0 +1,178 @@
+"""Motions whose boundary alone says that no valid mesh exists: exact contacts, walls that slip, what only slides."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from box_meshes import box_mesh
+
+from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.motion.prepared_mesh import PreparedMesh
+
+NO_MESH = "no valid mesh exists: the boundary would "
+
+
+def refused(model: PreparedMesh, targets: Floats) -> str:
+    """The reason why there is no mesh with the moving nodes at targets (k, d); empty if none is known."""
+    try:
+        model.boundary.refuse(model.points, targets)
+    except NumericalError as error:
+        return error.message.removeprefix(NO_MESH)
+    return ""
+
+
+def grid(*axes: Floats) -> tuple[Floats, np.ndarray]:
+    """Points of a tensor grid, and its quads or hexahedra."""
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    number = np.arange(len(points)).reshape([len(axis) for axis in axes])
+    corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    if len(axes) == 3:
+        corners = [(*corner, z) for z in (0, 1) for corner in corners]
+    cut = [tuple(slice(a, a + n - 1) for a, n in zip(corner, number.shape, strict=True)) for corner in corners]
+    return points, np.stack([number[part].ravel() for part in cut], axis=1)
+
+
+def leaflets(dimension: int, sides: str = "fixed", *, triangles: bool = False) -> MotionModel:
+    """A channel of height 1 with two leaflets that leave a gap from 0.4 to 0.6 between them."""
+    axes = [np.linspace(0, 2, 11), np.linspace(0, 1, 11), np.linspace(0, 0.5, 3)]
+    points, cells = grid(*axes[:dimension])
+    centre = points[cells].mean(axis=1)
+    cells = cells[~((np.abs(centre[:, 0] - 1) < 0.2) & (np.abs(centre[:, 1] - 0.5) > 0.1))]
+    used, cells = np.unique(cells, return_inverse=True)
+    points, cells = points[used], cells.reshape(-1, 2**dimension)
+    x, y = points[:, 0], points[:, 1]
+    on = (np.abs(x - 1) < 0.21) & (np.abs(y - 0.5) > 0.09)
+    ends = (x < 0.01) | (x > 1.99) | (y < 0.01) | (y > 0.99)
+    patches = {"leaflets": Patch("moving", np.flatnonzero(on)), "ends": Patch("fixed", np.flatnonzero(ends & ~on))}
+    if dimension == 3:
+        patches["sides"] = Patch(sides, np.flatnonzero((points[:, 2] < 0.01) | (points[:, 2] > 0.49)))
+    kind = "quad" if dimension == 2 else "hexahedron"
+    if triangles:
+        kind, cells = "triangle", np.concatenate([cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]])
+    return MotionModel.build(points, CellTable.from_arrays({kind: cells}), patches, Method())
+
+
+def closed(model: MotionModel, low: float, high: float, aside: float = 0.0) -> Floats:
+    """Targets: the lower leaflet longer by ``low`` and its tip ``aside``, the upper one longer by ``high``."""
+    start = model.points[model.roles.moving]
+    y, targets = start[:, 1], start.copy()
+    targets[:, 1] += np.where(y < 0.5, low * y / 0.4, -high * (1.0 - y) / 0.4)
+    targets[:, 0] += np.where(y < 0.5, aside * y / 0.4, 0.0)
+    return targets
+
+
+@pytest.mark.parametrize("model", [(2, "fixed"), (3, "slip"), (3, "symmetry")], indirect=True, ids=str)
+@pytest.mark.parametrize(
+    ("motion", "fault"),
+    [
+        ((0.12, 0.12), "cross itself"),  # the sides are in one line
+        ((0.2, 0.05), "cross itself"),
+        ((0.12, 0.12, 0.013), "cross itself"),
+        ((0.1, 0.1), "touch or cross itself"),  # node on node
+        ((0.1, 0.1, 0.05), "touch or cross itself"),
+        ((0.099, 0.1), ""),
+        ((0.099, 0.1, 0.2), ""),
+        ((0.15, 0.15, 0.55), ""),  # beside each other
+    ],
+    ids=str,
+)
+def test_two_leaflets(model: MotionModel, motion: tuple[float, ...], fault: str) -> None:
+    assert refused(model, closed(model, *motion)).split(" near")[0] == fault
+
+
+@pytest.fixture(scope="module")
+def model(request: pytest.FixtureRequest) -> MotionModel:
+    return leaflets(*request.param)
+
+
+def test_a_move_of_leaflets_says_that_no_mesh_exists() -> None:
+    model = leaflets(2, triangles=True)
+    with pytest.raises(NumericalError, match="no valid mesh exists") as caught:
+        model.move(model.points, closed(model, 0.12, 0.12))
+    assert "is it one unit" not in caught.value.hint
+    with pytest.raises(NumericalError, match="no valid mesh exists") as caught:
+        model.move(model.points, closed(model, 12.0, 12.0))
+    assert caught.value.hint.endswith(
+        "the motion's largest displacement is 12 and the mesh's extent 2.24: is it one unit?"
+    )
+
+
+@pytest.mark.parametrize("role", ["fixed", "slip", "symmetry"])
+@pytest.mark.parametrize("kind", ["quad", "hexahedron", "hexahedron + wedge"])
+@pytest.mark.parametrize(
+    ("shift", "leaves"),
+    [
+        (((0.3,), (0.0, 0.35)), False),
+        (((0.4,), (0.4, 0.4)), True),  # up to the wall, node on node
+        (((0.45,), (0.5, 0.07)), True),  # partly
+        (((0.7,), (0.0, -0.9)), True),  # wholly
+    ],
+)
+def test_a_body_that_leaves_through_walls(
+    role: str, kind: str, shift: tuple[tuple[float, ...], ...], leaves: bool
+) -> None:
+    mesh = box_mesh(kind, 5)
+    patches = {"body": Patch("moving", mesh.body), "walls": Patch(role, mesh.outer)}
+    model = MotionModel.build(mesh.points, mesh.cells, patches, Method())
+    start = mesh.points[mesh.body]
+    for by in shift:
+        targets = start.copy()
+        targets[:, : len(by)] += by
+        assert bool(refused(model, targets)) == leaves
+    if leaves and kind == "quad":
+        with pytest.raises(NumericalError, match=NO_MESH):
+            model.move(model.points, targets)
+
+
+@pytest.mark.parametrize("settings", [{}, {"correction": "none"}, {"displacement": "absolute"}], ids=str)
+@pytest.mark.parametrize("triangles", [False, True])
+def test_two_bodies_of_two_nodes_do_not_meet(settings: dict[str, Any], triangles: bool) -> None:
+    points, cells = grid(np.linspace(0, 1, 6), np.linspace(0, 1, 6))
+    table = {"quad": cells}
+    if triangles:
+        table = {"triangle": np.concatenate([cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]])}
+    rim = np.flatnonzero(((points < 0.01) | (points > 0.99)).any(axis=1))
+    patches = {"left": Patch("moving", [14, 15]), "right": Patch("moving", [20, 21]), "rim": Patch("fixed", rim)}
+    model = MotionModel.build(points, CellTable.from_arrays(table), patches, Method(**settings))
+    start = points[model.roles.moving]
+    towards = np.where(start[:, :1] < 0.5, 1.0, -1.0) * np.eye(2)[0]
+    with pytest.raises(NumericalError, match=NO_MESH + "bring node 14 and node 20 to the same place") as caught:
+        model.move(points, start + 0.1 * towards)
+    assert 0.9 < (caught.value.fraction or 0.0) < 1.0
+    with pytest.raises(NumericalError, match="no valid mesh found"):  # in half of the way the nodes are at one place
+        model.move(points, start + 0.2 * towards)
+    model.move(points, start + 0.09 * towards)
+
+
+def interface(dimension: int) -> tuple[MotionModel, Callable[[float, float], Floats]]:
+    """Two blocks that lie on each other, with nodes of their own there: the lower one's surface moves."""
+    axes = [np.linspace(0, 1, 9), np.linspace(0, 0.5, 5), np.linspace(0, 1, 4)][:dimension]
+    points, cells = grid(*axes)
+    n = len(points)
+    both = np.vstack([points, points + np.eye(dimension)[1] / 2])
+    kind = "quad" if dimension == 2 else "hexahedron"
+    table = CellTable.from_arrays({kind: np.vstack([cells, cells + n])})
+    inner = ((both > 0.01) & (both < 0.99))[:, [0, *range(2, dimension)]].all(axis=1)
+    moving = np.flatnonzero((np.abs(both[:, 1] - 0.5) < 0.01) & inner & (np.arange(2 * n) < n))
+    rim = ((both < 0.01) | (both > 0.99)).any(axis=1) | (np.abs(both[:, 1] - 0.5) < 0.01)
+    patches = {"moving": Patch("moving", moving), "rest": Patch("fixed", np.setdiff1d(np.flatnonzero(rim), moving))}
+
+    def targets(along: float, down: float) -> Floats:
+        start = both[moving]
+        return start + np.sin(np.pi * start[:, :1]) * np.insert(np.zeros(dimension - 2), 0, [along, -down])
+
+    return MotionModel.build(both, table, patches, Method()), targets
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_an_interface_may_slide_and_open_but_not_pass(dimension: int) -> None:
+    model, targets = interface(dimension)
+    for along, down in ((0.0, 0.0), (0.05, 0.0), (0.0, 0.1), (0.05, 0.02)):
+        assert refused(model, targets(along, down)) == ""
+    assert refused(model, targets(0.0, -0.1))
