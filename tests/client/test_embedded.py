@@ -86,3 +86,28 @@ for descriptor in {closed}:
 os.execv(sys.executable, [sys.executable, "-m", "mesh_motion_server", "version"])
 """
     assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0
+
+
+FORKED = """
+import os, sys
+from mesh_motion_client import MeshMotionError, connect
+with connect() as server:
+    child = os.fork()
+    if not child:
+        try:
+            server.sessions()
+        except MeshMotionError as error:
+            print(error, flush=True)
+        server.close()
+        sys.exit()
+    os.waitpid(child, 0)
+    print("parent", server.sessions(), os.path.isdir(os.path.dirname(server.endpoint.removeprefix("ipc://"))))
+"""
+
+
+def test_a_forked_child_is_refused_and_leaves_its_parent_the_server():
+    done = subprocess.run([sys.executable, "-c", FORKED], capture_output=True, text=True, timeout=60, check=True)
+    refused, parent = done.stdout.splitlines()
+    assert "forked from it" in refused
+    assert "connect in the child" in refused
+    assert parent == "parent [] True"

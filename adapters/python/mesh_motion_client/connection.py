@@ -6,6 +6,7 @@ socket's own events are watched: :class:`ConnectionLost` says that the request m
 
 from __future__ import annotations
 
+import os
 import struct
 import time
 from collections.abc import Callable
@@ -58,6 +59,7 @@ class Connection:
 
     def __init__(self, endpoint: str, keys: Keys | None = None) -> None:
         self.endpoint = endpoint
+        self._process = os.getpid()
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self._socket.setsockopt(zmq.LINGER, 0)
         for option in (zmq.SNDTIMEO, zmq.RCVTIMEO):
@@ -103,8 +105,9 @@ class Connection:
         Raises
         ------
         ConnectionLost, Timeout, MeshMotionError
-            The last for an ERROR of the server.
+            The last for an ERROR of the server, or in a forked child of the process that connected.
         """
+        self._check_process()
         self._check_connected()
         self._send(message)
         while True:
@@ -152,6 +155,14 @@ class Connection:
         poller.register(self._events, zmq.POLLIN)
         poller.poll(round(1000 * seconds))
 
+    def _check_process(self) -> None:
+        """Refuse the use in a forked child: the threads that carry its messages live in the parent alone."""
+        if os.getpid() != self._process:
+            raise SessionError(
+                f"this connection belongs to process {self._process}; this is process {os.getpid()}, forked from it",
+                hint="connect in the child, or start it with the method 'spawn' of multiprocessing",
+            )
+
     def _check_connected(self) -> None:
         lost = False
         while self._events.poll(0):
@@ -184,8 +195,8 @@ class Connection:
         return bool(self._socket.closed)
 
     def close(self) -> None:
-        """Close the socket; idempotent."""
-        if not self._socket.closed:
+        """Close the socket; idempotent, and without effect in a forked child."""
+        if not self._socket.closed and os.getpid() == self._process:
             self._socket.disable_monitor()
             self._events.close()
             self._socket.close()

@@ -10,7 +10,9 @@ import subprocess
 import sys
 import tempfile
 import time
+import weakref
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from mesh_motion_client.errors import Unavailable
@@ -49,6 +51,11 @@ def _above_standard(descriptor: int) -> int:
     return higher
 
 
+def _forget(server: weakref.ref[EmbeddedServer]) -> None:
+    if (own := server()) is not None:
+        own.forget()
+
+
 class EmbeddedServer:
     """Starts ``python -m mesh_motion_server serve`` on an ipc endpoint in a private folder.
 
@@ -68,7 +75,7 @@ class EmbeddedServer:
     """
 
     def __init__(self, state: str | os.PathLike[str] | None, timeout: float, options: Sequence[str] = ()) -> None:
-        self._timeout = timeout
+        self._timeout, self._forgotten = timeout, False
         self._folder = tempfile.TemporaryDirectory(prefix=_PREFIX, dir=_short_folder(), ignore_cleanup_errors=True)
         folder = Path(self._folder.name)
         self._log = folder / "log"
@@ -88,6 +95,7 @@ class EmbeddedServer:
                 start_new_session=True,  # Ctrl-C is for the client, which then stops the server in order
             )
         os.close(reader)
+        os.register_at_fork(after_in_child=partial(_forget, weakref.ref(self)))
         self._await(ready)
 
     def _await(self, ready: Path) -> None:
@@ -112,8 +120,18 @@ class EmbeddedServer:
         except (ValueError, KeyError, TypeError):
             return lines[-1]
 
+    def forget(self) -> None:
+        """Leave the server and its folder to the parent: this is a forked child."""
+        if self._lifeline >= 0:
+            os.close(self._lifeline)
+        self._lifeline = -1
+        self._forgotten = True
+        self._folder._finalizer.detach()  # type: ignore[attr-defined]  # it would delete the folder at the child's end
+
     def stop(self) -> None:
-        """Drain and end it; idempotent."""
+        """Drain and end it; idempotent, and without effect in a forked child."""
+        if self._forgotten:
+            return
         if self._lifeline >= 0:
             os.close(self._lifeline)
             self._lifeline = -1
