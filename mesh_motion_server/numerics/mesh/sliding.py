@@ -15,7 +15,8 @@ to the reference mesh: repeated projections cause no drift.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -23,11 +24,19 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.paths import RigidMotion
 from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
 from mesh_motion_server.numerics.mesh.smooth_pieces import Piece, sides, smooth_pieces
 from mesh_motion_server.numerics.mesh.surface_constraints import Held, OnFacets, OnPlanes, SurfaceConstraint
 
 __all__ = ["SlidingSurfaces"]
+
+
+#: A wall maps onto itself if its nodes leave it by less than this share of their motion: on the facets of a circle of 16
+#: segments a rotation does.
+_ACROSS = 0.2
+#: … or by as much as rounding, relative to the coordinates.
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +113,33 @@ class SlidingSurfaces:
             out[rows] = constraint.project(positions[rows], self.reference[rows])
         return out
 
+    def admitted(self, rigid: RigidMotion, positions: Floats) -> RigidMotion | None:
+        """The rigid motion without its shift across plane walls; None if the walls do not map onto themselves.
+
+        Parameters
+        ----------
+        positions : (s, d) array, mesh length unit
+            Admissible positions of the nodes from which they move.
+        """
+        normals = [piece.normal for piece in self.pieces if piece.normal is not None]
+        shift = OnPlanes.from_normals(normals).along(rigid.translation) if normals else rigid.translation
+        along = replace(rigid, translation=shift)
+        carried = along.apply(positions)
+        moved, off = (np.linalg.norm(carried - at, axis=1) for at in (positions, self.project(carried)))
+        rounding = _ROUNDING * float(np.abs(self.reference).max())
+        return along if (off <= _ACROSS * moved + rounding).all() else None
+
     def tangents(self, positions: Floats) -> Floats:
         """(s, d, d) projectors onto the directions in which nodes at admissible positions (s, d) may move."""
         out = np.empty((*positions.shape, positions.shape[1]))
         for rows, constraint in self.groups:
-            out[rows] = constraint.tangents(positions[rows])
+            out[rows] = constraint.tangents(positions[rows], self.reference[rows])
         return out
+
+    @property
+    def slides(self) -> bool:
+        """Whether a node may move at all."""
+        return any(constraint.freedom for _, constraint in self.groups)
 
     def freedom(self) -> Integers:
         """(s,) dimension of the space of those directions; 0 for a node that stays."""
@@ -117,6 +147,16 @@ class SlidingSurfaces:
         for rows, constraint in self.groups:
             out[rows] = constraint.freedom
         return out
+
+    @cached_property
+    def by_freedom(self) -> tuple[SlidingSurfaces, ...]:
+        """The nodes of each freedom, the least first: corners, then lines, then surfaces."""
+        freedom = self.freedom()
+        return tuple(self.of(freedom == value) for value in np.unique(freedom))
+
+    def held(self) -> SlidingSurfaces:
+        """The same nodes, all of which stay at their reference places."""
+        return SlidingSurfaces(self.nodes, self.reference, ((np.arange(len(self.nodes)), Held()),), self.pieces)
 
     def of(self, chosen: Marks) -> SlidingSurfaces:
         """The constraints of some of the nodes: where ``chosen`` (s,) is true."""
