@@ -88,7 +88,7 @@ def fit_rigid_motion(points: Floats, moved: Floats) -> RigidMotion:
 
 
 def fit_screw(points: Floats, moved: Floats, turn: Transform) -> RigidMotion:
-    """The rotation about the axis of a ``turn``, and the shift along it, that take points closest to their moved places.
+    """The rotation about the axis of a ``turn``, and the shift along it, that take points closest to moved ones.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def fit_screw(points: Floats, moved: Floats, turn: Transform) -> RigidMotion:
     """
     d = points.shape[1]
     axis = np.array([0.0, 0.0, 1.0]) if d == 2 else _angle_axis(turn.rotation)[1]
-    centre = np.linalg.lstsq(np.eye(d) - turn.rotation, turn.shift)[0]
+    centre = np.asarray(np.linalg.lstsq(np.eye(d) - turn.rotation, turn.shift)[0], dtype=np.float64)
     x, y = padded(points - centre), padded(moved - centre)
     along = float(np.mean((y - x) @ axis))
     x, y = x - np.outer(x @ axis, axis), y - np.outer(y @ axis, axis)

@@ -32,8 +32,8 @@ from mesh_motion_server.numerics.mesh.surface_constraints import Held, OnFacets,
 __all__ = ["SlidingSurfaces"]
 
 
-#: A wall maps onto itself if its nodes leave it by less than this share of their motion: on the facets of a circle of 16
-#: segments a rotation does.
+#: A wall maps onto itself if its nodes leave it by less than this share of their motion: as a circle of 16 segments
+#: does in a rotation.
 _ACROSS = 0.2
 #: … or by as much as rounding, relative to the coordinates.
 _ROUNDING = 1e-12

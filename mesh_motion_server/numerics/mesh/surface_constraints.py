@@ -130,7 +130,7 @@ class OnFacets:
 
     def project(self, positions: Floats, reference: Floats) -> Floats:
         near, rotations, shifts = nearest_images(positions, reference, self.images)
-        return np.einsum("mij,mj->mi", rotations, self.facets.closest(near)) + shifts
+        return np.asarray(np.einsum("mij,mj->mi", rotations, self.facets.closest(near)) + shifts)
 
     def tangents(self, positions: Floats, reference: Floats) -> Floats:
         near, rotations, _ = nearest_images(positions, reference, self.images)

@@ -104,6 +104,8 @@ class MotionModel(PreparedMesh):
 
         Raises
         ------
+        InvalidInput
+            When moving nodes leave a symmetry plane.
         NumericalError
             When no valid mesh (or, if required, none at the threshold) was found; carries the best minimum quality, the
             worst cells and the largest accepted fraction found of the ``boundary_displacement``, None if
@@ -111,9 +113,11 @@ class MotionModel(PreparedMesh):
         DeadlineExceeded
             If that limit ended all else.
         """
+        self.rims.refuse(targets)
         step = _Step(committed, targets, MakeEachTime() if factors is None else factors)  # an empty cache is falsy
         try:
-            return self._accept_or_lead(step)
+            motion = self._accept_or_lead(step)
+            return replace(motion, warnings=[*self.rims.warnings(targets), *motion.warnings])
         except NumericalError as refusal:
             if not _of_the_mesh(refusal):
                 raise

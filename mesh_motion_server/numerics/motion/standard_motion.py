@@ -274,7 +274,9 @@ class StandardMotion:
         """The stage that takes the control nodes (c,) from ``points`` (n, d) to ``goal`` (c, d)."""
         with watch.phase("solve"):
             origin = points.take(controls, axis=0)  # three times as fast as points[controls]
-            rigid = None if len(self.roles.fixed) else self._carry(points, origin, goal)
+            rigid = None
+            if not len(self.roles.fixed) and not np.array_equal(origin, goal):  # rest stays rest, bitwise
+                rigid = self._carry(points, origin, goal)
             carried = origin if rigid is None else rigid.apply(origin)
             solved = self._levels(points, origin, goal - carried, controls, factors)
             return replace(solved, stage=replace(solved.stage, rigid=rigid))

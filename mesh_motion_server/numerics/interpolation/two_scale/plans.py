@@ -44,9 +44,9 @@ class TwoScalePlans:
         followed: Sequence[Integers] = (),
         controls: Callable[[Integers], Integers] = np.asarray,
     ) -> TwoScalePlans:
-        """Plan for all nodes with a role of a mesh with reference ``points`` (n, d), and for the sets that are followed.
+        """Plan for all nodes with a role of a mesh with reference ``points`` (n, d), and for others.
 
-        ``followed`` are sets of nodes (k,) that sliding nodes follow.
+        ``followed`` are the sets of nodes (k,) that sliding nodes follow.
 
         With a boundary layer ``controls`` gives the control nodes that stand for them.
 
