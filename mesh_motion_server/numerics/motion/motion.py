@@ -48,6 +48,11 @@ _AS_GOOD = 0.9
 _OVERSHOOT = 1.5
 #: … among about so many nodes, since such a displacement is smooth.
 _SAMPLE = 4096
+#: Nodes that slide make nearly every mesh better. If the mesh is not as good as this …
+_GOOD = 0.9
+#: … and worse by more than this with them, they stay. If it is about as good they slide: a wall whose nodes
+#: slide in one coupling iteration and stay in the next one disturbs the flow.
+_WORSE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,6 +203,10 @@ class MotionModel(PreparedMesh):
         if self._overshoots(step, predicted.trial):
             absolute = replace(motion, method=replace(motion.method, displacement="absolute"))
             predicted = max(predicted, self._predict(absolute, step, watch), key=lambda found: found.quality.metric.min)
+        if motion.sliding is not None and predicted.quality.metric.min < _GOOD:
+            held = self._predict(replace(motion, sliding=motion.sliding.held()), step, watch)
+            if held.quality.metric.min > predicted.quality.metric.min + _WORSE:
+                predicted = held
         if predicted.quality.inverted and self.method.correction != "none" and not self.method.allow_invalid:
             # a correction would find no mesh, or one whose cells are all positive but overlap
             worst = [cell.number for cell in predicted.quality.worst]
@@ -291,7 +300,7 @@ class MotionModel(PreparedMesh):
         smooth, committed = self.smooth_with(predicted.motion.layer), step.committed
         if smooth is None or self.method.displacement != "absolute" or np.array_equal(committed, self.points):
             return None
-        before = self.standard_motion.trial(committed, committed[self.roles.moving], predicted.factors, watch)
+        before = predicted.motion.trial(committed, committed[self.roles.moving], predicted.factors, watch)
         return predicted.trial.points + (committed - before.points)
 
     def _lead(self, step: _Step, refusal: NumericalError | None) -> Walk:
