@@ -28,6 +28,7 @@ from mesh_motion_server.numerics.mesh.paths import RigidMotion
 from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
 from mesh_motion_server.numerics.mesh.smooth_pieces import Piece, sides, smooth_pieces
 from mesh_motion_server.numerics.mesh.surface_constraints import Held, OnFacets, OnPlanes, SurfaceConstraint
+from mesh_motion_server.numerics.mesh.wall_lines import WallLine, wall_lines
 
 __all__ = ["SlidingSurfaces"]
 
@@ -53,12 +54,15 @@ class SlidingSurfaces:
         Each row of ``nodes`` in exactly one group.
     pieces : tuple of Piece
         The smooth pieces of the patches.
+    lines : tuple of WallLine
+        Lines along which some of the nodes slide.
     """
 
     nodes: Integers
     reference: Floats
     groups: tuple[tuple[Integers, SurfaceConstraint], ...]
     pieces: tuple[Piece, ...] = ()
+    lines: tuple[WallLine, ...] = ()
 
     @classmethod
     def build(
@@ -104,13 +108,23 @@ class SlidingSurfaces:
             (np.array(members, dtype=np.int64), _constraint(points, [pieces[i] for i in key], images))
             for key, members in rows.items()
         )
-        return cls(nodes, points[nodes], groups, tuple(pieces))
+        found = cls(nodes, points[nodes], groups, tuple(pieces))
+        freedom = np.zeros(len(points), dtype=np.int64)
+        freedom[nodes] = found.freedom()
+        return replace(found, lines=wall_lines(points, pieces, freedom))
 
     def project(self, positions: Floats) -> Floats:
         """The admissible positions nearest to ``positions`` (s, d), a row for each of ``nodes``; mesh length unit."""
         out = np.empty_like(self.reference)
         for rows, constraint in self.groups:
             out[rows] = constraint.project(positions[rows], self.reference[rows])
+        return out
+
+    def in_order(self, positions: Floats, known: Marks) -> Floats:
+        """The positions (n, d) of the mesh's nodes, those of every line in order between the ``known`` (n,) ones."""
+        out = positions.copy()
+        for line in self.lines:
+            out[line.nodes] = line.in_order(positions[line.nodes], known[line.nodes])
         return out
 
     def admitted(self, rigid: RigidMotion, positions: Floats) -> RigidMotion | None:
@@ -136,11 +150,6 @@ class SlidingSurfaces:
             out[rows] = constraint.tangents(positions[rows], self.reference[rows])
         return out
 
-    @property
-    def slides(self) -> bool:
-        """Whether a node may move at all."""
-        return any(constraint.freedom for _, constraint in self.groups)
-
     def freedom(self) -> Integers:
         """(s,) dimension of the space of those directions; 0 for a node that stays."""
         out = np.zeros(len(self.nodes), dtype=np.int64)
@@ -156,13 +165,13 @@ class SlidingSurfaces:
 
     def held(self) -> SlidingSurfaces:
         """The same nodes, all of which stay at their reference places."""
-        return SlidingSurfaces(self.nodes, self.reference, ((np.arange(len(self.nodes)), Held()),), self.pieces)
+        return replace(self, groups=((np.arange(len(self.nodes)), Held()),))
 
     def of(self, chosen: Marks) -> SlidingSurfaces:
         """The constraints of some of the nodes: where ``chosen`` (s,) is true."""
         number = np.cumsum(chosen) - 1
         groups = tuple((number[rows[chosen[rows]]], c) for rows, c in self.groups if chosen[rows].any())
-        return SlidingSurfaces(self.nodes[chosen], self.reference[chosen], groups, self.pieces)
+        return replace(self, nodes=self.nodes[chosen], reference=self.reference[chosen], groups=groups)
 
 
 def _pieces(points: Floats, facets: dict[str, Integers], patches: Mapping[str, Integers]) -> list[Piece]:

@@ -205,7 +205,8 @@ class MotionModel(PreparedMesh):
             predicted = max(predicted, self._predict(absolute, step, watch), key=lambda found: found.quality.metric.min)
         if motion.sliding is not None and predicted.quality.metric.min < _GOOD:
             held = self._predict(replace(motion, sliding=motion.sliding.held()), step, watch)
-            if held.quality.metric.min > predicted.quality.metric.min + _WORSE:
+            gained = held.quality.metric.min - predicted.quality.metric.min
+            if gained > (0.0 if predicted.quality.inverted else _WORSE):
                 predicted = held
         if predicted.quality.inverted and self.method.correction != "none" and not self.method.allow_invalid:
             # a correction would find no mesh, or one whose cells are all positive but overlap

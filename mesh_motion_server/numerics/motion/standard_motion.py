@@ -153,7 +153,7 @@ class StandardMotion:
             self.roles,
             self.method,
             offered=offered,
-            followed=[followed for followed, wall in self._walls() if wall.slides],
+            followed=[followed for followed, wall in self._walls() if wall.freedom().any()],
             controls=other._controls,
         )
         return replace(other, plans=plans)
@@ -241,14 +241,18 @@ class StandardMotion:
         """The ``prescribed`` positions (n, d) with the sliding nodes on their surfaces."""
         for followed, wall in self._walls():
             places = points[wall.nodes]
-            if wall.slides:
+            if wall.freedom().any():  # corners stay
                 walls = self._representatives(followed)
                 following = self._solve(points, walls, prescribed[walls], factors, watch)
                 with watch.phase("displace"):
                     places = following.stage.positions(places)
-            own = np.full(len(places), True) if self.layer is None else ~self.layer.known[wall.nodes]
+            known = np.zeros(len(points), dtype=bool) if self.layer is None else self.layer.known.copy()
+            own = ~known[wall.nodes]
             prescribed[wall.nodes[own]] = wall.project(places)[own]
             prescribed = self._tied(prescribed)
+            if 1 in wall.freedom():
+                known[followed] = True
+                prescribed[wall.nodes] = wall.project(wall.in_order(prescribed, known)[wall.nodes])
         return prescribed
 
     def _controls(self, nodes: Integers) -> Integers:
