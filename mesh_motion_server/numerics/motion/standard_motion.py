@@ -217,8 +217,7 @@ class StandardMotion:
             solved = self._solve(points, roles.prescribed, told, factors, watch)
             with watch.phase("displace"):
                 return self._displaced(points, roles.prescribed, told, solved.stage, factors), solved
-        # without a layer and without images only the nodes with a role are read
-        prescribed = np.empty(points.shape) if self.layer is None and self.periodic is None else points.copy()
+        prescribed = points.copy()
         prescribed[roles.prescribed] = roles.prescribed_positions(targets, self.reference)
         if self.layer is not None:
             with watch.phase("displace"):
