@@ -122,7 +122,7 @@ class MotionModel(PreparedMesh):
         step = _Step(committed, targets, MakeEachTime() if factors is None else factors)  # an empty cache is falsy
         try:
             motion = self._accept_or_lead(step)
-            return replace(motion, warnings=[*self.rims.warnings(targets), *motion.warnings])
+            return replace(motion, warnings=[*motion.warnings, *self.rims.warnings(targets)])
         except NumericalError as refusal:
             if not _of_the_mesh(refusal):
                 raise
