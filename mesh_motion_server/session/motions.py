@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +14,7 @@ from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDispl
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.partitions.meshes import MergedMesh
-from mesh_motion_server.session.partitions.numbering import in_senders_numbers
+from mesh_motion_server.session.partitions.numbering import in_senders_numbers, text_in_senders_numbers
 from mesh_motion_server.session.state import MoveInput
 
 if TYPE_CHECKING:
@@ -83,6 +83,7 @@ def compute(
         motion = model.move(committed, targets, factors, boundary_displacement=boundary)
     except (InvalidInput, NumericalError) as error:
         raise in_senders_numbers(error, mesh) from error
+    motion = replace(motion, warnings=[text_in_senders_numbers(warning, mesh) for warning in motion.warnings])
     displacements = mesh.scatter_differences(motion.points, base, boundary.displacement) if with_displacements else []
     points = _own(motion.points, committed, mesh.points)
     exact = settle(points, base, moving, boundary.displacement)

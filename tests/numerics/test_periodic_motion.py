@@ -111,7 +111,7 @@ def test_pairs_stay_pairs_and_come_back(name: str, displacement: str) -> None:
 @pytest.mark.parametrize("name", MESHES)
 def test_the_correction_uses_periodic_and_sliding_nodes(name: str) -> None:
     mesh, shift = MESHES[name]
-    model = model_of(mesh, correction_target="maximum")
+    model = model_of(mesh, correction_target="maximum", quality_threshold=0.99)
     freed, held = moved(model, *shift), moved(replace(model, constraint=None), *shift)
     assert freed.corrected.metric.min >= held.corrected.metric.min
     if len(model.roles.fixed) or len(model.roles.sliding):
@@ -213,3 +213,28 @@ def test_a_body_with_edges_of_a_billionth_is_moved_with_nothing_set(name: str) -
     trial = model.standard_motion.trial(points, points[body] + [0.02, 0.03], MakeEachTime(), Stopwatch())
     assert trial.factorization.solver == "two-scale"
     assert np.abs(displacement_by(trial, points[body]) - [0.02, 0.03]).max() < 0.03e-10
+
+
+@pytest.mark.parametrize("displacement", ["relative", "absolute", "reanchored"])
+@pytest.mark.parametrize(("kind", "n"), [("quad", 10), ("wedge", 5)])
+@pytest.mark.parametrize("step", [50.0, 170.0, 7 * 60.0])
+def test_a_sector_turns_by_any_angle_between_slip_hub_and_tip(
+    kind: str, n: int, step: float, displacement: str
+) -> None:
+    """Two revolutions at least. The mesh stays as at rest but for the facets, of 12° in space, of hub and tip."""
+    mesh = sector(kind, n, ends="slip")
+    model = model_of(mesh, displacement=displacement, correction="none")
+    points, body = mesh[0], mesh[0][model.roles.moving]
+    for angle in np.arange(step, 721.0 + step, step):
+        found = model.move(points, body @ turn(360, mesh[0].shape[1], angle).T)
+        points = found.points
+        assert found.corrected.metric.min > 0.95
+        assert pair_error(model, points) <= 1e-14
+    surfaces = model.standard_motion.sliding
+    np.testing.assert_allclose(surfaces.project(points[surfaces.nodes]), points[surfaces.nodes], atol=1e-13)
+
+
+def test_a_row_is_carried_along_its_slip_walls_by_several_periods() -> None:
+    model = model_of(periodic_box("quad", 10, ends="slip"), displacement="absolute", correction="none")
+    found = moved(model, 0.0, 7.3)
+    np.testing.assert_allclose(found.points, model.points + np.array([0.0, 7.3]), atol=1e-14)

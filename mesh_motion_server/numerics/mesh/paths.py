@@ -16,8 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.mesh.points import padded
+from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
 
-__all__ = ["RigidMotion", "fit_rigid_motion", "split_rigid", "substeps"]
+__all__ = ["RigidMotion", "fit_rigid_motion", "fit_screw", "split_rigid", "substeps"]
 
 
 #: Directions with less than this share of the points' spread are ignored: their rotation is not determined.
@@ -83,6 +85,27 @@ def fit_rigid_motion(points: Floats, moved: Floats) -> RigidMotion:
     centre, goal = points.mean(axis=0), moved.mean(axis=0)
     angle, axis = _fitted_rotation(points - centre, moved - goal)
     return RigidMotion(centre, goal - centre, angle, axis)
+
+
+def fit_screw(points: Floats, moved: Floats, turn: Transform) -> RigidMotion:
+    """The rotation about the axis of a ``turn``, and the shift along it, that take points closest to moved ones.
+
+    Parameters
+    ----------
+    points, moved : (k, d) arrays, mesh length unit
+        k > 0.
+    turn : Transform
+        That rotates: in 2D about a point.
+    """
+    d = points.shape[1]
+    axis = np.array([0.0, 0.0, 1.0]) if d == 2 else _angle_axis(turn.rotation)[1]
+    centre = np.asarray(np.linalg.lstsq(np.eye(d) - turn.rotation, turn.shift)[0], dtype=np.float64)
+    x, y = padded(points - centre), padded(moved - centre)
+    along = float(np.mean((y - x) @ axis))
+    x, y = x - np.outer(x @ axis, axis), y - np.outer(y @ axis, axis)
+    scale = float(np.sqrt(np.sum(x * x) * np.sum(y * y)))
+    angle = _plane_angle(float(np.sum(x * y)), float(np.sum(np.cross(x, y) @ axis)), scale)
+    return RigidMotion(centre, along * axis[:d], angle, axis)
 
 
 def split_rigid(points: Floats, displacement: Floats) -> tuple[RigidMotion, Floats]:

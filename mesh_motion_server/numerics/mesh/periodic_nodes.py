@@ -17,7 +17,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.paths import RigidMotion
+from mesh_motion_server.numerics.mesh.paths import RigidMotion, fit_screw
 from mesh_motion_server.numerics.mesh.periodic_pairs import PeriodicPair, periodic_pairs
 from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
@@ -147,9 +147,15 @@ class PeriodicNodes:
         return np.where(straight & (origin == own), positions, own + turned)
 
     def carry(self, origin: Floats, goal: Floats) -> RigidMotion | None:
-        """The mean translation that takes control points from origin to goal (k, d); None if the period rotates."""
-        if self.turns:
-            return None
+        """The rigid motion of the whole domain that takes control points from origin closest to goal (k, d).
+
+        The mean translation; with a period that rotates, the mean screw about its axis. None if the periods rotate
+        about several axes.
+        """
+        turning = next((generator for generator in self.generators if generator.turns), None)
+        if turning is not None:
+            found = fit_screw(origin, goal, turning)
+            return found if all(_commute(found, generator, origin) for generator in self.generators) else None
         shift = np.asarray((goal - origin).mean(axis=0))
         return RigidMotion(np.zeros(len(shift)), shift, 0.0, np.array([0.0, 0.0, 1.0]))
 
@@ -203,6 +209,12 @@ class PeriodicNodes:
                 hint="put both on a patch of the same role: a patch that ends at a periodic side has an image there",
                 details={"node": node, "image": root},
             )
+
+
+def _commute(motion: RigidMotion, generator: Transform, points: Floats) -> bool:
+    """Whether points (k, d) that are moved and points whose images are moved stay images, within 1e-9 of the extent."""
+    apart = motion.apply(generator(points)) - generator(motion.apply(points))
+    return bool(np.abs(apart).max() <= _UNCHANGED * np.abs(motion.apply(points) - motion.centre).max())
 
 
 def _orbit(root: int, links: Mapping[int, list[tuple[int, Transform]]], d: int) -> tuple[dict[int, Floats], Floats]:

@@ -11,7 +11,7 @@ import numpy as np
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats
 
-__all__ = ["Transform", "generated_group"]
+__all__ = ["Transform", "generated_group", "nearest_images"]
 
 
 #: Elements that differ by less (a rotation's entries, a shift relative to the scale) are equal but for rounding.
@@ -115,3 +115,30 @@ def _key(element: Transform, scale: float) -> bytes:
     """A key that is the same for elements that are equal but for rounding."""
     numbers = np.concatenate([element.rotation.ravel(), element.shift / scale])
     return np.asarray(np.round(numbers / _SAME) + 0.0).tobytes()
+
+
+def nearest_images(places: Floats, reference: Floats, generators: Sequence[Transform]) -> tuple[Floats, Floats, Floats]:
+    """The periodic image of each place that is nearest to its reference, found one period at a time.
+
+    Parameters
+    ----------
+    places, reference : (m, d) arrays, mesh length unit
+
+    Returns
+    -------
+    (m, d), (m, d, d), (m, d) arrays
+        The images, and R, s of the way back: place = R image + s. The identity, bitwise, for a place that is nearest.
+    """
+    near, shifts = places.copy(), np.zeros(places.shape)
+    rotations = np.broadcast_to(np.eye(places.shape[1]), (*places.shape, places.shape[1])).copy()
+    for step in [s for generator in generators for s in (generator, generator.inverse())]:
+        rows, back = np.arange(len(places)), step.inverse()
+        while len(rows):
+            image = back(near[rows])
+            before, after = (np.sum((at - reference[rows]) ** 2, axis=1) for at in (near[rows], image))
+            nearer = after < before * (1.0 - _SAME)
+            rows = rows[nearer]
+            near[rows] = image[nearer]
+            shifts[rows] += rotations[rows] @ step.shift
+            rotations[rows] = rotations[rows] @ step.rotation
+    return near, rotations, shifts

@@ -15,7 +15,8 @@ to the reference mesh: repeated projections cause no drift.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -23,11 +24,20 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.paths import RigidMotion
 from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
 from mesh_motion_server.numerics.mesh.smooth_pieces import Piece, sides, smooth_pieces
 from mesh_motion_server.numerics.mesh.surface_constraints import Held, OnFacets, OnPlanes, SurfaceConstraint
+from mesh_motion_server.numerics.mesh.wall_lines import WallLine, wall_lines
 
 __all__ = ["SlidingSurfaces"]
+
+
+#: A wall maps onto itself if its nodes leave it by less than this share of their motion: as a circle of 16 segments
+#: does in a rotation.
+_ACROSS = 0.2
+#: … or by as much as rounding, relative to the coordinates.
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +54,15 @@ class SlidingSurfaces:
         Each row of ``nodes`` in exactly one group.
     pieces : tuple of Piece
         The smooth pieces of the patches.
+    lines : tuple of WallLine
+        Lines along which some of the nodes slide.
     """
 
     nodes: Integers
     reference: Floats
     groups: tuple[tuple[Integers, SurfaceConstraint], ...]
     pieces: tuple[Piece, ...] = ()
+    lines: tuple[WallLine, ...] = ()
 
     @classmethod
     def build(
@@ -95,7 +108,10 @@ class SlidingSurfaces:
             (np.array(members, dtype=np.int64), _constraint(points, [pieces[i] for i in key], images))
             for key, members in rows.items()
         )
-        return cls(nodes, points[nodes], groups, tuple(pieces))
+        found = cls(nodes, points[nodes], groups, tuple(pieces))
+        freedom = np.zeros(len(points), dtype=np.int64)
+        freedom[nodes] = found.freedom()
+        return replace(found, lines=wall_lines(points, pieces, freedom))
 
     def project(self, positions: Floats) -> Floats:
         """The admissible positions nearest to ``positions`` (s, d), a row for each of ``nodes``; mesh length unit."""
@@ -104,11 +120,34 @@ class SlidingSurfaces:
             out[rows] = constraint.project(positions[rows], self.reference[rows])
         return out
 
+    def in_order(self, positions: Floats, known: Marks) -> Floats:
+        """The positions (n, d) of the mesh's nodes, those of every line in order between the ``known`` (n,) ones."""
+        out = positions.copy()
+        for line in self.lines:
+            out[line.nodes] = line.in_order(positions[line.nodes], known[line.nodes])
+        return out
+
+    def admitted(self, rigid: RigidMotion, positions: Floats) -> RigidMotion | None:
+        """The rigid motion without its shift across plane walls; None if the walls do not map onto themselves.
+
+        Parameters
+        ----------
+        positions : (s, d) array, mesh length unit
+            Admissible positions of the nodes from which they move.
+        """
+        normals = [piece.normal for piece in self.pieces if piece.normal is not None]
+        shift = OnPlanes.from_normals(normals).along(rigid.translation) if normals else rigid.translation
+        along = replace(rigid, translation=shift)
+        carried = along.apply(positions)
+        moved, off = (np.linalg.norm(carried - at, axis=1) for at in (positions, self.project(carried)))
+        rounding = _ROUNDING * float(np.abs(self.reference).max())
+        return along if (off <= _ACROSS * moved + rounding).all() else None
+
     def tangents(self, positions: Floats) -> Floats:
         """(s, d, d) projectors onto the directions in which nodes at admissible positions (s, d) may move."""
         out = np.empty((*positions.shape, positions.shape[1]))
         for rows, constraint in self.groups:
-            out[rows] = constraint.tangents(positions[rows])
+            out[rows] = constraint.tangents(positions[rows], self.reference[rows])
         return out
 
     def freedom(self) -> Integers:
@@ -118,11 +157,21 @@ class SlidingSurfaces:
             out[rows] = constraint.freedom
         return out
 
+    @cached_property
+    def by_freedom(self) -> tuple[SlidingSurfaces, ...]:
+        """The nodes of each freedom, the least first: corners, then lines, then surfaces."""
+        freedom = self.freedom()
+        return tuple(self.of(freedom == value) for value in np.unique(freedom))
+
+    def held(self) -> SlidingSurfaces:
+        """The same nodes, all of which stay at their reference places."""
+        return replace(self, groups=((np.arange(len(self.nodes)), Held()),))
+
     def of(self, chosen: Marks) -> SlidingSurfaces:
         """The constraints of some of the nodes: where ``chosen`` (s,) is true."""
         number = np.cumsum(chosen) - 1
         groups = tuple((number[rows[chosen[rows]]], c) for rows, c in self.groups if chosen[rows].any())
-        return SlidingSurfaces(self.nodes[chosen], self.reference[chosen], groups, self.pieces)
+        return replace(self, nodes=self.nodes[chosen], reference=self.reference[chosen], groups=groups)
 
 
 def _pieces(points: Floats, facets: dict[str, Integers], patches: Mapping[str, Integers]) -> list[Piece]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.closest_point import FacetSet
-from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
+from mesh_motion_server.numerics.mesh.rigid_transforms import Transform, nearest_images
 
 __all__ = ["Held", "OnFacets", "OnPlanes", "SurfaceConstraint"]
 
@@ -36,7 +36,7 @@ class SurfaceConstraint(Protocol):
         """The admissible positions (m, d) nearest to the given ones, of nodes with ``reference`` positions (m, d)."""
         ...
 
-    def tangents(self, positions: Floats) -> Floats:
+    def tangents(self, positions: Floats, reference: Floats) -> Floats:
         """(m, d, d) orthogonal projectors onto the directions in which nodes at admissible positions (m, d) can go."""
         ...
 
@@ -60,6 +60,10 @@ class OnPlanes:
                 basis.append(rest / length)
         return cls(np.array(basis))
 
+    def along(self, direction: Floats) -> Floats:
+        """The part of a ``direction`` (d,) that is in all the planes."""
+        return np.asarray(direction - self.normals.T @ (self.normals @ direction))
+
     @property
     def freedom(self) -> int:
         return int(self.normals.shape[1] - len(self.normals))
@@ -74,7 +78,8 @@ class OnPlanes:
                 out -= np.sum((out - reference) * normal, axis=1)[:, None] * normal
         return out
 
-    def tangents(self, positions: Floats) -> Floats:
+    def tangents(self, positions: Floats, reference: Floats) -> Floats:
+        del reference
         d = self.normals.shape[1]
         projector = np.eye(d) - self.normals.T @ self.normals
         return np.broadcast_to(projector, (len(positions), d, d))
@@ -90,11 +95,15 @@ class OnFacets:
     tensors : (f, 2 or 3, d, d) array
         At each corner the sum of t tᵀ over the segments, or of n nᵀ over the triangles, that meet there, weighted by
         their size: its first eigenvector is the tangent of the curve, or the normal of the surface.
+    images : sequence of Transform
+        Generators of a periodic domain. The facets and their next images are here; a node that has passed more periods
+        is taken back by them first.
     """
 
     facets: FacetSet
     corners: Floats
     tensors: Floats
+    images: Sequence[Transform] = ()
 
     @classmethod
     def from_simplices(cls, points: Floats, simplices: Integers, *, images: Sequence[Transform] = ()) -> OnFacets:
@@ -113,20 +122,21 @@ class OnFacets:
         tensors = np.zeros((len(used), *own.shape[1:]))
         for column in numbers.T:
             np.add.at(tensors, column, own)
-        return cls(FacetSet(corners), corners, tensors[numbers])
+        return cls(FacetSet(corners), corners, tensors[numbers], images)
 
     @property
     def freedom(self) -> int:
         return int(self.corners.shape[1] - 1)
 
     def project(self, positions: Floats, reference: Floats) -> Floats:
-        del reference
-        return self.facets.closest(positions)
+        near, rotations, shifts = nearest_images(positions, reference, self.images)
+        return np.asarray(np.einsum("mij,mj->mi", rotations, self.facets.closest(near)) + shifts)
 
-    def tangents(self, positions: Floats) -> Floats:
-        places, rows = self.facets.nearest(positions)
+    def tangents(self, positions: Floats, reference: Floats) -> Floats:
+        near, rotations, _ = nearest_images(positions, reference, self.images)
+        places, rows = self.facets.nearest(near)
         weights = _barycentric(places, self.corners[rows])
-        tensor = np.einsum("mk,mkij->mij", weights, self.tensors[rows])
+        tensor = rotations @ np.einsum("mk,mkij->mij", weights, self.tensors[rows]) @ np.swapaxes(rotations, 1, 2)
         first = np.linalg.eigh(tensor)[1][:, :, -1]
         outer = first[:, :, None] * first[:, None, :]
         return outer if self.freedom == 1 else np.asarray(np.eye(outer.shape[1]) - outer)
@@ -142,7 +152,8 @@ class Held:
         del positions
         return reference.copy()
 
-    def tangents(self, positions: Floats) -> Floats:
+    def tangents(self, positions: Floats, reference: Floats) -> Floats:
+        del reference
         return np.zeros((*positions.shape, positions.shape[1]))
 
 

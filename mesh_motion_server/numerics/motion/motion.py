@@ -54,6 +54,11 @@ _AS_GOOD = 0.9
 _OVERSHOOT = 1.5
 #: … among about so many nodes, since such a displacement is smooth.
 _SAMPLE = 4096
+#: Nodes that slide make nearly every mesh better. If the mesh is not as good as this …
+_GOOD = 0.9
+#: … and worse by more than this with them, they stay. If it is about as good they slide: a wall whose nodes
+#: slide in one coupling iteration and stay in the next one disturbs the flow.
+_WORSE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +115,8 @@ class MotionModel(PreparedMesh):
 
         Raises
         ------
+        InvalidInput
+            When moving nodes leave a symmetry plane.
         NumericalError
             When no valid mesh (or, if required, none at the threshold) was found; carries the best minimum quality, the
             worst cells and the largest accepted fraction found of the ``boundary_displacement``, None if
@@ -117,9 +124,11 @@ class MotionModel(PreparedMesh):
         DeadlineExceeded
             If that limit ended all else.
         """
+        self.rims.refuse(targets)
         step = _Step(committed, targets, MakeEachTime() if factors is None else factors)  # an empty cache is falsy
         try:
-            return self._accept_or_lead(step)
+            motion = self._accept_or_lead(step)
+            return replace(motion, warnings=[*motion.warnings, *self.rims.warnings(targets)])
         except NumericalError as refusal:
             if not _of_the_mesh(refusal):
                 raise
@@ -233,6 +242,11 @@ class MotionModel(PreparedMesh):
         if self._overshoots(step, predicted.trial):
             absolute = replace(motion, method=replace(motion.method, displacement="absolute"))
             predicted = max(predicted, self._predict(absolute, step, watch), key=lambda found: found.quality.metric.min)
+        if self.smooth is None and motion.sliding is not None and predicted.quality.metric.min < _GOOD:
+            held = self._predict(replace(motion, sliding=motion.sliding.held()), step, watch)
+            gained = held.quality.metric.min - predicted.quality.metric.min
+            if gained > (0.0 if predicted.quality.inverted else _WORSE):
+                predicted = held
         corrected = self.method.correction != "none" or not predicted.quality.inverted
         if collapsed(predicted.quality) and corrected and not self.method.allow_invalid:
             # a correction would find no mesh, or one whose cells are all positive but overlap or have no size

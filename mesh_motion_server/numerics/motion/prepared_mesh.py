@@ -14,6 +14,7 @@ from mesh_motion_server.numerics.correction.smooth_motion import SmoothMotion
 from mesh_motion_server.numerics.interpolation.support_radius import suggest_enrichment_radius, suggest_support_radius
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.plane_rims import PlaneRims
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer, held_with
@@ -55,6 +56,8 @@ class PreparedMesh:
         Whether a judgement contains the distributions, or the worst cells alone.
     coincident : (c, 2) int64 array
         Boundary nodes at the same place: the first there, and another.
+    rims : PlaneRims
+        Moving nodes on plane slip and symmetry walls.
     """
 
     points: Floats
@@ -66,6 +69,7 @@ class PreparedMesh:
     standard_motion: StandardMotion
     constraint: BoundaryConstraint | None
     coincident: Integers
+    rims: PlaneRims
     warnings: tuple[str, ...]
     smooth: SmoothMotion | None = None
     layered: LayeredWalls | None = None
@@ -116,6 +120,7 @@ class PreparedMesh:
             motion,
             BoundaryConstraint.build(points, cells, patches, motion.sliding, motion.periodic),
             coincident,
+            PlaneRims.build(points, cells, patches, roles.moving),
             tuple(warnings),
             smooth,
             layered,

@@ -16,14 +16,15 @@ The wall carries the nodes of its boundary layer (:mod:`.boundary_layer`), and t
 With a point reduction the interpolation starts from few of the boundary nodes and is corrected near the surface
 (:mod:`.reduced_motion`); everything else stays the same.
 
-When every prescribed node moves (no node is fixed or slides), the best rigid motion is separated first and applied to
-all nodes exactly: a mesh in rigid motion is not deformed at all.
+When every prescribed node moves (no node is fixed), the best rigid motion is separated first and applied to all nodes
+exactly: a mesh in rigid motion is not deformed at all. Slip walls must map onto themselves, as the hub and the tip of a
+sector that turns about its axis do.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,7 +43,7 @@ from mesh_motion_server.numerics.interpolation.kernels import basis_named
 from mesh_motion_server.numerics.interpolation.periodic_interpolant import periodic_factorization_of
 from mesh_motion_server.numerics.interpolation.two_scale.plans import TwoScalePlans, plan_for
 from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.paths import fit_rigid_motion, substeps
+from mesh_motion_server.numerics.mesh.paths import RigidMotion, fit_rigid_motion, substeps
 from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles, Patch
@@ -147,8 +148,25 @@ class StandardMotion:
         """The same motion with another boundary layer, or none, and so with other control points."""
         other = replace(self, layer=layer)
         offered = self.periodic is None
-        plans = TwoScalePlans.build(self.reference, self.roles, self.method, offered=offered, controls=other._controls)
+        plans = TwoScalePlans.build(
+            self.reference,
+            self.roles,
+            self.method,
+            offered=offered,
+            followed=[followed for followed, wall in self._walls() if wall.freedom().any()],
+            controls=other._controls,
+        )
         return replace(other, plans=plans)
+
+    def _walls(self) -> Iterator[tuple[Integers, SlidingSurfaces]]:
+        """The sliding nodes in the order in which they are placed, and the nodes (k,) that each part of them follows.
+
+        Lines follow their ends, and surfaces follow their lines, so that no node passes the end of its wall.
+        """
+        followed = self.roles.prescribed
+        for wall in () if self.sliding is None else self.sliding.by_freedom:
+            yield followed, wall
+            followed = np.union1d(followed, wall.nodes)
 
     def trial(self, committed: Floats, targets: Floats, factors: FactorSource, watch: Stopwatch) -> StandardTrial:
         """Trial positions with ``roles.moving`` at ``targets`` (k, d), bitwise, and every other node following.
@@ -199,20 +217,13 @@ class StandardMotion:
             solved = self._solve(points, roles.prescribed, told, factors, watch)
             with watch.phase("displace"):
                 return self._displaced(points, roles.prescribed, told, solved.stage, factors), solved
-        # without a layer and without images only the nodes with a role are read
-        prescribed = np.empty(points.shape) if self.layer is None and self.periodic is None else points.copy()
+        prescribed = points.copy()
         prescribed[roles.prescribed] = roles.prescribed_positions(targets, self.reference)
         if self.layer is not None:
             with watch.phase("displace"):
                 prescribed[self.layer.nodes] = self.layer.carried(prescribed)
         if self.sliding is not None:
-            walls = self._representatives(roles.prescribed)
-            following = self._solve(points, walls, prescribed[walls], factors, watch)
-            with watch.phase("displace"):
-                slid = self.sliding.project(following.stage.positions(points[roles.sliding]))
-                own = np.ones(len(slid), dtype=bool) if self.layer is None else ~self.layer.known[roles.sliding]
-                prescribed[roles.sliding[own]] = slid[own]
-                prescribed = self._tied(prescribed)
+            prescribed = self._slid(points, prescribed, factors, watch)
         controls = self._representatives(roles.all)
         solved = self._solve(points, controls, prescribed[controls], factors, watch)
         with watch.phase("displace"):
@@ -224,6 +235,24 @@ class StandardMotion:
                 moved = prescribed
                 moved[free] = solved.stage.positions(points[free])
             return self._tied(moved), solved
+
+    def _slid(self, points: Floats, prescribed: Floats, factors: FactorSource, watch: Stopwatch) -> Floats:
+        """The ``prescribed`` positions (n, d) with the sliding nodes on their surfaces."""
+        for followed, wall in self._walls():
+            places = points[wall.nodes]
+            if wall.freedom().any():  # corners stay
+                walls = self._representatives(followed)
+                following = self._solve(points, walls, prescribed[walls], factors, watch)
+                with watch.phase("displace"):
+                    places = following.stage.positions(places)
+            known = np.zeros(len(points), dtype=bool) if self.layer is None else self.layer.known.copy()
+            own = ~known[wall.nodes]
+            prescribed[wall.nodes[own]] = wall.project(places)[own]
+            prescribed = self._tied(prescribed)
+            if 1 in wall.freedom():
+                known[followed] = True
+                prescribed[wall.nodes] = wall.project(wall.in_order(prescribed, known)[wall.nodes])
+        return prescribed
 
     def _controls(self, nodes: Integers) -> Integers:
         """The control nodes for nodes (c,) with a role: a layer's outermost nodes replace the nodes behind them."""
@@ -249,11 +278,18 @@ class StandardMotion:
         with watch.phase("solve"):
             origin = points.take(controls, axis=0)  # three times as fast as points[controls]
             rigid = None
-            if self.sliding is None and not len(self.roles.fixed):
-                rigid = fit_rigid_motion(origin, goal) if self.periodic is None else self.periodic.carry(origin, goal)
+            if not len(self.roles.fixed) and not np.array_equal(origin, goal):  # rest stays rest, bitwise
+                rigid = self._carry(points, origin, goal)
             carried = origin if rigid is None else rigid.apply(origin)
             solved = self._levels(points, origin, goal - carried, controls, factors)
             return replace(solved, stage=replace(solved.stage, rigid=rigid))
+
+    def _carry(self, points: Floats, origin: Floats, goal: Floats) -> RigidMotion | None:
+        """The rigid motion of the mesh ``points`` (n, d) closest to that of control nodes, if its walls admit it."""
+        rigid = fit_rigid_motion(origin, goal) if self.periodic is None else self.periodic.carry(origin, goal)
+        if rigid is None or self.sliding is None:
+            return rigid
+        return self.sliding.admitted(rigid, points[self.sliding.nodes])
 
     def _levels(
         self, points: Floats, origin: Floats, displacement: Floats, controls: Integers, factors: FactorSource

@@ -19,7 +19,7 @@ from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.partitions.meshes import CellOrigin, MergedMesh
 
-__all__ = ["UploadView", "in_senders_numbers", "upload_view"]
+__all__ = ["UploadView", "in_senders_numbers", "text_in_senders_numbers", "upload_view"]
 
 #: The pattern of a node in a message, and the keys of a node in the details.
 _NODE = re.compile(r"\bnode (\d+)")
@@ -76,6 +76,11 @@ def upload_view(mesh: MergedMesh) -> UploadView:
     )
 
 
+def text_in_senders_numbers(text: str, mesh: MergedMesh) -> str:
+    """The text with its nodes, which are in canonical numbering, by their global ids."""
+    return _NODE.sub(lambda found: f"node {mesh.global_ids[int(found[1])]}", text)
+
+
 def in_senders_numbers(error: _Error, mesh: MergedMesh) -> _Error:
     """What is wrong with a motion, its nodes in canonical numbering, as their senders know them.
 
@@ -83,7 +88,7 @@ def in_senders_numbers(error: _Error, mesh: MergedMesh) -> _Error:
     the details have the node's partition and local index too.
     """
     told, details = copy.copy(error), dict(error.details)
-    told.message = _NODE.sub(lambda found: f"node {mesh.global_ids[int(found[1])]}", error.message)
+    told.message = text_in_senders_numbers(error.message, mesh)
     for key in _NODE_KEYS:
         if isinstance(node := details.get(key), int):
             details[key] = int(mesh.global_ids[node])

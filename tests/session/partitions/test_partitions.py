@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.session.partitions.merging import merge
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
-from mesh_motion_server.session.partitions.numbering import in_senders_numbers, upload_view
+from mesh_motion_server.session.partitions.numbering import in_senders_numbers, text_in_senders_numbers, upload_view
 from proofs.stand_in import grid_mesh, split_mesh
 
 
@@ -196,6 +196,7 @@ def test_an_error_about_a_motion_counts_nodes_as_their_senders_do(parts: int) ->
     told = in_senders_numbers(raised, mesh)
     ids = mesh.global_ids
     assert told.message == f"node {ids[node]} and node {ids[image]} differ by 7"
+    assert text_in_senders_numbers(f"moving node {node} is off", mesh) == f"moving node {ids[node]} is off"
     assert (told.code, told.hint, told.details["image"]) == (raised.code, "h", ids[image])
     sender = meshes[int(told.details.get("partition", 0))]
     assert sender.global_ids[told.details["node"]] == ids[node] == told.details.get("global_id", ids[node])

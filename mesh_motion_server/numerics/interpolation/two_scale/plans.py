@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,16 +41,19 @@ class TwoScalePlans:
         method: Method,
         *,
         offered: bool,
+        followed: Sequence[Integers] = (),
         controls: Callable[[Integers], Integers] = np.asarray,
     ) -> TwoScalePlans:
-        """Plan for the prescribed nodes of a mesh with reference ``points`` (n, d), and for all that slide too.
+        """Plan for all nodes with a role of a mesh with reference ``points`` (n, d), and for others.
+
+        ``followed`` are the sets of nodes (k,) that sliding nodes follow.
 
         With a boundary layer ``controls`` gives the control nodes that stand for them.
 
         There is no plan if the method reduces the control points, if two scales are not ``offered``, or if one scale is
         enough for all of them.
         """
-        sets = [controls(nodes) for nodes in (roles.all, roles.prescribed)[: 2 if len(roles.sliding) else 1]]
+        sets = [controls(nodes) for nodes in (roles.all, *followed)]
         if not offered or method.reduction != "none" or not basis_named(method.basis).compact:
             return cls(())
         planned = [(nodes, plan_for(points, nodes, roles, method)) for nodes in sets]

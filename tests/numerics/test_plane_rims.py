@@ -1,0 +1,49 @@
+"""Moving nodes on a plane wall stay on it: refused for a symmetry plane, a warning for a slip plane."""
+
+import numpy as np
+import pytest
+from box_meshes import box_mesh
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.motion import MotionModel
+
+
+def piston(role: str, kind: str = "quad") -> MotionModel:
+    """A box whose side x = 0 moves; the side y = 0, which it meets, has the role."""
+    points = (mesh := box_mesh(kind, 5)).points
+    patches = {
+        "piston": Patch("moving", np.flatnonzero(points[:, 0] == 0.0)),
+        "wall": Patch(role, np.flatnonzero(points[:, 1] == 0.0)),
+    }
+    return MotionModel.build(points, mesh.cells, patches, Method(correction="none", allow_invalid=True))
+
+
+def shifted(model: MotionModel, *shift: float) -> np.ndarray:
+    return model.points[model.roles.moving] + np.resize([*shift, 0.0], model.points.shape[1])
+
+
+@pytest.mark.parametrize("kind", ["quad", "tetra"])
+def test_a_symmetry_plane_that_is_left_is_named(kind: str) -> None:
+    model = piston("symmetry", kind)
+    with pytest.raises(
+        InvalidInput, match=r"moving node \d+ leaves the plane of the symmetry patch 'wall'.* 0\.1 off"
+    ) as e:
+        model.move(model.points, shifted(model, 0.01, -0.1))
+    assert e.value.details["patch"] == "wall"
+    assert model.points[e.value.details["node"], 1] == 0.0
+    assert e.value.details["distance"] == pytest.approx(0.1)
+
+
+def test_a_slip_plane_that_is_left_is_a_warning() -> None:
+    model = piston("slip")
+    warnings = model.move(model.points, shifted(model, 0.01, -0.1)).warnings
+    assert any("leaves the plane of the slip patch 'wall': it is 0.1 off" in warning for warning in warnings)
+
+
+@pytest.mark.parametrize("role", ["slip", "symmetry"])
+@pytest.mark.parametrize("off", [0.0, 1e-7], ids=["in the plane", "single precision"])
+def test_a_motion_in_the_plane_is_accepted_without_a_word(role: str, off: float) -> None:
+    model = piston(role)
+    assert model.move(model.points, shifted(model, 0.05, off)).warnings == []
