@@ -38,10 +38,12 @@ _Rows = list[str]
 class _Zone:
     """The content of the sections of one zone read so far.
 
+    n_markers : the markers that NMARK announces and that have not been read
     markers : {name: {type: [(m, k) nodes]}}, vertices with the type ""
     """
 
     dimension: int = 0
+    n_markers: int = 0
     points: _Rows = field(default_factory=list)
     cells: dict[str, Integers] = field(default_factory=dict)
     markers: dict[str, dict[str, list[Integers]]] = field(default_factory=dict)
@@ -92,27 +94,41 @@ def _read_zones(text: str) -> dict[str, _Zone]:
     """Read the sections, in any order."""
     zone, marker = _Zone(), ""
     zones: dict[str, _Zone] = {}
+    announced = 1
     for key, value, rows in _sections(text):
         match key:
+            case "NZONE":
+                announced = int(value)
             case "IZONE":
                 zone = zones[value] = _Zone()
             case "NDIME":
                 zone.dimension = int(value)
                 if not 1 <= zone.dimension <= 3:
                     raise ValueError(f"NDIME= {value}, expected 2 or 3")
+            case "NPOIN" | "NELEM" if zone.points if key == "NPOIN" else zone.cells:
+                raise ValueError(f"{key}= appears twice in one zone")
             case "NPOIN":
                 zone.points = _counted(rows, int(value.split()[0]), key)
             case "NELEM":
                 zone.cells = _elements(_counted(rows, int(value.split()[0]), key), _CELLS)
+            case "NMARK":
+                zone.n_markers = int(value)
             case "MARKERTAG":
                 marker = value
+                zone.n_markers -= 1
             case "MARKERELEMS":
                 elements = _counted(rows, int(value.split()[0]), key)
                 if marker != _HALO:
                     zone.add_marker(marker, elements)
             case _:
-                continue  # redundant counts (NMARK), and keys that do not describe the mesh (FFD_NBOX, …)
-    return zones or {"1": zone}
+                continue  # keys that do not describe the mesh (FFD_NBOX, …)
+    zones = zones or {"1": zone}
+    if len(zones) < announced:
+        raise ValueError(f"NZONE= {announced}, but only {len(zones)} follow")
+    for name, one in zones.items():
+        if one.n_markers > 0:
+            raise ValueError(f"zone {name}: {one.n_markers} markers less than its NMARK announces")
+    return zones
 
 
 def _sections(text: str) -> Iterator[tuple[str, str, _Rows]]:
@@ -135,10 +151,10 @@ def _key_of(line: str) -> tuple[str, str]:
 
 
 def _counted(rows: _Rows, count: int, key: str) -> _Rows:
-    """The first ``count`` lines."""
-    if not 0 <= count <= len(rows):
-        raise ValueError(f"{key}= {count}, but only {len(rows)} rows follow")
-    return rows[:count]
+    """The lines, which must be ``count`` lines."""
+    if count != len(rows):
+        raise ValueError(f"{key}= {count}, but {'only ' if len(rows) < count else ''}{len(rows)} rows follow")
+    return rows
 
 
 def _elements(rows: _Rows, types: Mapping[int, tuple[str, int]]) -> dict[str, Integers]:
