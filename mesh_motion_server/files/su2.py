@@ -60,16 +60,16 @@ class _Zone:
                 if not 1 <= self.dimension <= 3:
                     raise ValueError(f"NDIME= {value}, expected 2 or 3")
             case "NPOIN":
-                self.points = _counted(rows, int(value.split()[0]), key)
+                self.points = _counted(rows, int(value.split(maxsplit=1)[0]), key)
             case "NELEM":
-                self.cells = _elements(_counted(rows, int(value.split()[0]), key), _CELLS)
+                self.cells = _elements(_counted(rows, int(value.split(maxsplit=1)[0]), key), _CELLS)
             case "NMARK":
                 self.markers_left += int(value)
             case "MARKERTAG":
                 self.marker = value
                 self.markers_left -= 1
             case "MARKERELEMS":
-                elements = _counted(rows, int(value.split()[0]), key)
+                elements = _counted(rows, int(value.split(maxsplit=1)[0]), key)
                 if self.marker != _HALO:
                     self.add_marker(self.marker, elements)
 
