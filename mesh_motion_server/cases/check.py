@@ -19,10 +19,12 @@ from mesh_motion_server.files import MeshFile, read_mesh
 from mesh_motion_server.files.reader import is_mesh
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_server.numerics.mesh.one_layer import OneLayer
 from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.motion.acceptance import other_unit
 from mesh_motion_server.numerics.motion.method_check import check_method
+from mesh_motion_server.numerics.motion.one_layer_motion import AS_A_PLANE
 from mesh_motion_server.numerics.quality.mesh_check import checked_mesh, suggest_support_radius
 from mesh_motion_server.numerics.quality.metrics import cell_quality
 from mesh_motion_server.numerics.quality.orientation import oriented
@@ -158,6 +160,8 @@ def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] |
             patches = {"boundary": Patch("moving", boundary)}
         cells, sizes, noticed, *_ = checked_mesh(mesh.points, mesh.cell_table, patches)
         warnings += noticed
+        if OneLayer.find(mesh.points, cells, patches) is not None:
+            warnings.append(AS_A_PLANE)
         split = BoundaryRoles.from_patches(patches)
         periodic = PeriodicNodes.build(mesh.points, cells, patches, split)
     except InvalidInput as error:

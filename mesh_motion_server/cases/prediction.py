@@ -14,6 +14,7 @@ from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.motion.motion_found import Motion
+from mesh_motion_server.numerics.motion.one_layer_motion import OneLayerMotion, motion_model
 
 __all__ = ["Prediction", "named"]
 
@@ -22,7 +23,7 @@ __all__ = ["Prediction", "named"]
 class Prediction:
     """A case's mesh, method and motion."""
 
-    model: MotionModel
+    model: MotionModel | OneLayerMotion
     program: MotionProgram
     reference: Floats
 
@@ -31,7 +32,7 @@ class Prediction:
         """Prepare the data for all steps; errors are the same as when a session is opened."""
         patches = {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
         method = case.content.method.to_method()
-        return cls(MotionModel.build(mesh.points, mesh.cell_table, patches, method), program, mesh.points)
+        return cls(motion_model(mesh.points, mesh.cell_table, patches, method), program, mesh.points)
 
     def targets(self, step: int) -> Floats:
         """(k, d) prescribed positions of the moving nodes."""

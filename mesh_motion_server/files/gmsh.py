@@ -1,7 +1,8 @@
 """Gmsh's MSH format, versions 2.2 and 4.1, ASCII and binary. Physical groups of lower dimension become patches.
 
 The binary and the ASCII form of a section hold the same values in the same order, so both are read through one
-:class:`Values`. An element may belong to several physical groups; a group without a name becomes the patch ``"<tag>"``.
+:class:`Values`. An element may belong to several physical groups; a group without a name becomes the patch ``"<tag>"``,
+or ``"curve_<tag>"`` if a surface has the same number: curves and surfaces are numbered apart.
 
 http://gmsh.info/doc/texinfo/gmsh.html#MSH-file-format
 """
@@ -11,14 +12,14 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.gmsh_values import AsciiValues, BinaryValues, Values
-from mesh_motion_server.files.mesh_file import MeshFile, assemble
+from mesh_motion_server.files.mesh_file import MeshFile, assemble, group_names
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
@@ -50,6 +51,7 @@ class _Content:
     tags: Integers = field(default_factory=lambda: np.empty(0, dtype=np.int64))  # (n,) node tags
     points: Floats = field(default_factory=lambda: np.empty((0, 3)))
     blocks: list[_Block] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
 
 def read_gmsh(path: Path) -> MeshFile:
@@ -66,7 +68,8 @@ def read_gmsh(path: Path) -> MeshFile:
         cells, patches = _cells(content, rows), _patches(content, rows)
     except (ValueError, IndexError, OverflowError) as error:
         raise InvalidInput(f"{path}: malformed or unsupported Gmsh file: {error}") from None
-    return assemble(path, content.points, cells, patches)
+    mesh = assemble(path, content.points, cells, patches)
+    return replace(mesh, notes=(*mesh.notes, *content.notes))
 
 
 def _read_sections(data: bytes) -> _Content:
@@ -93,8 +96,12 @@ def _read_sections(data: bytes) -> _Content:
         elif name in readers:
             values: Values = BinaryValues(data, start, order, word) if binary else AsciiValues(data, start, name)
             readers[name](content, values)
+            if name != b"Entities":
+                values.require_end(name.decode())
             end = values.end
         else:
+            if name not in _BESIDE:
+                content.notes.append(f"its section ${name.decode()} is not read")
             end = data.index(b"$End" + name, start)
         end_mark = b"$End" + name
         position = data.index(end_mark, end) + len(end_mark)
@@ -126,7 +133,7 @@ def _read_entities_41(content: _Content, values: Values) -> None:
 
 def _read_nodes_41(content: _Content, values: Values) -> None:
     """$Nodes: entity blocks, each with its tags first, then its coordinates (and parameters, which are dropped)."""
-    n_blocks, _, _, _ = values.sizes(4)
+    n_blocks, announced, _, _ = values.sizes(4)
     tags, points = [content.tags], [content.points]
     for _ in range(n_blocks):
         dimension, _, parametric = values.ints(3)
@@ -135,17 +142,25 @@ def _read_nodes_41(content: _Content, values: Values) -> None:
         tags.append(values.sizes(count))
         points.append(values.doubles(count * columns).reshape(count, columns)[:, :3])
     content.tags, content.points = np.concatenate(tags), np.concatenate(points)
+    _require_count("nodes", announced, len(content.tags))
 
 
 def _read_elements_41(content: _Content, values: Values) -> None:
     """$Elements: entity blocks of one type each; a row is the element's tag and its nodes' tags."""
-    n_blocks, _, _, _ = values.sizes(4)
+    n_blocks, announced, _, _ = values.sizes(4)
     for _ in range(n_blocks):
         dimension, entity, code = (int(v) for v in values.ints(3))
         count = int(values.sizes(1)[0])
         name, n_nodes = _element_type(code)
         nodes = values.sizes(count * (1 + n_nodes)).reshape(count, 1 + n_nodes)[:, 1:]
         content.blocks.append(_Block(dimension, name, nodes, content.groups.get((dimension, entity), ())))
+    _require_count("elements", announced, sum(len(block.nodes) for block in content.blocks))
+
+
+def _require_count(what: str, announced: int, read: int) -> None:
+    """Refuse a section with another number of items than it announces."""
+    if announced != read:
+        raise ValueError(f"it announces {announced} {what}, but has {read}")
 
 
 # --- 2.2 -------------------------------------------------------------------------------------------------------------
@@ -154,6 +169,17 @@ def _read_elements_41(content: _Content, values: Values) -> None:
 def _read_nodes_22(content: _Content, values: Values) -> None:
     """$Nodes: a count, then tag and coordinates of each node."""
     content.tags, content.points = values.numbered_points(values.text_count())
+
+
+def _read_parametric_nodes_22(content: _Content, values: Values) -> None:
+    """$ParametricNodes, for $Nodes: after the coordinates the entity of each node, and its parameters there."""
+    count = values.text_count()
+    content.tags, content.points = np.empty(count, dtype=np.int64), np.empty((count, 3))
+    for row in range(count):
+        content.tags[row] = values.ints(1)[0]
+        content.points[row] = values.doubles(3)
+        dimension, _ = values.ints(2)
+        values.doubles(int(dimension) if dimension in (1, 2) else 0)
 
 
 def _read_elements_22(content: _Content, values: Values) -> None:
@@ -176,10 +202,26 @@ def _runs_22(values: Values, count: int) -> Iterator[tuple[int, int, Integers]]:
         for group in np.unique(groups):
             yield code, int(group), rows[groups == group, n_tags:]
         done += len(rows)
+    _require_count("elements", count, done)
 
 
 _READERS_41 = {b"Entities": _read_entities_41, b"Nodes": _read_nodes_41, b"Elements": _read_elements_41}
-_READERS_22 = {b"Nodes": _read_nodes_22, b"Elements": _read_elements_22}
+_READERS_22 = {
+    b"Nodes": _read_nodes_22,
+    b"ParametricNodes": _read_parametric_nodes_22,
+    b"Elements": _read_elements_22,
+}
+#: Sections that say nothing of nodes, cells and groups.
+_BESIDE = {
+    b"Comments",
+    b"ElementData",
+    b"ElementNodeData",
+    b"GhostElements",
+    b"InterpolationScheme",
+    b"NodeData",
+    b"Parametrizations",
+    b"Periodic",
+}
 
 
 # --- both ------------------------------------------------------------------------------------------------------------
@@ -240,10 +282,10 @@ def _merge(blocks: list[_Block]) -> Integers:
 def _patches(content: _Content, rows: _NodeRows) -> dict[str, Integers]:
     """{name: (p,) node rows, with repeats} of the groups of lower dimension than the mesh."""
     top = max((block.dimension for block in content.blocks), default=0)
+    lower = [block for block in content.blocks if block.dimension < top]
+    names = group_names([(block.dimension, group) for block in lower for group in block.groups], content.names)
     found: dict[str, list[Integers]] = defaultdict(list)
-    for block in content.blocks:
-        if block.dimension < top:
-            for group in block.groups:
-                name = content.names.get((block.dimension, group), str(group))
-                found[name].append(rows(block.nodes.ravel()))
+    for block in lower:
+        for group in block.groups:
+            found[names[block.dimension, group]].append(rows(block.nodes.ravel()))
     return {name: np.concatenate(parts) for name, parts in found.items()}

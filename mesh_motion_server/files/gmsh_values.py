@@ -24,6 +24,9 @@ class Values(Protocol):
     def end(self) -> int:
         """Position in the file after the values taken so far, before the section's end mark."""
 
+    def require_end(self, name: str) -> None:
+        """Refuse a section ``name`` that has more values than it announces."""
+
     def ints(self, count: int) -> Integers:
         """The next C ``int`` values."""
 
@@ -58,6 +61,10 @@ class AsciiValues:
     @property
     def end(self) -> int:
         return self._stop
+
+    def require_end(self, name: str) -> None:
+        if self._next < len(self._values):
+            raise ValueError(f"section ${name} has {len(self._values) - self._next} more values than it announces")
 
     def doubles(self, count: int) -> Floats:
         first, self._next = self._next, self._next + count
@@ -110,6 +117,10 @@ class BinaryValues:
     @property
     def end(self) -> int:
         return self._next
+
+    def require_end(self, name: str) -> None:
+        if not self._data[self._next : self._next + 8].lstrip().startswith(b"$End"):
+            raise ValueError(f"section ${name} has more values than it announces")
 
     def _take(self, dtype: np.dtype[np.generic], count: int) -> NDArray[np.generic]:
         first, self._next = self._next, self._next + count * dtype.itemsize

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +12,9 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 
-__all__ = ["MeshFile", "assemble", "chosen_zone"]
+__all__ = ["MeshFile", "assemble", "chosen_zone", "group_names"]
+
+_KINDS = ("point", "curve", "surface", "volume")
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +92,20 @@ def assemble(path: Path, points: Floats, cells: Mapping[str, Integers], patches:
     only_lines = ("the mesh is 1D, it has lines only: was the group of its surface or volume not saved?",)
     notes = only_lines if dimension == 1 else ()
     return MeshFile(points, used, nodes_of, path, notes=notes)
+
+
+def group_names(groups: Iterable[tuple[int, int]], names: Mapping[tuple[int, int], str]) -> dict[tuple[int, int], str]:
+    """The patch of each group (dimension, number): its name, or its number, which curves and surfaces count apart.
+
+    Without names, the group of the highest dimension with a number is the patch ``"1"``, others are ``"curve_1"``.
+    """
+    found = {group: names[group] for group in groups if group in names}
+    taken = set(found.values())
+    for dimension, number in sorted(set(groups) - set(found), reverse=True):
+        name = str(number) if str(number) not in taken else f"{_KINDS[dimension]}_{number}"
+        found[dimension, number] = name
+        taken.add(name)
+    return found
 
 
 def chosen_zone(path: Path, names: Sequence[str], zone: str) -> str:

@@ -20,6 +20,7 @@ READERS: dict[str, Callable[[Path], MeshFile]] = {
     ".su2": read_su2,
     ".vtk": read_vtk,
     ".vtu": read_vtk,
+    ".pvtu": read_vtk,
     ".cgns": read_cgns,
     ".foam": read_polymesh,
 }
@@ -39,8 +40,8 @@ def read_mesh(path: Path | str, zone: str = "") -> MeshFile:
     Parameters
     ----------
     path : path
-        ``.npz``, ``.msh`` (Gmsh 2.2, 4.1), ``.su2``, ``.vtk``, ``.vtu`` or ``.cgns``; an OpenFOAM case, its ``.foam``
-        file or a polyMesh folder.
+        ``.npz``, ``.msh`` (Gmsh 2.2, 4.1), ``.su2``, ``.vtk``, ``.vtu``, ``.pvtu`` or ``.cgns``; an OpenFOAM case, its
+        ``.foam`` file or a polyMesh folder.
     zone : str
         The name or number of a zone, if the file has several.
 

@@ -38,13 +38,40 @@ _Rows = list[str]
 class _Zone:
     """The content of the sections of one zone read so far.
 
+    markers_left : the markers that NMARK announces and that have not been read
+    marker : the one that is read
     markers : {name: {type: [(m, k) nodes]}}, vertices with the type ""
     """
 
     dimension: int = 0
+    markers_left: int = 0
+    marker: str = ""
     points: _Rows = field(default_factory=list)
     cells: dict[str, Integers] = field(default_factory=dict)
     markers: dict[str, dict[str, list[Integers]]] = field(default_factory=dict)
+
+    def take(self, key: str, value: str, rows: _Rows) -> None:
+        """Add a section; keys that do not describe the mesh (FFD_NBOX, …) are skipped."""
+        if key in ("NPOIN", "NELEM") and (self.points if key == "NPOIN" else self.cells):
+            raise ValueError(f"{key}= appears twice in one zone")
+        match key:
+            case "NDIME":
+                self.dimension = int(value)
+                if not 1 <= self.dimension <= 3:
+                    raise ValueError(f"NDIME= {value}, expected 2 or 3")
+            case "NPOIN":
+                self.points = _counted(rows, int(value.split(maxsplit=1)[0]), key)
+            case "NELEM":
+                self.cells = _elements(_counted(rows, int(value.split(maxsplit=1)[0]), key), _CELLS)
+            case "NMARK":
+                self.markers_left += int(value)
+            case "MARKERTAG":
+                self.marker = value
+                self.markers_left -= 1
+            case "MARKERELEMS":
+                elements = _counted(rows, int(value.split(maxsplit=1)[0]), key)
+                if self.marker != _HALO:
+                    self.add_marker(self.marker, elements)
 
     def add_marker(self, name: str, rows: _Rows) -> None:
         """Add the vertices and facets of a marker."""
@@ -90,29 +117,22 @@ def read_su2(path: Path, zone: str = "") -> MeshFile:
 
 def _read_zones(text: str) -> dict[str, _Zone]:
     """Read the sections, in any order."""
-    zone, marker = _Zone(), ""
+    zone, announced = _Zone(), 1
     zones: dict[str, _Zone] = {}
     for key, value, rows in _sections(text):
-        match key:
-            case "IZONE":
-                zone = zones[value] = _Zone()
-            case "NDIME":
-                zone.dimension = int(value)
-                if not 1 <= zone.dimension <= 3:
-                    raise ValueError(f"NDIME= {value}, expected 2 or 3")
-            case "NPOIN":
-                zone.points = _counted(rows, int(value.split()[0]), key)
-            case "NELEM":
-                zone.cells = _elements(_counted(rows, int(value.split()[0]), key), _CELLS)
-            case "MARKERTAG":
-                marker = value
-            case "MARKERELEMS":
-                elements = _counted(rows, int(value.split()[0]), key)
-                if marker != _HALO:
-                    zone.add_marker(marker, elements)
-            case _:
-                continue  # redundant counts (NMARK), and keys that do not describe the mesh (FFD_NBOX, …)
-    return zones or {"1": zone}
+        if key == "NZONE":
+            announced = int(value)
+        elif key == "IZONE":
+            zone = zones[value] = _Zone()
+        else:
+            zone.take(key, value, rows)
+    zones = zones or {"1": zone}
+    if len(zones) < announced:
+        raise ValueError(f"NZONE= {announced}, but only {len(zones)} follow")
+    for name, one in zones.items():
+        if one.markers_left > 0:
+            raise ValueError(f"zone {name}: {one.markers_left} markers less than its NMARK announces")
+    return zones
 
 
 def _sections(text: str) -> Iterator[tuple[str, str, _Rows]]:
@@ -135,10 +155,10 @@ def _key_of(line: str) -> tuple[str, str]:
 
 
 def _counted(rows: _Rows, count: int, key: str) -> _Rows:
-    """The first ``count`` lines."""
-    if not 0 <= count <= len(rows):
-        raise ValueError(f"{key}= {count}, but only {len(rows)} rows follow")
-    return rows[:count]
+    """The lines, which must be ``count`` lines."""
+    if count != len(rows):
+        raise ValueError(f"{key}= {count}, but {'only ' if len(rows) < count else ''}{len(rows)} rows follow")
+    return rows
 
 
 def _elements(rows: _Rows, types: Mapping[int, tuple[str, int]]) -> dict[str, Integers]:

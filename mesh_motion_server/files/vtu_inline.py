@@ -8,7 +8,6 @@ https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
 
 import base64
 import re
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -19,7 +18,7 @@ _APPENDED = re.compile(rb"<AppendedData\s[^>]*encoding\s*=\s*[\"']raw[\"'][^>]*>
 _END = b"</AppendedData>"
 
 
-def inlined(path: Path) -> bytes | None:
+def inlined(raw: bytes) -> bytes | None:
     """The same file without appended data; None if it has no raw appended data.
 
     Raises
@@ -27,7 +26,6 @@ def inlined(path: Path) -> bytes | None:
     ValueError
         If an array reaches beyond the file; XML errors pass through.
     """
-    raw = path.read_bytes()
     begin = _APPENDED.search(raw)
     if begin is None:
         return None

@@ -23,7 +23,6 @@ from mesh_motion_server.distributed.region import Region
 from mesh_motion_server.errors import JournalError, SessionError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.finite_volume import face_measures
 from mesh_motion_server.numerics.motion.acceptance import quality_warnings, refuse_unacceptable
 from mesh_motion_server.numerics.quality.quality_summary import QualitySummary
 from mesh_motion_server.session.corrections import CorrectOutcome, correct, first_extent, is_good
@@ -167,7 +166,7 @@ class Session(Position):
         judged = computed.motion.corrected if computed.exact and in_full and field is None else None
         coefficients = None if field is None else field.coefficients
         trial = Trial(self.step + 1, self.iteration + 1, computed.points, judged, move_input, coefficients)
-        measured = (built.faces, face_measures(trial.points, built.mesh.cells)) if report == "faces" else ()
+        measured = (built.faces, built.faces_at(trial.points)) if report == "faces" else ()
         faces = tuple(filter(None, measured))
         failpoint("session.move.computed")
         self._swap(state=state, trial=trial)

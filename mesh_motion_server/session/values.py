@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 from mesh_motion_server.distributed.field import Field, FieldPart
 from mesh_motion_server.distributed.region import Extent
 from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, face_measures
 from mesh_motion_server.numerics.mesh.points import bounding_box
+from mesh_motion_server.numerics.quality.orientation import oriented
 from mesh_motion_server.session.journal.keeper import Keeper
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.partitions.meshes import MergedMesh
@@ -64,7 +66,15 @@ class Built:
     @cached_property
     def faces(self) -> FaceMeasures | None:
         """Of the reference mesh; measured when somebody first asks."""
-        return face_measures(self.mesh.points, self.mesh.cells)
+        return self.faces_at(self.mesh.points)
+
+    def faces_at(self, points: Floats) -> FaceMeasures | None:
+        """Of the mesh with its nodes at ``points`` (n, d), the cells in the orientation that the model judges."""
+        return face_measures(points, self._oriented_cells)
+
+    @cached_property
+    def _oriented_cells(self) -> CellTable:
+        return oriented(self.mesh.points, self.mesh.cells).cells
 
 
 @dataclass(frozen=True, eq=False)

@@ -190,3 +190,55 @@ def test_a_long_ascii_file_of_changing_types_is_read_in_runs(tmp_path: Path) -> 
     mesh = read_mesh(path)
     assert len(mesh.cells["triangle"]) == triangles == 666
     np.testing.assert_array_equal(mesh.patches["edge"], [0, 1])
+
+
+def box_with_one_number_twice(model: Any) -> None:
+    """A box: the surface x = 0 and a curve at x = 1 are both group 1 of their dimension, a corner is point 1."""
+    model.occ.addBox(0, 0, 0, 1, 1, 1)
+    model.occ.synchronize()
+    places = {tuple(np.round(model.occ.getCenterOfMass(d, t), 6)): t for d in (1, 2) for _, t in model.getEntities(d)}
+    model.addPhysicalGroup(2, [places[0.0, 0.5, 0.5]], tag=1)
+    model.addPhysicalGroup(1, [places[1.0, 0.5, 0.0]], tag=1)
+    model.addPhysicalGroup(0, [model.getEntities(0)[0][1]], tag=1)
+    model.addPhysicalGroup(3, [1], tag=1)
+    model.mesh.setSize(model.getEntities(0), 0.5)
+    model.mesh.generate(3)
+
+
+@pytest.mark.parametrize(("version", "binary"), FORMS)
+def test_groups_of_two_dimensions_with_one_number_are_two_patches(
+    model: Any, tmp_path: Path, version: float, binary: int
+) -> None:
+    box_with_one_number_twice(model)
+    mesh = read_mesh(save(tmp_path / "box.msh", version, binary))
+    assert set(mesh.patches) == {"1", "curve_1", "point_1"}
+    np.testing.assert_array_equal(mesh.patches["1"], np.flatnonzero(mesh.points[:, 0] == 0.0))
+    x, _, z = mesh.points.T
+    np.testing.assert_array_equal(mesh.patches["curve_1"], np.flatnonzero((x == 1.0) & (z == 0.0)))
+    assert len(mesh.patches["point_1"]) == 1
+
+
+@pytest.mark.parametrize(("version", "binary"), FORMS)
+def test_nodes_with_parameters_are_the_same_nodes(model: Any, tmp_path: Path, version: float, binary: int) -> None:
+    box_with_one_number_twice(model)
+    plain = read_mesh(save(tmp_path / "plain.msh", version, binary))
+    gmsh.option.setNumber("Mesh.SaveParametric", 1)
+    mesh = read_mesh(save(tmp_path / "parametric.msh", version, binary))
+    gmsh.option.setNumber("Mesh.SaveParametric", 0)
+    np.testing.assert_array_equal(mesh.points, plain.points)
+    assert {name: len(rows) for name, rows in mesh.cells.items()} == {k: len(v) for k, v in plain.cells.items()}
+    assert (tmp_path / "parametric.msh").stat().st_size > (tmp_path / "plain.msh").stat().st_size
+
+
+def test_more_nodes_or_cells_than_announced_are_refused_and_unknown_sections_named(tmp_path: Path) -> None:
+    head, path = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n", tmp_path / "m.msh"
+    nodes = "$Nodes\n{}\n1 0 0 0\n2 1 0 0\n3 1 1 0\n4 0 1 0\n$EndNodes\n"
+    cells = "$Elements\n{}\n1 2 2 1 1 1 2 3\n2 2 2 1 1 1 3 4\n$EndElements\n"
+    path.write_text(head + nodes.format(4) + cells.format(2) + "$Strange\n1\n$EndStrange\n")
+    assert read_mesh(path).notes == ("its section $Strange is not read",)
+    path.write_text(head + nodes.format(4) + cells.format(1))
+    with pytest.raises(InvalidInput, match="it announces 1 elements, but has 2"):
+        read_mesh(path)
+    path.write_text(head + nodes.format(3) + cells.format(2))
+    with pytest.raises(InvalidInput, match=r"section \$Nodes has 4 more values than it announces"):
+        read_mesh(path)

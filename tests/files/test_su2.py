@@ -166,3 +166,20 @@ def test_one_zone_of_several_is_chosen(tmp_path: Path) -> None:
     assert [read_mesh(path, zone).points[0, 1] for zone in ("1", "2")] == [0.0, -7.0]
     with pytest.raises(InvalidInput, match="this format has no zones"):
         read_mesh(REFERENCES / "thesis_slab.npz", "1")
+
+
+@pytest.mark.parametrize(
+    ("line", "other", "message"),
+    [
+        ("NELEM= 3", "NELEM= 2", "NELEM= 2, but 3 rows follow"),
+        ("NPOIN= 6 6", "NPOIN= 5", "NPOIN= 5, but 6 rows follow"),
+        ("MARKER_ELEMS= 2", "MARKER_ELEMS= 1", "MARKERELEMS= 1, but 2 rows follow"),
+        ("NMARK= 3", "NMARK= 4", "1 markers less than its NMARK announces"),
+        ("NMARK= 3", "NELEM= 1\n5 0 1 4\nNMARK= 3", "NELEM= appears twice"),
+        ("NDIME= 2", "NZONE= 2\nIZONE= 1\nNDIME= 2", "NZONE= 2, but only 1 follow"),
+    ],
+)
+def test_nothing_that_the_counts_leave_out_is_dropped(tmp_path: Path, line: str, other: str, message: str) -> None:
+    assert SQUARE.count(line + "\n") == 1
+    with pytest.raises(InvalidInput, match=message):
+        read_mesh(su2(tmp_path, SQUARE.replace(line + "\n", other + "\n")))

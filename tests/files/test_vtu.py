@@ -1,5 +1,6 @@
 """What we write, VTK itself reads back; and what VTK and meshio write, we read."""
 
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -202,3 +203,125 @@ def test_why_meshio_gave_up_is_told(tmp_path: Path) -> None:
     path.write_text("# vtk DataFile Version 3.0\nsurface\nASCII\nDATASET POLYDATA\nPOINTS 1 float\n0 0 0\n")
     with pytest.raises(InvalidInput, match=r"surface\.vtk: not readable as \.vtk: .*not POLYDATA"):
         read_mesh(path)
+
+
+def two_squares(rows: slice = slice(0, 8)) -> tuple[np.ndarray, CellTable, np.ndarray]:
+    """Some of the eight quads of [0, 2] × [0, 1], with their nodes only; and which nodes are at y = 0."""
+    x, y = np.meshgrid(np.linspace(0, 2, 5), [0.0, 0.5, 1.0], indexing="ij")
+    number = np.arange(15).reshape(5, 3)
+    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    used, nodes = np.unique(quads[rows], return_inverse=True)
+    points = np.column_stack([x.ravel(), y.ravel()])[used]
+    return points, CellTable.from_arrays({"quad": nodes.reshape(-1, 4)}), (points[:, 1] == 0).astype(np.uint8)
+
+
+PARTS = (slice(0, 4), slice(4, 8))
+
+
+def one_file_of(path: Path, parts: list[Path]) -> Path:
+    """Two files of ours, with their data appended raw, as the pieces of one."""
+    heads, data = [], []
+    for part in parts:
+        head, _, rest = part.read_bytes().partition(b'<AppendedData encoding="raw">\n_')
+        heads.append(head.decode())
+        data.append(rest.rpartition(b"\n</AppendedData>")[0])
+    shift = len(data[0])
+    second = re.search(r"<Piece.*</Piece>", heads[1], re.DOTALL)
+    assert second is not None
+    moved = re.sub(r'offset="(\d+)"', lambda found: f'offset="{int(found[1]) + shift}"', second[0])
+    head = heads[0].replace("</UnstructuredGrid>", moved + "</UnstructuredGrid>")
+    path.write_bytes(
+        head.encode() + b'<AppendedData encoding="raw">\n_' + b"".join(data) + b"\n</AppendedData></VTKFile>"
+    )
+    return path
+
+
+def rewritten(path: Path, mode: str) -> Path:
+    """The file as VTK writes it in another mode."""
+    xml = pytest.importorskip("vtkmodules.vtkIOXML")
+    writer = xml.vtkXMLUnstructuredGridWriter()
+    writer.SetFileName(str(path.with_name("theirs_" + path.name)))
+    writer.SetInputData(vtk_read(path))
+    getattr(writer, f"SetDataModeTo{mode}")()
+    writer.SetCompressorTypeToNone() if mode == "Ascii" else writer.SetCompressorTypeToZLib()
+    assert writer.Write()
+    return path.with_name("theirs_" + path.name)
+
+
+@pytest.mark.parametrize("form", ["raw", "Ascii", "Binary", "pvtu"])
+def test_pieces_are_one_mesh_with_their_common_nodes_joined(tmp_path: Path, form: str) -> None:
+    pytest.importorskip("meshio")
+    parts = [tmp_path / f"part_{i}.vtu" for i in range(2)]
+    for part, rows in zip(parts, PARTS, strict=True):
+        points, table, low = two_squares(rows)
+        write_vtu(part, points, table, point_data={"patch_low": low})
+    if form == "raw":
+        path = one_file_of(tmp_path / "whole.vtu", parts)
+    elif form == "pvtu":
+        path = tmp_path / "whole.pvtu"
+        listed = "".join(f'<Piece Source="{part.name}"/>' for part in parts)
+        path.write_text(f'<VTKFile type="PUnstructuredGrid"><PUnstructuredGrid>{listed}</PUnstructuredGrid></VTKFile>')
+    else:
+        first, second = (rewritten(part, form).read_text() for part in parts)
+        piece = re.search(r"<Piece.*</Piece>", second, re.DOTALL)
+        assert piece is not None
+        path = tmp_path / "whole.vtu"
+        path.write_text(first.replace("</UnstructuredGrid>", piece[0] + "</UnstructuredGrid>"))
+    mesh, (points, table, low) = read_mesh(path), two_squares()
+    assert mesh.notes == ("2 pieces were joined; 3 nodes were in several of them",)
+    np.testing.assert_array_equal(mesh.points, points)
+    np.testing.assert_array_equal(mesh.cells["quad"], next(iter(table)).nodes)
+    np.testing.assert_array_equal(mesh.patches["low"], np.flatnonzero(low))
+
+
+def test_ghost_cells_and_empty_pieces_are_left_out(tmp_path: Path) -> None:
+    meshio = pytest.importorskip("meshio")
+    pieces = []
+    for rows, ghosts in ((slice(0, 6), [0, 0, 0, 0, 1, 1]), (slice(4, 8), [0] * 4), (slice(0, 0), [])):
+        points, table, low = two_squares(rows) if ghosts else (np.empty((0, 2)), None, np.empty(0, np.uint8))
+        quads = np.empty((0, 4), np.int64) if table is None else next(iter(table)).nodes.astype(np.int64)
+        flags = np.array(ghosts, np.uint8)
+        mesh = meshio.Mesh(np.pad(points, ((0, 0), (0, 1))), [("quad", quads)], {"patch_low": low})
+        mesh.cell_data = {"vtkGhostType": [flags]}
+        mesh.write(tmp_path / "piece.vtu", binary=False)
+        text = (tmp_path / "piece.vtu").read_text()
+        pieces.append(text[text.index("<Piece") : text.index("</Piece>") + 8])
+    path = tmp_path / "m.vtu"
+    path.write_text(
+        '<VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian"><UnstructuredGrid>'
+        + "".join(pieces)
+        + "</UnstructuredGrid></VTKFile>"
+    )
+    mesh = read_mesh(path)
+    assert (len(mesh.points), len(mesh.cells["quad"]), len(mesh.patches["low"])) == (15, 8, 5)
+
+
+def test_nodes_that_may_belong_to_either_side_of_a_slit_are_named(tmp_path: Path) -> None:
+    meshio = pytest.importorskip("meshio")
+    square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    slit = np.concatenate([square, square[1:3], [[2.0, 0, 0], [2, 1, 0]]])  # nodes 1, 2 and 4, 5 in pairs
+    quads = np.array([[0, 1, 2, 3], [4, 6, 7, 5]])
+    meshio.Mesh(slit, [("quad", quads)]).write(tmp_path / "a.vtu")
+    meshio.Mesh(square + np.array([1, 1, 0]), [("quad", quads[:1])]).write(tmp_path / "b.vtu")
+    meshio.Mesh(square + np.array([5, 5, 0]), [("quad", quads[:1])]).write(tmp_path / "c.vtu")
+    path = tmp_path / "m.pvtu"
+    text = '<VTKFile type="PUnstructuredGrid"><PUnstructuredGrid><Piece Source="{}.vtu"/><Piece Source="{}.vtu"/>'
+    path.write_text(text.format("a", "b") + "</PUnstructuredGrid></VTKFile>")
+    with pytest.raises(InvalidInput, match="piece 1 has its nodes 2 and 5 at one place"):
+        read_mesh(path)
+    path.write_text(text.format("a", "c") + "</PUnstructuredGrid></VTKFile>")  # a slit within a piece stays
+    assert len(read_mesh(path).points) == 12
+    path.write_text(text.format("a", "gone") + "</PUnstructuredGrid></VTKFile>")
+    with pytest.raises(InvalidInput, match=r"its piece .*gone\.vtu is not a \.vtu file"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".vtk"])
+def test_curves_and_surfaces_are_numbered_apart(tmp_path: Path, suffix: str) -> None:
+    meshio = pytest.importorskip("meshio")
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    cells = [("tetra", [[0, 1, 2, 3]]), ("triangle", [[0, 2, 3]]), ("line", [[0, 1], [1, 2]])]
+    marks = [np.array([1]), np.array([1]), np.array([1, 2])]
+    meshio.Mesh(points, cells, cell_data={"gmsh:physical": marks}).write(tmp_path / f"m{suffix}")
+    found = {name: list(nodes) for name, nodes in read_mesh(tmp_path / f"m{suffix}").patches.items()}
+    assert found == {"1": [0, 2, 3], "curve_1": [0, 1], "2": [1, 2]}

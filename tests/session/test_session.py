@@ -3,10 +3,12 @@
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pytest
+from box_meshes import CELL_KINDS, box_mesh
 from raising import raising
 from tiny_meshes import tiny_mesh
 
@@ -15,16 +17,23 @@ from mesh_motion_server.errors import InvalidInput, JournalError, NumericalError
 from mesh_motion_server.numerics.mesh.finite_volume import face_measures
 from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary
 from mesh_motion_server.numerics.quality.metrics import reference_sizes
+from mesh_motion_server.numerics.quality.orientation import _mirrored
 from mesh_motion_server.session.history.boundary import BoundaryLog
 from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.session.partitions.uploads import Part
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation, State
 from mesh_motion_server.session.store import SessionStore
+from mesh_motion_server.session.values import Built
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 from proofs.driver import SESSION, TOKEN, make_driver, make_spec
 from proofs.model_files import FailingFiles, ModelFiles
 from proofs.stand_in import StandIn, grid_mesh
+
+if TYPE_CHECKING:
+    from mesh_motion_server.session.journal.keeper import Keeper
+    from mesh_motion_server.session.model import Model
+    from mesh_motion_server.session.partitions.meshes import MergedMesh
 
 
 @pytest.fixture
@@ -102,6 +111,21 @@ def test_faces_are_measured_of_the_reference_and_of_the_trial_where_asked(sessio
     assert before == face_measures(session.coordinates("reference"), session.mesh.cells)
     assert after == face_measures(session._now.trial.points, session.mesh.cells)
     assert before != after
+
+
+@pytest.mark.parametrize("every", [1, 3])
+@pytest.mark.parametrize("kind", CELL_KINDS)
+def test_mirrored_cells_have_the_faces_of_their_mirror_images(kind: str, every: int) -> None:
+    mesh = box_mesh(kind, 5)
+    listed = _mirrored(mesh.cells, np.arange(0, len(mesh.cells), every))
+    merged = cast("MergedMesh", SimpleNamespace(points=mesh.points, cells=listed))
+    built = Built(merged, cast("Model", None), cast("Keeper", None))
+    bent = mesh.points + 0.1 * np.sin(3 * mesh.points[:, ::-1])
+    for points, found in ((mesh.points, built.faces), (bent, built.faces_at(bent))):
+        expected = face_measures(points, mesh.cells)
+        assert expected is not None
+        assert found is not None
+        assert found.numbers() == pytest.approx(expected.numbers(), rel=1e-9, abs=1e-5)
 
 
 def test_in_one_dimension_no_face_is_measured(tmp_path: Path) -> None:

@@ -48,7 +48,20 @@ def read_cgns(path: Path, zone: str = "") -> MeshFile:
         mesh = (
             _polyhedral(path, base, node, points, listed, fixed) if listed else _simple(path, base, node, points, fixed)
         )
-        return replace(mesh, zone=node.name)
+        read = _cell_count(listed) if listed else mesh.n_cells
+        return replace(mesh, zone=node.name, notes=(*mesh.notes, *_other_count(node, read)))
+
+
+def _cell_count(listed: list[ListedElements]) -> int:
+    """The number of polyhedra."""
+    return sum(len(part.numbers) for part in listed if part.kind == NFACE)
+
+
+def _other_count(zone: Node, read: int) -> list[str]:
+    """A note if the zone announces another number of cells than it has."""
+    counts = zone.integers()
+    announced = int(counts[1]) if len(counts) > 1 else read
+    return [f"zone {zone.name!r} announces {announced} cells, but has {read}"] if announced != read else []
 
 
 def _the_zone(root: Node, name: str) -> tuple[Node, Node]:

@@ -1,0 +1,125 @@
+"""Pieces of a VTK mesh: the parts of a parallel run, in one ``.vtu`` or in the files that a ``.pvtu`` lists.
+
+Each piece has its own nodes, so those on common sides are repeated. Nodes of two pieces at one place are one node. The
+mesh has the nodes in the order of the pieces, each at its first place. Ghost cells, which are cells of another piece,
+are left out.
+
+https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.mesh.coincidence import first_at_place
+
+__all__ = ["PatchKey", "VtkPiece", "joined", "separated", "sources"]
+
+#: The name of a patch, or the dimension and the number of a group.
+PatchKey = str | tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class VtkPiece:
+    """Nodes (n, 3), cells (m, k) of each type, and the nodes of each patch, with repeats."""
+
+    points: Floats
+    cells: dict[str, Integers]
+    patches: dict[PatchKey, Integers]
+
+
+def separated(raw: bytes) -> Iterator[bytes]:
+    """A ``.vtu`` file for each piece of a ``.vtu`` file without raw appended data."""
+    if raw.count(b"<Piece") < 2:
+        yield raw
+        return
+    root = ElementTree.fromstring(raw)
+    if root.get("type") != "UnstructuredGrid":
+        yield raw  # its reader refuses it
+        return
+    for grid in root:
+        pieces = grid.findall("Piece")
+        for piece in pieces:
+            for other in grid.findall("Piece"):
+                grid.remove(other)
+            grid.append(piece)
+            if int(piece.get("NumberOfCells", "0")):
+                yield ElementTree.tostring(root)
+
+
+def sources(path: Path) -> list[Path]:
+    """The files of a ``.pvtu``.
+
+    Raises
+    ------
+    InvalidInput
+        If it is not such a list.
+    """
+    try:
+        root = ElementTree.parse(path).getroot()
+    except ElementTree.ParseError as error:
+        raise InvalidInput(f"{path}: not readable as .pvtu: {error}") from None
+    found = [path.parent / piece.get("Source", "") for piece in root.iter("Piece")]
+    if root.get("type") != "PUnstructuredGrid" or not found:
+        raise InvalidInput(f"{path}: expected the pieces of a PUnstructuredGrid, got {root.get('type') or root.tag}")
+    wrong = next((source for source in found if source.suffix.lower() != ".vtu" or not source.is_file()), None)
+    if wrong is not None:
+        raise InvalidInput(f"{path}: its piece {wrong} is not a .vtu file", hint="keep the files of all pieces with it")
+    return found
+
+
+def joined(path: Path, pieces: Sequence[VtkPiece]) -> tuple[VtkPiece, list[str]]:
+    """One mesh of all pieces, and a note of what was joined.
+
+    Raises
+    ------
+    InvalidInput
+        If a piece has two nodes at one place where another piece has one, too: names them.
+    """
+    if len(pieces) == 1:
+        return pieces[0], []
+    first = np.cumsum([0, *(len(piece.points) for piece in pieces)])
+    number, kept = _numbering(path, np.concatenate([piece.points for piece in pieces]), first)
+    cells: dict[str, list[Integers]] = defaultdict(list)
+    patches: dict[PatchKey, list[Integers]] = defaultdict(list)
+    for piece, start in zip(pieces, first, strict=False):
+        for name, nodes in piece.cells.items():
+            cells[name].append(number[start + nodes])
+        for key, nodes in piece.patches.items():
+            patches[key].append(number[start + nodes])
+    points = np.concatenate([piece.points for piece in pieces])[kept]
+    whole = VtkPiece(
+        points,
+        {name: np.concatenate(parts) for name, parts in cells.items()},
+        {key: np.concatenate(parts) for key, parts in patches.items()},
+    )
+    return whole, [f"{len(pieces)} pieces were joined; {int(first[-1]) - len(points)} nodes were in several of them"]
+
+
+def _numbering(path: Path, points: Floats, first: Integers) -> tuple[Integers, Integers]:
+    """The new number (n,) of each node of all pieces, and (k,) the nodes that are kept."""
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.all():
+        lost = int(np.searchsorted(first, np.argmin(finite), side="right"))
+        raise InvalidInput(f"{path}: piece {lost} has a node without finite coordinates")
+    place = first_at_place(points, float(np.ptp(points, axis=0).max()))
+    piece = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    pairs, counts = np.unique(np.column_stack([place, piece]), axis=0, return_counts=True)
+    shared = np.bincount(pairs[:, 0], minlength=len(points)) > 1
+    double = pairs[(counts > 1) & shared[pairs[:, 0]]]
+    if len(double):
+        nodes = np.flatnonzero((place == double[0, 0]) & (piece == double[0, 1])) - first[double[0, 1]]
+        raise InvalidInput(
+            f"{path}: piece {double[0, 1] + 1} has its nodes {nodes[0]} and {nodes[1]} at one place, and another "
+            "piece has a node there: which of them are one node is not known",
+            hint="save the mesh as one piece",
+        )
+    place = np.where(shared[place], place, np.arange(len(points)))
+    kept = np.flatnonzero(place == np.arange(len(points)))
+    return np.searchsorted(kept, place), kept

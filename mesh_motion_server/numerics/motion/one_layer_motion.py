@@ -1,0 +1,170 @@
+"""The motion of one layer of cells between two parallel sliding planes: that of its plane, the same on both sides.
+
+In space, every node of such a mesh slides, and a patch of both planes is neither planar nor smooth. So the mesh is
+moved and judged in the plane (:mod:`~mesh_motion_server.numerics.mesh.one_layer`), as between OpenFOAM's `empty`
+patches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.one_layer import OneLayer
+from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.motion.motion_found import Motion
+from mesh_motion_server.numerics.quality.mesh_check import checked_mesh
+from mesh_motion_server.numerics.quality.quality_summary import Judgement
+
+__all__ = ["AS_A_PLANE", "OneLayerMotion", "motion_model"]
+
+#: The warning that such a mesh gets.
+AS_A_PLANE = "the mesh is one layer of cells between two sliding planes: it is moved in the plane, both sides alike"
+#: Displacements across the layer, and differences between its two sides, count as rounding up to this share of the
+#: extent.
+_ROUNDING = 1e-9
+
+
+def motion_model(
+    points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method
+) -> MotionModel | OneLayerMotion:
+    """The model of a mesh, in the plane if it is one layer between sliding planes; errors as its own."""
+    if cells.dimension == 3:
+        checked = checked_mesh(points, cells, patches)
+        layer = OneLayer.find(points, checked.cells, patches)
+        if layer is not None:
+            plane = MotionModel.build(layer.project(points), layer.cells, layer.patches, method)
+            moving = BoundaryRoles.from_patches(patches).moving
+            return OneLayerMotion(points, checked.cells, layer, plane, moving, (*checked.warnings, AS_A_PLANE))
+    return MotionModel.build(points, cells, patches, method)
+
+
+@dataclass(frozen=True, eq=False)
+class OneLayerMotion:
+    """A mesh of one layer and the model of its plane.
+
+    Attributes
+    ----------
+    points : (n, 3) array, mesh length unit
+        Reference coordinates.
+    cells : CellTable
+        In space; the plane's have the same numbers.
+    plane : MotionModel
+        Of the nodes in front; those behind are in none of its cells.
+    moving : (k,) int64 array
+        Nodes of the moving patches, in front and behind.
+    """
+
+    points: Floats
+    cells: CellTable
+    layer: OneLayer
+    plane: MotionModel
+    moving: Integers
+    warnings: tuple[str, ...]
+
+    @property
+    def method(self) -> Method:
+        """With both radii filled in."""
+        return self.plane.method
+
+    def summary(self, points: Floats) -> Judgement:
+        """Quality of the plane with the nodes at ``points`` (n, 3)."""
+        return self._in_space(self.plane.summary(self.layer.project(points)), points)
+
+    def without_distributions(self) -> Self:
+        """The same, judged exactly by its worst cells, without distributions."""
+        return replace(self, plane=self.plane.without_distributions())
+
+    def with_method(self, **choices: Any) -> Self:
+        """The same mesh with other choices of its method that need no new preparation."""
+        return replace(self, plane=self.plane.with_method(**choices))
+
+    def move(
+        self,
+        committed: Floats,
+        targets: Floats,
+        factors: FactorSource | None = None,
+        *,
+        boundary_displacement: BoundaryDisplacement | None = None,
+    ) -> Motion:
+        """The motion that takes the moving nodes to ``targets`` (k, 3); as :meth:`.motion.MotionModel.move`.
+
+        Raises
+        ------
+        InvalidInput
+            If a node leaves its plane, or two opposite nodes move apart; names the first.
+        """
+        aimed = self.points.copy()
+        aimed[self.moving] = targets
+        self._check(aimed)
+        begin, end = self.layer.project(committed), self.layer.project(aimed)
+        rows = self._rows_in_front()
+        whole = None
+        if boundary_displacement is not None:
+            origin = self.layer.project(boundary_displacement.origin)[rows]
+            whole = BoundaryDisplacement(origin, end[self.moving[rows]] - origin)
+        motion = self.plane.move(begin, end[self.moving[rows]], factors, boundary_displacement=whole)
+        front = self.layer.front
+        points = self.layer.moved(committed, begin[front], motion.points[front])
+        points[self.moving] = targets
+        correction = replace(
+            motion.correction, points=points, enrichment_points=self._places(motion.correction.enrichment_points)
+        )
+        return replace(
+            motion,
+            points=points,
+            standard=self._in_space(motion.standard, points),
+            corrected=self.summary(points),
+            correction=correction,
+        )
+
+    def _rows_in_front(self) -> Integers:
+        """For each moving node of the plane the first row of the moving nodes that belongs to it."""
+        found, rows = np.unique(self.layer.front[self.moving], return_index=True)
+        assert np.array_equal(found, self.plane.roles.moving)
+        return np.asarray(rows, dtype=np.int64)
+
+    def _check(self, aimed: Floats) -> None:
+        """Refuse moving nodes at ``aimed`` (n, 3) that leave their plane or their opposite node."""
+        moved = (aimed - self.points)[self.moving]
+        least = _ROUNDING * float(np.ptp(self.points, axis=0).max())
+        across = np.abs(moved - moved @ self.layer.axes.T @ self.layer.axes).max(axis=1, initial=0.0)
+        shift = np.full_like(self.points, np.nan)
+        shift[self.moving] = moved
+        apart = np.abs(moved - shift[self.layer.front[self.moving]]).max(axis=1, initial=0.0)
+        for distances, what in (
+            (across, "across the layer"),
+            (np.nan_to_num(apart), "otherwise than its opposite node"),
+        ):
+            wrong = np.flatnonzero(distances > least)
+            if len(wrong):
+                node = int(self.moving[wrong[0]])
+                raise InvalidInput(
+                    f"node {node} moves {what}, by {distances[wrong[0]]:.3g}, but the mesh is one layer of cells "
+                    "between two sliding planes, which moves in its plane only",
+                    hint="give the two planes another role, such as fixed, for a motion in space",
+                    details={"node": node, "distance": float(distances[wrong[0]])},
+                )
+
+    def _places(self, places: Floats) -> Floats:
+        """(k, 3) places in the middle of the layer, from their coordinates (k, 2) in the plane."""
+        normal = np.cross(*self.layer.axes)
+        return places @ self.layer.axes + np.outer(np.full(len(places), (self.points @ normal).mean()), normal)
+
+    def _in_space(self, quality: Judgement, points: Floats) -> Judgement:
+        """The quality with the worst cells' centres in space, nodes at ``points`` (n, 3)."""
+        centres = self.cells.centres(points, np.array([cell.number for cell in quality.worst], dtype=np.int64))
+        worst = tuple(
+            replace(cell, centre=tuple(centre.tolist())) for cell, centre in zip(quality.worst, centres, strict=True)
+        )
+        return replace(quality, worst=worst)

@@ -1,0 +1,153 @@
+"""One layer of cells between two sliding planes is moved as its plane is, both sides alike, in any direction."""
+
+from collections.abc import Mapping
+from itertools import product
+
+import numpy as np
+import pytest
+from box_meshes import box_mesh
+from scipy.spatial.transform import Rotation
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.finite_volume import extruded_cells, extruded_points
+from mesh_motion_server.numerics.mesh.one_layer import OneLayer
+from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.motion.one_layer_motion import AS_A_PLANE, OneLayerMotion, motion_model
+from mesh_motion_server.numerics.quality.orientation import _mirrored
+
+Patches = dict[str, Patch]
+PLAIN = Method(correction="none", support_radius=0.6)
+
+
+def layered(kind: str, planes: Mapping[str, str], outer: str = "fixed") -> tuple[np.ndarray, CellTable, Patches]:
+    """The layer of a plane mesh, its body moving; ``planes`` gives a role to "both" planes, or to "low" and "high"."""
+    mesh = box_mesh(kind, 10)
+    n = len(mesh.points)
+    sides = {"low": np.arange(n), "high": n + np.arange(n), "both": np.arange(2 * n)}
+    flat = {"body": Patch("moving", mesh.body), "outer": Patch(outer, mesh.outer)}
+    patches = {name: Patch(patch.role, np.r_[patch.nodes, n + patch.nodes]) for name, patch in flat.items()}
+    patches |= {name: Patch(role, sides[name]) for name, role in planes.items()}
+    listed = extruded_cells(mesh.cells, n)
+    cells = CellTable.from_arrays({block.type.name: block.nodes for block in listed})
+    return extruded_points(mesh.points), cells, patches
+
+
+def plane_motion(kind: str, shift: np.ndarray, outer: str = "fixed") -> np.ndarray:
+    """Displacement (n, 2) of the mesh in the plane."""
+    mesh = box_mesh(kind, 10)
+    patches = {"body": Patch("moving", mesh.body), "outer": Patch(outer, mesh.outer)}
+    model = MotionModel.build(mesh.points, mesh.cells, patches, PLAIN)
+    return model.move(mesh.points, mesh.points[model.roles.moving] + shift).points - mesh.points
+
+
+PLANES = [{"both": "symmetry"}, {"both": "slip"}, {"low": "symmetry", "high": "slip"}, {"low": "slip", "high": "slip"}]
+SHIFT = np.array([0.11, -0.07])
+
+
+@pytest.mark.parametrize("planes", PLANES)
+@pytest.mark.parametrize("kind", ["quad", "quad + triangle"])
+def test_both_sides_move_as_the_plane_does(kind: str, planes: dict[str, str]) -> None:
+    points, cells, patches = layered(kind, planes)
+    model = motion_model(points, cells, patches, PLAIN)
+    assert isinstance(model, OneLayerMotion)
+    assert model.warnings[-1] == AS_A_PLANE
+    moving = np.unique(patches["body"].nodes)
+    motion = model.move(points, points[moving] + [*SHIFT, 0.0])
+    moved = motion.points - points
+    low, high = np.split(moved, 2)
+    np.testing.assert_array_equal(low, high)
+    np.testing.assert_allclose(low[:, :2], plane_motion(kind, SHIFT), atol=1e-12)
+    assert not moved[:, 2].any()
+    assert motion.corrected == model.summary(motion.points)
+    for cell in motion.corrected.worst:
+        assert cell.centre == pytest.approx(cells.centres(motion.points, np.array([cell.number]))[0])
+
+
+@pytest.mark.parametrize("normal", [[1, 0, 0], [0, 1, 0], [0.6, 0, 0.8], [1, 2, 3]])
+def test_the_layer_lies_anywhere(normal: list[float]) -> None:
+    points, cells, patches = layered("quad + triangle", {"both": "symmetry"})
+    turn = Rotation.align_vectors([normal], [[0, 0, 1]])[0].as_matrix()
+    turn = np.round(turn) if max(normal) == 1 else turn
+    moving = np.unique(patches["body"].nodes)
+    model = motion_model(points @ turn.T + [5, 0, 0], cells, patches, PLAIN)
+    assert isinstance(model, OneLayerMotion)
+    moved = model.move(model.points, model.points[moving] + [*SHIFT, 0.0] @ turn.T).points - model.points
+    np.testing.assert_allclose(moved[: len(moved) // 2], moved[len(moved) // 2 :], atol=1e-12)
+    expected = np.pad(plane_motion("quad + triangle", SHIFT), ((0, 0), (0, 1))) @ turn.T
+    np.testing.assert_allclose(moved[: len(expected)], expected, atol=1e-9)
+
+
+def test_sides_slide_and_cells_may_be_mirrored() -> None:
+    points, cells, patches = layered("quad", {"both": "slip"}, outer="slip")
+    mirrored = _mirrored(cells, np.arange(0, len(cells), 3))
+    moving = np.unique(patches["body"].nodes)
+    moved = []
+    for listed in (cells, mirrored):
+        model = motion_model(points, listed, patches, PLAIN)
+        assert isinstance(model, OneLayerMotion)
+        moved.append(model.move(points, points[moving] + [*SHIFT, 0.0]).points - points)
+    np.testing.assert_array_equal(moved[0], moved[1])
+    np.testing.assert_allclose(moved[0][: len(points) // 2, :2], plane_motion("quad", SHIFT, "slip"), atol=1e-12)
+
+
+def test_a_second_step_goes_on_from_the_first_and_the_faster_model_agrees() -> None:
+    points, cells, patches = layered("quad", {"both": "symmetry"})
+    model, moving = (
+        motion_model(points, cells, patches, Method(quality_threshold=0.6)),
+        np.unique(patches["body"].nodes),
+    )
+    first = model.move(points, points[moving] + [*SHIFT, 0.0]).points
+    second = model.move(first, points[moving] + [*(2 * SHIFT), 0.0])
+    again = model.without_distributions().move(first, points[moving] + [*(2 * SHIFT), 0.0])
+    np.testing.assert_array_equal(second.points, again.points)
+    np.testing.assert_array_equal(second.points[moving], points[moving] + [*(2 * SHIFT), 0.0])
+    np.testing.assert_array_equal(*np.split(second.points[:, :2], 2))
+    assert second.correction.freed_nodes
+    assert second.corrected.metric.min > second.standard.metric.min
+
+
+@pytest.mark.parametrize("lift", ["both", "one"])
+def test_a_body_that_leaves_the_plane_is_refused_by_its_node(lift: str) -> None:
+    points, cells, patches = layered("quad", {"both": "symmetry"})
+    model, moving = motion_model(points, cells, patches, Method()), np.unique(patches["body"].nodes)
+    targets = points[moving] + [*SHIFT, 0.0]
+    if lift == "both":
+        targets[:, 2] += 0.01
+        message = f"node {moving[0]} moves across the layer, by 0.01"
+    else:
+        targets[3, 0] += 0.01
+        message = f"node {moving[3]} moves otherwise than its opposite node, by 0.01"
+    with pytest.raises(InvalidInput, match=message):
+        model.move(points, targets)
+
+
+def test_other_meshes_are_moved_in_space() -> None:
+    points, cells, patches = layered("quad", {"low": "symmetry", "high": "fixed"})
+    assert OneLayer.find(points, cells, patches) is None
+    points, cells, patches = layered("quad", {"both": "symmetry"})
+    bent = points.copy()
+    bent[-1, 2] *= 1.01
+    assert OneLayer.find(bent, cells, patches) is None
+    solid = box_mesh("hexahedron", 5)
+    everything = {"all": Patch("slip", np.arange(len(solid.points)))}
+    assert OneLayer.find(solid.points, solid.cells, everything) is None
+
+
+def test_a_single_row_of_cells_is_a_plane_between_those_that_slide() -> None:
+    x, y, z = (axis.ravel() for axis in np.meshgrid(np.arange(5.0), [0.0, 1.0], [0.0, 1.0], indexing="ij"))
+    number = np.arange(20).reshape(5, 2, 2)
+    corners = [number[a : 4 + a, b, c].ravel() for c, (b, a) in product((0, 1), ((0, 0), (0, 1), (1, 1), (1, 0)))]
+    cells = CellTable.from_arrays({"hexahedron": np.column_stack(corners)})
+    points = np.column_stack([x, y, z])
+    patches = {
+        "planes": Patch("symmetry", np.arange(20)),
+        "bottom": Patch("fixed", np.flatnonzero(y == 0)),
+        "top": Patch("moving", np.flatnonzero(y == 1)),
+    }
+    for axis in range(3):  # whichever coordinate is across
+        layer = OneLayer.find(np.roll(points, axis, axis=1), cells, patches)
+        assert layer is not None
+        assert not layer.axes[:, (2 + axis) % 3].any()
