@@ -180,7 +180,7 @@ class Method:
         "Where a correction stops: when every cell is at the threshold, or at the best it can reach.",
         '`"threshold"`: its cost follows the bad region. `"maximum"` goes on. `"auto"` goes on where it costs a '
         "second or two (of hexahedra several), on small meshes: judged by an ideal cell to the maximum, by the cells "
-        "at rest [towards their shape there](beyond.md#judged-against-the-cell-at-rest), above the threshold too. "
+        "at rest [towards their shape there](beyond.md#judged-against-the-cell-at-rest). "
         "The maximum is within a hundredth of the best known on average, "
         "[in 2D and in 3D](beyond.md#the-ceiling-and-its-cost).",
         choices=("auto", "threshold", "maximum"),

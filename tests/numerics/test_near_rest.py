@@ -1,11 +1,7 @@
 """Small meshes judged at rest are raised beyond the threshold, but not near walls, nor where that spoils areas."""
 
 import numpy as np
-import pytest
-from box_meshes import box_mesh
 
-from mesh_motion_server.numerics.correction import near_rest
-from mesh_motion_server.numerics.correction.near_rest import NEAR_REST
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
@@ -48,68 +44,14 @@ def extremes(model: MotionModel, points: np.ndarray) -> tuple[float, float]:
     return cell_quality(points, model.cells, cells_at_rest(model.points, model.cells)).relative_extremes()
 
 
-def test_who_names_another_metric_or_target_gets_what_the_threshold_asks() -> None:
+def test_a_mesh_above_the_threshold_is_left_as_it_was_interpolated() -> None:
     targets = pitched(model_of(), 15.0, 0.1)
-    for choices in ({"quality_metric": "size-skew", "quality_threshold": 0.02}, {"correction_target": "threshold"}):
+    other_metric = {"quality_metric": "size-skew", "quality_threshold": 0.02}
+    for choices in ({}, other_metric, {"correction_target": "threshold"}):
         model = model_of(**choices)
         plain = model_of(**choices, correction="none").move(model.points, targets)
         assert plain.reached
         assert np.array_equal(model.move(model.points, targets).points, plain.points)
-
-
-def test_what_is_near_rest_is_judged_once_and_freed_never(monkeypatch: pytest.MonkeyPatch) -> None:
-    model = model_of()
-    monkeypatch.setattr(near_rest, "reach", None)
-    monkeypatch.setattr(near_rest, "leans", None)
-    motion = model.move(model.points, pitched(model, 0.5))
-    assert motion.corrected.metric.min > NEAR_REST
-    assert motion.correction.method == "none"
-
-
-def test_a_step_from_a_raised_mesh_does_not_pay_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    model = model_of()
-    committed = model.move(model.points, pitched(model, 15.0, 0.1)).points
-    assert extremes(model, committed)[0] < NEAR_REST
-    monkeypatch.setattr(near_rest, "reach", None)
-    motion = model.move(committed, pitched(model, 15.2, 0.1))
-    assert motion.correction.method == "none"
-
-
-def test_a_large_mesh_is_raised_to_the_threshold_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    model = model_of()
-    monkeypatch.setattr(near_rest, "_LARGEST", {2: 10})
-    assert model.move(model.points, pitched(model, 15.0, 0.1)).correction.method == "none"
-
-
-def test_areas_are_not_spent_for_shapes_but_shapes_are_raised(monkeypatch: pytest.MonkeyPatch) -> None:
-    mesh = cascade(split=True)
-    model = model_of(mesh)
-    targets = pitched(model, 15.0, 0.1)
-    plain = model_of(mesh, correction="none").move(model.points, targets)
-    assert plain.reached
-    motion = model.move(model.points, targets)
-    monkeypatch.setattr(near_rest, "spoils", lambda *_: False)
-    (before, area), (after, own), (_, spent) = (
-        extremes(model, found.points) for found in (plain, motion, model.move(model.points, targets))
-    )
-    assert spent < 0.99 * area <= own
-    assert after > 1.1 * before
-    assert np.array_equal(motion.points[model.near_walls], plain.points[model.near_walls])
-
-
-def test_where_the_worst_cell_has_no_free_node_nothing_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A cell at the body whose other nodes are held too, as where a wall is one cell away."""
-    mesh = box_mesh("tetra")
-    cells = mesh.cells.blocks[0].nodes
-    touching = cells[np.isin(cells, mesh.body).sum(axis=1) == 2][0]
-    held = np.union1d(mesh.outer, np.setdiff1d(touching, mesh.body))
-    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", held)}
-    model = model_of((mesh.points, mesh.cells, patches))
-    monkeypatch.setattr(near_rest, "reach", None)
-    turn, body = np.array([[0.94, -0.342, 0.0], [0.342, 0.94, 0.0], [0.0, 0.0, 1.0]]), model.points[model.roles.moving]
-    motion = model.move(model.points, (body - 0.5) @ turn.T + 0.5)
-    assert extremes(model, motion.points)[0] < 0.8
-    assert motion.reached
 
 
 def test_in_short_steps_no_node_jumps() -> None:

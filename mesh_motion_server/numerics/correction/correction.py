@@ -19,6 +19,7 @@ come here: it is a smooth function of the boundary (:mod:`.smooth_motion`).
 threshold in less time than the setup of an enrichment takes, at every measured size, and end at a better quality.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -41,7 +42,7 @@ from mesh_motion_server.numerics.correction.enrichment.placement import gap_midd
 from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
 from mesh_motion_server.numerics.correction.equal_stretch import equal_stretch
 from mesh_motion_server.numerics.correction.free_region import cells_of_nodes
-from mesh_motion_server.numerics.correction.near_rest import NEAR_REST, leans, nearer_rest, raises, reshaped, spoils
+from mesh_motion_server.numerics.correction.near_rest import raises, reshaped, spoils
 from mesh_motion_server.numerics.correction.trial_nodes import Polished, Stage, TrialMesh, polish, reach, signed
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.quality.metrics import CellQuality
@@ -105,35 +106,26 @@ def correct(problem: CorrectionProblem, method: Method) -> Correction:
     reference = p.start if p.reference is None else p.reference
     mesh = TrialMesh(reference, p.cells, p.reference_sizes, p.held, method.quality_metric, elsewhere=p.elsewhere)
     unchanged = _without_points(problem, p.begin)
-    lifts = raises(problem, method)
-    enough = max(NEAR_REST, goal(method)) if lifts else goal(method)
-    if p.known is not None and p.valid is None and (method.correction == "none" or p.known >= enough):
+    if p.known is not None and p.valid is None and (method.correction == "none" or p.known >= goal(method)):
         return _judged(unchanged, method, p.known)
     before = mesh.cell_quality(p.begin)
     quality = signed(before, mesh.metric)
     least = float(quality.min())
-    good = p.valid is None and least >= goal(method)
-    if method.correction == "none" or (good and not (lifts and leans(problem, mesh, before))):
+    if method.correction == "none" or (p.valid is None and least >= goal(method)):
         return _judged(unchanged, method, least, before)
     found = unchanged
-    if good:
-        with one_blas_thread():
-            found = _freed(problem, nearer_rest(problem, mesh.released(p.constraint), before))
-    elif p.valid is None or method.correction == "optimised":
+    if p.valid is None or method.correction == "optimised":
         with one_blas_thread():
             found = CORRECTIONS[method.correction](problem, method, mesh, quality)
     after = before if found.points is p.begin else mesh.cell_quality(found.points)
     corrected = signed(after, mesh.metric)
     # a method may fail or lower the quality: then the mesh stays as it was
-    if not good and (
-        corrected.min() < least
-        or (least > 0.0 and spoils(before, after, mesh.metric, float(corrected.min() / least), p.elsewhere))
-    ):
+    gain = float(corrected.min() / least) if least > 0.0 else math.inf
+    if corrected.min() < least or (least > 0.0 and spoils(before, after, mesh.metric, gain, p.elsewhere)):
         found, after, corrected = unchanged, before, quality
     if not corrected.min() > 0.0:
         raise _refusal(corrected, method)
-    name = "none" if good and found.points is p.begin else method.correction
-    return _judged(replace(found, method=name), method, float(corrected.min()), after)
+    return _judged(replace(found, method=method.correction), method, float(corrected.min()), after)
 
 
 def _without_points(problem: CorrectionProblem, points: Floats) -> Correction:

@@ -1,6 +1,5 @@
 """The input of a correction: a predicted motion, which correction to use, and how far to raise the quality."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,8 +47,6 @@ class CorrectionProblem:
         Smallest quality of ``standard``, if it was already judged and no cell is inverted.
     last : (n, d) array, mesh length unit, optional
         Positions at the end of the last step; ``start`` by default.
-    near_walls : callable, optional
-        Marks the nodes (n,) near the moving walls, which stay in place if ``standard`` is good and only improved.
     elsewhere : Elsewhere, optional
         The rest of the mesh, if this is a region of it; for target "threshold" only.
     """
@@ -65,7 +62,6 @@ class CorrectionProblem:
     valid: Floats | None = None
     known: float | None = None
     last: Floats | None = None
-    near_walls: Callable[[], Marks] | None = None
     elsewhere: Elsewhere | None = None
 
     @property

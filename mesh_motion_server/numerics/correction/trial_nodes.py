@@ -29,7 +29,6 @@ from mesh_motion_server.numerics.quality.metrics import AtRest, CellQuality, cel
 
 __all__ = [
     "MARGIN",
-    "RELATIVE_BOTH",
     "RELATIVE_SHAPE",
     "Polished",
     "Stage",
@@ -44,10 +43,7 @@ LEVELS = tuple(PNorm(p, m, of="cells") for p, m in ((2, 1), (8, 2), (24, 4), (60
 """Continuation: starting sharper, or with half the iterations a level, ends at a third of the quality."""
 
 RELATIVE_SHAPE = "relative-shape"
-"""What "auto" raises of cells judged at rest: the relative skew, and so much of the size that areas stay near it."""
-
-RELATIVE_BOTH = "relative-shape-and-size"
-"""What it raises where that spoils areas: "relative-size-skew", but with sizes that nearly are those at rest."""
+"""What "auto" raises of cells judged at rest: the relative shape, and so much of the size that areas stay near it."""
 
 _SHAPE_SIZE = (
     0.25  # half would stop at a relative skew of 0.75 where this one reaches 0.85, with sizes of 0.50 and 0.47
@@ -60,9 +56,8 @@ SIZE_WEIGHTS = {
     "skew": 0.01,
     "relative-size-skew": 0.5,
     RELATIVE_SHAPE: _SHAPE_SIZE,
-    RELATIVE_BOTH: 2.0,
 }
-"""Weight of the size in the distortion, by the metric that judges; above 1, less is reached of strong distortions."""
+"""Weight of the size in the distortion, by the metric that judges."""
 
 LAST_LEVEL = PNorm(1000, 100, of="cells")
 """One more where the maximum is wanted of a region that is small enough for :data:`EXACTING`."""
@@ -106,8 +101,7 @@ class TrialMesh:
     held : (n,) bool array
         Nodes that must not move.
     metric : str
-        One of :data:`~mesh_motion_server.numerics.quality.metrics.QUALITY_METRICS`, :data:`RELATIVE_SHAPE` or
-        :data:`RELATIVE_BOTH`.
+        One of :data:`~mesh_motion_server.numerics.quality.metrics.QUALITY_METRICS`, or :data:`RELATIVE_SHAPE`.
     constraint : BoundaryConstraint or None
         The constraint of nodes that are not held but may move only with restrictions.
     elsewhere : Elsewhere or None
@@ -159,7 +153,7 @@ def signed(quality: CellQuality, metric: str) -> Floats:
     if metric == RELATIVE_SHAPE:
         values = np.abs(quality.size) ** _SHAPE_SIZE * quality.relative_shape
     else:
-        values = quality.metric("relative-size-skew" if metric == RELATIVE_BOTH else metric)
+        values = quality.metric(metric)
     return np.where(quality.inverted, np.minimum(-np.abs(values), -_TINY), values)
 
 

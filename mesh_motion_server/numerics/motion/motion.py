@@ -300,7 +300,6 @@ class MotionModel(PreparedMesh):
             valid=step.valid,
             last=step.committed,
             known=None if quality.inverted else quality.metric.min,
-            near_walls=lambda: self.near_walls,
         )
         with watch.phase("correct"):
             return correct(problem, self.method)

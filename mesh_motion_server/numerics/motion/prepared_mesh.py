@@ -9,7 +9,6 @@ import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint
-from mesh_motion_server.numerics.correction.free_region import grow
 from mesh_motion_server.numerics.correction.smooth_motion import SmoothMotion
 from mesh_motion_server.numerics.interpolation.support_radius import suggest_enrichment_radius, suggest_support_radius
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
@@ -140,13 +139,6 @@ class PreparedMesh:
         """The boundary, which may cross itself."""
         sliding = self.standard_motion.sliding
         return PossibleCrossing.build(self.points, self.cells, self.roles, self.coincident, sliding)
-
-    @cached_property
-    def near_walls(self) -> Marks:
-        """(n,) nodes of the cells on the moving walls, and of the layers there."""
-        moving = np.zeros(len(self.points), dtype=bool)
-        moving[self.roles.moving] = True
-        return held_with(grow(self.cells, moving, 1), None if self.layered is None else self.layered.layer)
 
     def summary(self, points: Floats, quality: CellQuality | None = None) -> Judgement:
         """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh.

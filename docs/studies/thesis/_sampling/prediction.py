@@ -272,4 +272,6 @@ class _FullEvaluation:
         found = subset_quality(self.positions, self.cells, self.reference_sizes, numbers)
         self.quality.size[numbers], self.quality.skew[numbers] = found.size, found.skew
         self.quality.inverted[numbers] = found.inverted
+        if found.relative is not None and self.quality.relative is not None:
+            self.quality.relative[numbers] = found.relative
         self.least[numbers] = found.metric(self.metric)
