@@ -279,7 +279,7 @@ def _whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
 def _refuse_masked(values: ArrayLike) -> None:
     """Raise ValueError for a masked array with masked entries: numpy would take what lies under the mask."""
     if np.ma.is_masked(values):
-        entry = [int(i) for i in np.argwhere(np.ma.getmaskarray(values))[0]]
+        entry = [int(i) for i in np.argwhere(np.ma.getmaskarray(np.ma.asarray(values)))[0]]
         raise ValueError(f"entry {entry} is masked; fill it, or leave its row out")
 
 
