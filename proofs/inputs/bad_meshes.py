@@ -370,7 +370,7 @@ def _grazing(draft: Draft, rng: Rng) -> Names:
 
 
 _SIZES = (
-    *(_scaled(factor, "square") for factor in (1e200, 1e160, 1e-200, 1e-310)),
+    *(_scaled(factor, "square") for factor in (1e200, 1e160, 1e25, 1e-25, 1e-200, 1e-310)),
     *(_scaled(factor, "cube") for factor in (1e120, 1e-120)),
     _row("an offset of 10¹⁷", _DEGENERATE, _offset, "cell 0"),
     _row("an offset that rounds edges away", _DEGENERATE, _grazing, "cell"),

@@ -23,6 +23,12 @@ def test_cell_types_and_roles_are_the_servers():
         (lambda: Mesh(np.zeros((0, 2)), {}), "with n > 0"),
         (lambda: Mesh(np.zeros((2, 2, 2)), {}), "must be a table"),
         (lambda: Mesh("x", {}), "points must be numbers"),
+        (lambda: Mesh(np.ma.masked_greater(POINTS, 0.5), {}), r"points must be numbers: entry \[1, 0\] is masked"),
+        (
+            lambda: Mesh(POINTS, {"triangle": np.ma.masked_equal([[0, 1, 2]], 1)}),
+            r"triangle .*: entry \[0, 1\] is masked",
+        ),
+        (lambda: Patch("moving", np.ma.masked_equal([0, 1], 0)), r"a patch's nodes .*: entry \[0\] is masked"),
         (lambda: Mesh(POINTS, {}, global_ids=[1, 2]), "one number a point, got 2 for 3 points"),
     ],
 )

@@ -156,6 +156,12 @@ def test_sections_are_patches_where_there_are_no_conditions(tmp_path: Path) -> N
     assert (mesh.dimension, mesh.patches["south"].tolist()) == (2, [0, 1])
 
 
+def test_another_number_of_cells_than_announced_is_named(tmp_path: Path) -> None:
+    """``make`` announces one cell; these are two."""
+    path = make(tmp_path / "m.cgns", TWO, lambda _, zone: section(zone, "cells", 10, 1, 2, [1, 2, 3, 5, 1, 3, 4, 5]))
+    assert read_mesh(path).notes == ("zone 'Zone' announces 1 cells, but has 2",)
+
+
 def test_sections_are_patches_where_a_list_of_conditions_is_empty(tmp_path: Path) -> None:
     def fill(base: Any, zone: Any) -> None:
         section(zone, "cells", 7, 1, 1, [1, 2, 3, 4])

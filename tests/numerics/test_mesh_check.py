@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from box_meshes import box_mesh
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
@@ -207,3 +208,21 @@ def test_every_cell_type_is_checked(name):
         corner[2] -= 3.0
         with pytest.raises(InvalidInput, match="inverted or degenerate"):
             checked_mesh(corner, cells, patches)
+
+
+@pytest.mark.parametrize("kind", ["quad", "hexahedron"])
+def test_a_motion_is_the_same_in_every_unit_or_refused(kind: str) -> None:
+    mesh = box_mesh(kind, 5)
+    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+    moved = {}
+    for unit in (1.0, 1e-12, 1e15):
+        points = unit * mesh.points
+        model = MotionModel.build(points, mesh.cells, patches, Method(quality_threshold=0.7))
+        motion = model.move(points, points[model.roles.moving] + 0.12 * unit)
+        assert motion.correction.freed_nodes
+        moved[unit] = motion.points / unit
+    for unit, places in moved.items():
+        np.testing.assert_allclose(places, moved[1.0], atol=1e-6, err_msg=str(unit))
+    for unit in (1e-18, 1e20):
+        with pytest.raises(InvalidInput, match="take another unit of length"):
+            checked_mesh(unit * mesh.points, mesh.cells, patches)

@@ -233,6 +233,7 @@ def finite_rows(values: ArrayLike, what: str) -> NDArray[np.float64]:
     try:
         if np.iscomplexobj(values):
             raise TypeError("they are complex")
+        _refuse_masked(values)
         array = np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError) as error:
         raise InvalidInput(f"{what} must be numbers: {error}", code="INVALID_ARGUMENT.DTYPE") from None
@@ -260,6 +261,10 @@ def _indices(values: ArrayLike, what: str) -> NDArray[np.int64]:
 
 def _whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
     """The values as an array, uncopied where they are one."""
+    try:
+        _refuse_masked(values)
+    except ValueError as error:
+        raise InvalidInput(f"{what} must be whole numbers: {error}", code="INVALID_ARGUMENT.DTYPE") from None
     array = np.asarray(values)
     if array.size and not np.issubdtype(array.dtype, np.integer):
         mask = array.dtype == np.bool_
@@ -269,6 +274,13 @@ def _whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
             hint="numpy.flatnonzero(mask) gives the numbers" if mask else "array.astype(int), if they are whole",
         )
     return array
+
+
+def _refuse_masked(values: ArrayLike) -> None:
+    """Raise ValueError for a masked array with masked entries: numpy would take what lies under the mask."""
+    if np.ma.is_masked(values):
+        entry = [int(i) for i in np.argwhere(np.ma.getmaskarray(np.ma.asarray(values)))[0]]
+        raise ValueError(f"entry {entry} is masked; fill it, or leave its row out")
 
 
 def _short(value: object) -> str:

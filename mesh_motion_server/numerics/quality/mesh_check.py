@@ -31,9 +31,9 @@ __all__ = ["CheckedMesh", "checked_cells", "checked_mesh", "nodes_in_no_cell", "
 
 # A smaller skew is 0 but for rounding; cells of a boundary layer with aspect ratio 10⁶ have 10⁻⁶ and pass.
 _FLAT_SKEW = 1e-10
-# Squares of sizes in 3D (sixth powers) of cells 10⁻⁶ as long stay normal numbers, and so do those of motions 10¹² as
-# long.
-_SMALLEST_EXTENT, _LARGEST_EXTENT = 1e-30, 1e30
+# The correction takes high powers of the cells' determinants: with cells 10⁻³ as long as the mesh, its results change
+# below 10⁻¹⁸ and above 10²⁰. Smaller cells and far motions have room.
+_SMALLEST_EXTENT, _LARGEST_EXTENT = 1e-12, 1e15
 
 
 class CheckedMesh(NamedTuple):
