@@ -60,7 +60,7 @@ def draw_closeup(axes: Any, mesh: Snapshot, plane: Plane | None, page: Page) -> 
     )
     _show(axes, window)
     where = (
-        f", at {centre[0]:.3g}, {centre[1]:.3g}" if plane is None else f", {'xyz'[plane.axis]} = {plane.position:.3g}"
+        f"\nat {centre[0]:.3g}, {centre[1]:.3g}" if plane is None else f", {'xyz'[plane.axis]} = {plane.position:.3g}"
     )
     axes.set_title(f"its worst cell{where}")
     return window
