@@ -42,7 +42,7 @@ def test_a_picture_is_made_of_the_steps_asked_for(run_folder: Path, tmp_path: Pa
     [
         (["--steps", "4"], "--steps: expected A:B, A: or :B, got '4'"),
         (["--steps", "4:2"], "--steps: 2 comes before 4"),
-        (["--metric", "volume"], "--metric: expected one of size-skew, size, skew, got 'volume'"),
+        (["--metric", "volume"], "--metric: expected one of relative-size-skew, size-skew, "),
         (["--panel", "colour"], "enrichment, non-orthogonality, got 'colour'"),
         (["--size", "huge"], "--size: expected column"),
         (["--show", "mesh"], "mesh.pvd: not readable as the series that play writes"),

@@ -18,6 +18,7 @@ from mesh_motion_server.files import MeshFile, read_mesh
 from mesh_motion_server.settings import MethodSettings
 
 __all__ = [
+    "Bending",
     "Case",
     "CaseFile",
     "MotionSection",
@@ -104,19 +105,45 @@ class Oscillation(_Section):
         return RigidMotion(translation=[self.amplitude * entry / length for entry in self.direction])
 
 
+class Bending(_Section):
+    """``bending``: a body from ``clamp`` to ``tip`` bends about ``axis`` (in 3D); the end at ``clamp`` rests.
+
+    The other end turns by ``rotation``; with ``both_ends`` it rests too, and ``rotation`` is the largest slope between.
+    """
+
+    rotation: float
+    clamp: Vector
+    tip: Vector
+    axis: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
+    both_ends: bool = False
+
+    @model_validator(mode="after")
+    def _is_complete(self) -> Self:
+        if not self.rotation:
+            raise ValueError("'rotation' must not be zero")
+        if self.both_ends and abs(self.rotation) >= 90:
+            raise ValueError("with 'both_ends' the slope 'rotation' must lie between -90 and 90 degrees")
+        if self.clamp == self.tip:
+            raise ValueError("'clamp' and 'tip' must be two places")
+        if self.axis is not None and not any(self.axis):
+            raise ValueError("'axis' must not be zero")
+        return self
+
+
 class MotionSection(_Section):
     """One ``[[motion]]``: the total motion of one patch over the whole case."""
 
     patch: str
     rigid: RigidMotion | None = None
     oscillation: Oscillation | None = None
+    bending: Bending | None = None
     table: str | None = None
 
     @model_validator(mode="after")
     def _has_one_kind(self) -> Self:
-        kinds = ("rigid", "oscillation", "table")
+        kinds = ("rigid", "oscillation", "bending", "table")
         if sum(getattr(self, kind) is not None for kind in kinds) != 1:
-            raise ValueError("give exactly one of 'rigid', 'oscillation' and 'table'")
+            raise ValueError("give exactly one of 'rigid', 'oscillation', 'bending' and 'table'")
         return self
 
 
@@ -182,7 +209,7 @@ class Case:
             raise InvalidInput(f"{self.path}: patch {empty[0]!r} of {mesh.path.name} has no nodes")
         _check_motions(self.path, self.content)
         for number, motion in enumerate(self.content.motion, start=1):
-            _check_vectors(self.path, number, motion.rigid or motion.oscillation, mesh.dimension)
+            _check_vectors(self.path, number, motion.rigid or motion.oscillation or motion.bending, mesh.dimension)
         return mesh
 
 
@@ -230,11 +257,11 @@ def _check_motions(path: Path, content: CaseFile) -> None:
             )
 
 
-def _check_vectors(path: Path, number: int, motion: RigidMotion | Oscillation | None, dimension: int) -> None:
+def _check_vectors(path: Path, number: int, motion: RigidMotion | Oscillation | Bending | None, dimension: int) -> None:
     """Check that the vectors of a motion have the mesh's dimension."""
     if motion is None:
         return
-    for name in ("translation", "direction", "centre"):
+    for name in ("translation", "direction", "centre", "clamp", "tip"):
         vector = getattr(motion, name, None)
         if vector is not None and len(vector) != dimension:
             raise InvalidInput(
@@ -245,8 +272,22 @@ def _check_vectors(path: Path, number: int, motion: RigidMotion | Oscillation | 
         raise InvalidInput(f"{path}: motion {number}: nothing rotates in a 1D mesh")
     if rigid.rotation and dimension == 3 and rigid.axis is None:
         raise InvalidInput(f"{path}: motion {number}: a rotation in 3D needs 'axis', for example [0, 0, 1]")
+    if isinstance(motion, Bending) and dimension == 3:
+        _check_bending_axis(path, number, motion)
     if dimension == 2 and rigid.axis is not None and any(rigid.axis[:2]):
         raise InvalidInput(f"{path}: motion {number}: in 2D the only axis is [0, 0, 1], got {rigid.axis}")
+
+
+def _check_bending_axis(path: Path, number: int, motion: Bending) -> None:
+    """Check that a body in 3D does not lie along the axis about which it bends."""
+    along = [tip - clamp for tip, clamp in zip(motion.tip, motion.clamp, strict=True)]
+    axis = motion.axis or []
+    within = abs(sum(a * b for a, b in zip(along, axis, strict=True)))
+    if within > (1 - 1e-9) * math.hypot(*along) * math.hypot(*axis):
+        raise InvalidInput(
+            f"{path}: motion {number}: a body along {along} cannot bend about {axis}",
+            hint="'axis' is across the line from 'clamp' to 'tip'",
+        )
 
 
 #: Examples of values for missing keys.

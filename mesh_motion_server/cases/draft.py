@@ -1,7 +1,9 @@
 """Draft a first case file: the mesh's patches, a guessed role for each, and a small motion.
 
 Roles are guesses. The name of a patch can tell that it is a symmetry plane or a far boundary. Otherwise a patch inside
-the mesh, which does not reach the sides of the box around all nodes, is a moving body, and all other patches are fixed.
+the mesh, which does not reach the sides of the box around all nodes, is a moving body, and all other patches are fixed;
+if there is none, the patch that reaches farthest inside moves. A body that is joined to a fixed patch bends; others are
+shifted.
 """
 
 import os
@@ -9,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from mesh_motion_server.cases.case import toml_key, toml_text
+from mesh_motion_server.cases.case import Bending, toml_key, toml_text
+from mesh_motion_server.cases.clamped import bodies, clamped_bending
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile
-from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.arrays import Floats, Marks
 
 __all__ = ["draft", "guessed_roles"]
 
@@ -41,8 +44,9 @@ def guessed_roles(mesh: MeshFile) -> dict[str, tuple[str, str]]:
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     roles = {name: _guess(name, mesh.points[nodes], low, high) for name, nodes in mesh.patches.items()}
     if all(role != "moving" for role, _ in roles.values()):
-        first = next((name for name, (role, _) in roles.items() if role == "fixed"), next(iter(roles)))
-        roles[first] = ("moving", "none is inside the mesh, and one has to move")
+        fixed = [name for name, (role, _) in roles.items() if role == "fixed"] or list(roles)
+        inner = {name: _inside(mesh.points[mesh.patches[name]], low, high).mean() for name in fixed}
+        roles[max(fixed, key=inner.__getitem__)] = ("moving", "none is inside the mesh, and one has to move")
     return roles
 
 
@@ -51,10 +55,15 @@ def _guess(name: str, points: Floats, low: Floats, high: Floats) -> tuple[str, s
         return "symmetry", "by its name"
     if any(word in name.lower() for word in _FAR):
         return "fixed", "by its name"
-    near = _TOUCH * (high - low).max()
-    if len(points) and (points > low + near).all() and (points < high - near).all():
+    if len(points) and _inside(points, low, high).all():
         return "moving", "inside the mesh"
     return "fixed", "at the outside"
+
+
+def _inside(points: Floats, low: Floats, high: Floats) -> Marks:
+    """(k,) which points do not reach the sides of the box."""
+    near = _TOUCH * (high - low).max()
+    return np.asarray(((points > low + near) & (points < high - near)).all(axis=1))
 
 
 def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
@@ -77,7 +86,13 @@ def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
     length = _SHARE * float(np.ptp(body, axis=0).max() or np.ptp(mesh.points, axis=0).max())
     about = f"centre = {_vector(centre)}" + (", axis = [0.0, 0.0, 1.0]" if mesh.dimension == 3 else "")
     rigid = f"rigid = {{ translation = {_vector(length * direction)}, rotation = 0.0, {about} }}"
-    motions = "\n".join(f"[[motion]]\npatch = {toml_text(name)}\n{rigid}\n" for name in moving)
+    fixed = [name for name, (role, _) in roles.items() if role == "fixed"]
+    motions = "\n".join(
+        f"[[motion]]\npatch = {toml_text(name)}\n{rigid if bent is None else _bending(bent)}\n"
+        for body in bodies(mesh, moving)
+        for bent in [clamped_bending(mesh, body, fixed, _SHARE)]
+        for name in body
+    )
     zoned = f"\nzone = {toml_text(zone)}" if zone else ""
     return f"""# Roles are guesses: check them. Then `mesh-motion check` and `mesh-motion play` with this file.
 # All keys: docs/reference/case_file.md. Lengths are in the mesh's unit, angles in degrees.
@@ -88,7 +103,7 @@ file = {toml_text(os.path.relpath(mesh.path, folder))}{zoned}
 [patches]  # moving, fixed, slip, symmetry or periodic
 {patches}
 
-# The total motion of a patch over all steps; several of one patch add up. Instead of rigid:
+# The total motion of a patch over all steps; several of one patch add up. Other kinds:
 # oscillation = {{ amplitude = 5.0, frequency = 0.05, {about} }}  # degrees, periods a step
 # oscillation = {{ amplitude = {_number(length)}, frequency = 0.05, direction = {_vector(direction)} }}
 # table = "motion.npz"  # node_ids (n), displacement (steps, n, {mesh.dimension})
@@ -100,6 +115,13 @@ count = 10
 # quality_threshold = 0.2
 # refuse_below_threshold = true
 """
+
+
+def _bending(motion: Bending) -> str:
+    """The key ``bending``, with all digits: the clamped nodes have to rest."""
+    given = motion.model_dump(exclude_defaults=True)
+    text = ", ".join(f"{key} = {'true' if value is True else value}" for key, value in given.items())
+    return f"bending = {{ {text} }}"
 
 
 def _vector(values: Floats) -> str:

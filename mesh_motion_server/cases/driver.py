@@ -1,9 +1,10 @@
 """Opens the session that :mod:`.play` drives a case through."""
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from mesh_motion_client import Keys, Mesh, MeshMotionError, Patch, Session, connect
+from mesh_motion_client import Keys, Mesh, MeshMotionError, MeshMotionWarning, Patch, Session, connect
 
 from mesh_motion_server.cases.case import Case
 from mesh_motion_server.files import MeshFile
@@ -24,7 +25,8 @@ def open_session(case: Case, mesh: MeshFile, endpoint: str | None, *, keys: Keys
     """
     patches = {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
     method = case.content.method.model_dump(exclude_unset=True)
-    with connect(endpoint, keys=keys) as server:
+    with warnings.catch_warnings(), connect(endpoint, keys=keys) as server:
+        warnings.simplefilter("ignore", MeshMotionWarning)  # the results collect them
         session = server.open(Mesh(mesh.points, mesh.cells, patches), method, label=case.name)
         try:
             yield session

@@ -5,10 +5,12 @@ A rigid motion with the total angle θ about c and the total translation t displ
     u_s(X) = s/S t + (R(s/S θ) - I) (X - c),
 
 so the angle is interpolated, not the matrix, and a body stays rigid in every step. An oscillation of frequency f and
-phase φ uses sin(2π f s + φ) - sin φ instead of s/S; it is 0 at the reference mesh. Several motions of one patch add
-their displacements, each computed from the reference coordinates. If two moving patches share a node, both must give it
-the same displacement, as :mod:`mesh_motion_protocol.shared_nodes` says. Otherwise the mesh would tear: the case is
-refused and the error names the node.
+phase φ uses sin(2π f s + φ) - sin φ instead of s/S; it is 0 at the reference mesh. A bending
+turns each section by its share of the angle, so that the body's middle line becomes an arc of the same length; a line
+that is clamped at both ends is lifted by L/π tan(s/S θ) sin²(π ξ/L) at the distance ξ from the clamp. Several motions
+of one patch add their displacements, each computed from the reference coordinates. If two moving patches share a node,
+both must give it the same displacement, as :mod:`mesh_motion_protocol.shared_nodes` says. Otherwise the mesh would
+tear: the case is refused and the error names the node.
 """
 
 from __future__ import annotations
@@ -21,13 +23,13 @@ from typing import Protocol
 import numpy as np
 from mesh_motion_protocol.shared_nodes import Torn, united
 
-from mesh_motion_server.cases.case import Case, Oscillation, RigidMotion
+from mesh_motion_server.cases.case import Bending, Case, Oscillation, RigidMotion
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile
 from mesh_motion_server.files.npz import read_archive
 from mesh_motion_server.numerics.arrays import Floats, Integers
 
-__all__ = ["MotionProgram", "RigidProgram", "TableProgram"]
+__all__ = ["BendingProgram", "MotionProgram", "RigidProgram", "TableProgram"]
 
 
 class PatchProgram(Protocol):
@@ -55,6 +57,33 @@ class RigidProgram:
             rotation = _rotation(np.deg2rad(fraction * self.motion.rotation), self.motion.axis, dimension)
             total += (self.points - np.array(self.motion.centre)) @ (rotation - np.eye(dimension)).T
         return total
+
+
+@dataclass(frozen=True, eq=False)
+class BendingProgram:
+    """A bending of the nodes at ``points`` (p, d); ``fraction`` gives the part of its angle after a step.
+
+    Sections stay plane and normal to the middle line. Nodes behind the clamp rest; those past the tip go on straight.
+    """
+
+    points: Floats
+    motion: Bending
+    fraction: Callable[[int], float]
+
+    def displacement(self, step: int) -> Floats:
+        angle = np.deg2rad(self.motion.rotation) * self.fraction(step)
+        clamp = np.array(self.motion.clamp)
+        along, across, length = _bending_frame(self.motion)
+        ahead, aside = (self.points - clamp) @ along, (self.points - clamp) @ across
+        place = np.clip(ahead, 0.0, length)
+        line = _arch(place, angle, length) if self.motion.both_ends else _arc(place, angle, length)
+        (forward, lift, slope), past = line, ahead - place
+        moved = (
+            np.outer(forward + past * np.cos(slope) - aside * np.sin(slope) - ahead, along)
+            + np.outer(lift + past * np.sin(slope) + aside * (np.cos(slope) - 1), across)
+        )  # fmt: skip
+        moved[(ahead <= 0) | (self.motion.both_ends & (ahead >= length))] = 0.0
+        return moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,9 +174,34 @@ def _programs(case: Case, mesh: MeshFile, patch: str) -> tuple[PatchProgram, ...
             programs.append(RigidProgram(mesh.points[nodes], motion.rigid, lambda step: step / count))
         elif motion.oscillation is not None:
             programs.append(RigidProgram(mesh.points[nodes], motion.oscillation.rigid, _swing(motion.oscillation)))
+        elif motion.bending is not None:
+            programs.append(BendingProgram(mesh.points[nodes], motion.bending, lambda step: step / count))
         elif motion.table is not None:
             programs.append(_read_table(case.path.parent / motion.table, patch, nodes, (count, mesh.dimension)))
     return tuple(programs)
+
+
+def _bending_frame(motion: Bending) -> tuple[Floats, Floats, float]:
+    """(d,) unit vectors along the body and to the side to which it bends, and the body's length."""
+    along = np.array(motion.tip) - np.array(motion.clamp)
+    length = float(np.linalg.norm(along))
+    axis = np.array(motion.axis or (0.0, 0.0, 1.0))
+    across = np.cross(axis, np.pad(along, (0, 3 - len(along))))[: len(along)]
+    return along / length, across / np.linalg.norm(across), length
+
+
+def _arc(place: Floats, angle: float, length: float) -> tuple[Floats, Floats, Floats]:
+    """(p,) way forward, way aside and slope of a line of constant curvature, at arc lengths (p,)."""
+    slope = angle * place / length
+    half = np.sinc(slope / (2 * np.pi))  # sin(slope/2) / (slope/2)
+    return place * half * np.cos(slope / 2), place * half * np.sin(slope / 2), slope
+
+
+def _arch(place: Floats, angle: float, length: float) -> tuple[Floats, Floats, Floats]:
+    """The same of a line that rests at both ends and has its largest slope ``angle`` at a quarter of its length."""
+    steepest = np.tan(angle)
+    lift = steepest * length / np.pi * np.sin(np.pi * place / length) ** 2
+    return place, lift, np.arctan(steepest * np.sin(2 * np.pi * place / length))
 
 
 def _swing(oscillation: Oscillation) -> Callable[[int], float]:

@@ -5,13 +5,14 @@ trials that were rolled back and restarts do not affect the committed state: wit
 on the same machine, the state digests are equal, bit for bit.
 """
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from mesh_motion_client import Keys, Mesh, Patch, connect
+from mesh_motion_client import Keys, Mesh, MeshMotionWarning, Patch, connect
 from mesh_motion_client import MeshMotionError as ClientError
 
 from mesh_motion_server import __version__
@@ -165,7 +166,12 @@ def _session(
     patches = {name: Patch(patch.role, patch.nodes) for name, patch in view.patches.items()}
     mesh = Mesh(view.points, {block.type.name: block.nodes for block in view.cells}, patches)
     label = f"replay of {recorded.spec.label or recorded.spec.session}"[:200]
-    with connect(endpoint, keys=keys) as server, server.open(mesh, settings, label=label) as session:
+    with (
+        warnings.catch_warnings(),
+        connect(endpoint, keys=keys) as server,
+        server.open(mesh, settings, label=label) as session,
+    ):
+        warnings.simplefilter("ignore", MeshMotionWarning)  # the results collect them
         try:
             yield session
         finally:

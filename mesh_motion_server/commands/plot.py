@@ -37,7 +37,7 @@ def plot(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="size-skew, size or skew; with --show mesh also non-orthogonality or face-skewness.",
+            help="A quality_metric that the run recorded; with --show mesh any, non-orthogonality or face-skewness.",
             show_default=False,
         ),
     ] = None,

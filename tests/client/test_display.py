@@ -7,7 +7,7 @@ import types
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from mesh_motion_client import InvalidInput, Mesh, Patch, progress
+from mesh_motion_client import InvalidInput, Mesh, MeshMotionWarning, Patch, progress
 
 UP = np.array([[0.0, 0.25]] * 4)
 CUBE = Mesh(
@@ -38,6 +38,12 @@ def test_a_session_and_a_move_say_where_they_stand(session):
     assert second.startswith("  2D, 4 moving nodes: ")
     assert "support_radius 1.0" in second
     assert rest[0].startswith("  Mesh in 2D: 16 nodes")
+
+
+def test_a_warning_of_the_server_is_one_of_python(session):
+    with pytest.warns(MeshMotionWarning, match="a warning"):
+        moved = session.move(UP)
+    assert moved.warnings == ["a warning"]
 
 
 def test_pictures_are_figures_that_a_notebook_shows(session):

@@ -25,6 +25,7 @@ __all__ = [
     "DataLoss",
     "InvalidInput",
     "MeshMotionError",
+    "MeshMotionWarning",
     "QualityRefused",
     "ResourceExhausted",
     "ServerFault",
@@ -35,6 +36,10 @@ __all__ = [
     "Unsupported",
     "error_from",
 ]
+
+
+class MeshMotionWarning(UserWarning):
+    """What the server warns of in a reply, as ``warnings.warn`` shows it; the reply has it as ``warnings`` too."""
 
 
 class MeshMotionError(Exception):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from types import TracebackType
@@ -34,7 +35,7 @@ from mesh_motion_client.control import Control
 from mesh_motion_client.courier import Courier
 from mesh_motion_client.credentials import Credentials
 from mesh_motion_client.display import Described, draw
-from mesh_motion_client.errors import InvalidInput, MeshMotionError, SessionError
+from mesh_motion_client.errors import InvalidInput, MeshMotionError, MeshMotionWarning, SessionError
 from mesh_motion_client.mesh import Mesh
 from mesh_motion_client.moved import Moved
 from mesh_motion_client.own_cells import OwnCells
@@ -175,6 +176,8 @@ class Session(Described):
         told = vars(moved)
         if own is not None:
             told = told | own.take_trial(moved, seconds)
+        for text in told["warnings"]:
+            warnings.warn(text, MeshMotionWarning, stacklevel=2)
         return Moved(**told, mesh=self._mesh, is_total=frame == "reference")
 
     def commit(self, *, final_step: int = 0, timeout: float | None = None) -> Committed:
@@ -232,6 +235,7 @@ class Session(Described):
             f"Session {self.credentials.session[:8]}: step {self.step}, {state}",
             f"{self.dimension}D, {len(self.moving_nodes)} moving nodes" + (f": {settings}" if settings else ""),
             *(self._mesh.description() if self._mesh else ["resumed: the mesh is with the server"]),
+            *(f"warning: {text}" for text in self.mesh_report.get("warnings", ())),
         ]
 
     def plot(self) -> Any:

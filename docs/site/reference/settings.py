@@ -60,6 +60,7 @@ def case_file() -> str:
         "[[motion]]": case.MotionSection,
         "rigid = { … } of a [[motion]]": case.RigidMotion,
         "oscillation = { … } of a [[motion]]": case.Oscillation,
+        "bending = { … } of a [[motion]]": case.Bending,
         "[steps]": case.StepsSection,
     }
     parts = []

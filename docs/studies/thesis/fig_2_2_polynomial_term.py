@@ -73,7 +73,7 @@ def run(quick: bool) -> Outcome:
 def _rigid_error(mesh: StoredMesh, controls: NDArray[np.int64], radius: float, polynomial: str) -> float:
     """Largest distance of a node from where a rigid motion of the whole boundary takes it."""
     goal = WHOLE(mesh.points)
-    return float(np.abs(moved(mesh, goal, controls, radius, polynomial) - goal).max())
+    return float(np.linalg.norm(moved(mesh, goal, controls, radius, polynomial) - goal, axis=1).max())
 
 
 def _fixed_wall(mesh: StoredMesh, roles: BoundaryRoles, radius: float, polynomial: str) -> tuple[float, float]:

@@ -55,6 +55,7 @@ class Followed:
             "worst": self._worst(),
             "notable": list(reversed(self._notable)),
             "told": self._counted,
+            "open_refusals": self._series.open_refusals,
         }
 
     def series(self, first: int | None, points: int) -> dict[str, Any]:

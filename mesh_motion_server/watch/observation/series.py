@@ -94,6 +94,11 @@ class Series:
         if take is not None:
             take(event)
 
+    @property
+    def open_refusals(self) -> int:
+        """Refused Moves of the step that is not committed yet, which no column has."""
+        return int(self._open["refusals"])
+
     def columns(self, most: int | None = None, *, first: int | None = None) -> Columns:
         """Columns of one length, by name.
 

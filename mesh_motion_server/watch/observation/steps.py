@@ -65,7 +65,7 @@ def digest_of_history(session_folder: Path) -> HistoryDigest:
         worst_quality=float(minima[worst]) if worst >= 0 else None,
         metric=series.metric,
         corrected_steps=int(np.count_nonzero((columns["enrichment_points"] > 0) | (columns["freed_nodes"] > 0))),
-        refusals=int(columns["refusals"].sum()),
+        refusals=int(columns["refusals"].sum()) + series.open_refusals,
         rollbacks=int(columns["rollbacks"].sum()),
         boundary_steps=BoundaryLog(session_folder).committed,
     )

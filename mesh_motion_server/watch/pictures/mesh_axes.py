@@ -59,7 +59,9 @@ def draw_closeup(axes: Any, mesh: Snapshot, plane: Plane | None, page: Page) -> 
         PolyCollection(own, facecolors="none", edgecolors=INVERTED_COLOUR, linewidths=page.points / 9.0, zorder=4)
     )
     _show(axes, window)
-    where = "" if plane is None else f", {'xyz'[plane.axis]} = {plane.position:.3g}"
+    where = (
+        f"\nat {centre[0]:.3g}, {centre[1]:.3g}" if plane is None else f", {'xyz'[plane.axis]} = {plane.position:.3g}"
+    )
     axes.set_title(f"its worst cell{where}")
     return window
 
@@ -117,12 +119,11 @@ def _show(axes: Any, window: Floats) -> None:
 
 
 def _mark_worst(axes: Any, mesh: Snapshot, polygons: Polygons, window: Floats, page: Page) -> None:
-    """Draw a ring around the worst cell of those that are drawn."""
-    for drawn in np.argsort(mesh.badness[polygons.cells], kind="stable"):
-        place = np.unique(polygons.corners[drawn], axis=0).mean(axis=0)
+    """Draw a ring around the worst cell, the one that titles and close-up are about; no other cell gets one."""
+    for corners in polygons.corners[polygons.cells == mesh.worst][:1]:
+        place = np.unique(corners, axis=0).mean(axis=0)
         if ((place >= window[0]) & (place <= window[1])).all():
             axes.plot(
                 *place, marker="o", markersize=page.points, markerfacecolor="none", markeredgecolor=INVERTED_COLOUR,
                 markeredgewidth=page.points / 8.0,
             )  # fmt: skip
-            return

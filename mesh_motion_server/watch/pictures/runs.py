@@ -16,6 +16,7 @@ import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.method import KEYS
 from mesh_motion_server.session.spec import SPEC, StoredSpec, spec_bytes
 from mesh_motion_server.watch.observation.follow import events_in_brief
 from mesh_motion_server.watch.observation.series import COLUMNS, PHASES, Columns, Series, of_metric, thinned
@@ -33,7 +34,9 @@ __all__ = [
     "read_runs",
 ]
 
-METRICS = ("size-skew", "size", "skew")
+METRICS = tuple(str(choice) for choice in KEYS["quality_metric"].choices)
+#: Every session records these, and the first is what is drawn of a played case.
+_RECORDED = ("size-skew", "size", "skew")
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +111,7 @@ def read_runs(folders: Sequence[Path], metric: str | None = None) -> list[Run]:
     if len(metrics) > 1:
         raise InvalidInput(
             f"the runs have different quality metrics: {', '.join(sorted(metrics))}",
-            hint=f"--metric {METRICS[0]} draws one that all have",
+            hint=f"--metric {_RECORDED[0]} draws one that all have",
         )
     counts = Counter(run.label for run in runs)
     return [
@@ -145,6 +148,11 @@ def check_metric(metric: str | None, known: Sequence[str]) -> None:
         raise InvalidInput(f"--metric: expected one of {', '.join(known)}, got {metric!r}")
 
 
+def _not_recorded(folder: Path, metric: str | None, known: Sequence[str]) -> InvalidInput:
+    listed = ", ".join(dict.fromkeys(known))
+    return InvalidInput(f"--metric: the run in {folder} has not recorded {metric}", hint=f"it has {listed}")
+
+
 def _distinct(label: str, folder: Path) -> str:
     """A label that distinguishes runs of the same name."""
     return folder.name if folder.name != label else str(folder)
@@ -171,12 +179,14 @@ def _read_recorded(folder: Path, metric: str | None) -> Run:
         if event["event"] == "refused" and isinstance(event.get("step"), int):
             refused.append(event["step"])
         with suppress(KeyError, TypeError, AttributeError):  # another version may have written it
-            series.add(of_metric(event, metric) if metric else event)
+            series.add(of_metric(event, metric) if metric and metric != own else event)
     if not len(series):
         raise InvalidInput(
             f"{folder}: its history has no committed step",
             hint="sessions of a server with history_bytes = 0, or of an older one, have no history",
         )
+    if metric not in (None, own, *_RECORDED):
+        raise _not_recorded(folder, metric, (own, *_RECORDED))
     columns = series.columns()
     known = columns["threshold"][np.isfinite(columns["threshold"])]
     threshold = float(known[-1]) if metric in (None, own) and len(known) else None
@@ -204,11 +214,13 @@ def read_played(folder: Path, metric: str | None = None) -> Run:
     InvalidInput
         If its ``steps.csv`` is not valid.
     """
-    metric = metric or METRICS[0]
+    metric = metric or _RECORDED[0]
     table, summary = _read_steps(folder / "steps.csv"), _read_summary(folder / "summary.json")
     method, name = summary.get("method", {}), metric.replace("-", "_")
-    is_own = method.get("quality_metric", METRICS[0]) == metric
+    is_own = method.get("quality_metric", _RECORDED[0]) == metric
     threshold = method.get("quality_threshold")
+    if f"min_{name}" not in table:
+        raise _not_recorded(folder, metric, [key[4:].replace("_", "-") for key in table if key.startswith("min_")])
     taken = {"step": "step", "actual_min": f"min_{name}", "actual_mean": f"mean_{name}"}
     taken |= {"predicted_min": "predicted_min", "standard_min": "predicted_standard"} if is_own else {}
     taken |= {"seconds_total": "seconds", "non_orthogonality": "max_non_orthogonality"}

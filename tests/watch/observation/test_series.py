@@ -114,3 +114,8 @@ def test_what_another_version_wrote_is_passed_over() -> None:
     strange = [{"event": "moved", "at": 0.0, "step": 3}, {"event": "committed", "at": 0.0}, {"event": "refused"}]
     found = Series([*events[:-1], *strange, events[-1]]).columns()
     assert found["step"].tolist() == [1, 2, 3, 4, 5, 6]
+
+
+def test_refusals_of_the_step_that_is_open_are_counted() -> None:
+    refused = [{"event": "refused", "at": 0.0, "step": 1, "request": name} for name in ("MOVE", "JOIN", "MOVE")]
+    assert Series(refused).open_refusals == 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import json
 import math
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from histories import refused, resumed_at, write_history
+from starlette.exceptions import HTTPException
 
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.watch.observation.followed import plain_column
@@ -394,3 +396,20 @@ def test_a_mesh_that_is_too_large_is_refused_in_words(
     assert (answer.status_code, answer.json()["code"].partition(".")[0]) == (400, "INVALID_ARGUMENT")
     (tmp_path / "sessions" / SESSION / "mesh.bin").unlink()
     assert asking(tmp_path).get(f"/api/sessions/{SESSION}/mesh.png").status_code == 503
+
+
+def test_an_answer_that_a_stop_cuts_off_says_so_and_is_no_defect(tmp_path: Path) -> None:
+    page, go = Page(tmp_path, {}), threading.Event()
+
+    async def cut_off() -> None:
+        answer = asyncio.ensure_future(page._made(page._archive.lists, lambda: go.wait(5.0)))
+        await asyncio.sleep(0.05)
+        answer.cancel()
+        with pytest.raises(HTTPException, match="the server stops") as caught:
+            await answer
+        assert caught.value.status_code == 503
+
+    try:
+        asyncio.run(cut_off())
+    finally:
+        go.set()

@@ -23,7 +23,8 @@ export class Live {
     try {
       told = await (await ask("api/sessions", { signal: AbortSignal.timeout(1000 * SILENT_SECONDS) })).json();
     } catch (error) {
-      if (!this.gone) this.turn(true, error.status ? error.message : "");
+      const why = error.status ? error.message : "";
+      if (!this.gone || why !== this.why) this.turn(true, why);
     }
     this.asking = false;
     this.later = setTimeout(() => this.look(), 1000 * SECONDS);
@@ -36,6 +37,7 @@ export class Live {
   /** why: what the server answered; empty without an answer. */
   turn(gone, why) {
     this.gone = gone;
+    this.why = why;
     this.standing(gone, this.last, why);
   }
 }

@@ -15,6 +15,11 @@ const READING_SECONDS = 0.5;
 /** Time after which a failed request is repeated. */
 const RETRY_SECONDS = 5;
 
+const TONES = ["bad", "warn", "good", ""];
+
+/** The session that needs a look first: the worst state, of those alike the one that changed last. */
+const worst = (sessions) => sessions.toSorted((a, b) => TONES.indexOf(a.verdict.tone) - TONES.indexOf(b.verdict.tone))[0];
+
 class Page {
   constructor() {
     this.sessions = [];
@@ -39,7 +44,7 @@ class Page {
     said.dataset.state = "live";
     write(said, missing ? `live; ${missing}` : "live");
     // users would confuse another session in its place with the chosen one
-    this.chosen ||= sessions[0]?.session ?? "";
+    this.chosen ||= worst(sessions)?.session ?? "";
     this.known = this.session ?? this.known;
     byId("nothing").hidden = this.chosen !== "";
     write(byId("nothing"), "Waiting for the first session …");
@@ -215,7 +220,7 @@ class Page {
     const { actual, corrected, standard, moved } = detail;
     const correction = moved.correction ?? {};
     const tiles = [
-      ["step", whole(this.stepOf(session, detail)), this.stepNote(session)],
+      ["step", whole(this.stepOf(session, detail)), this.stepNote(session, detail.open_refusals)],
       ["minimum", quality(actual.min), "committed", low(actual.min)],
       ["1 %", quality(actual.p1), "committed", low(actual.p1)],
       ["predicted", quality(corrected.min), standard.min !== undefined && standard.min !== corrected.min ? `${quality(standard.min)} uncorrected` : "", low(corrected.min)],
@@ -227,8 +232,8 @@ class Page {
   }
 
   /** The end of the run, if its client tells it, and the trial. */
-  stepNote({ step, final_step: end, iteration }) {
-    return [end >= Math.max(step, 1) ? `of ${whole(end)}` : "", iteration ? `trial ${iteration}` : ""].filter(Boolean).join(", ");
+  stepNote({ step, final_step: end, iteration }, refusals) {
+    return [end >= Math.max(step, 1) ? `of ${whole(end)}` : "", iteration ? `trial ${iteration}` : "", refusals ? `next ${plural(refusals, "time")} refused` : ""].filter(Boolean).join(", ");
   }
 
   /** The step of the qualities shown, or a slightly older one; a session without a process may have lost steps in a crash. */

@@ -1,0 +1,73 @@
+"""Which moving bodies are clamped at fixed patches, and a bending of each that keeps the clamped nodes at rest."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from mesh_motion_server.cases.case import Bending
+from mesh_motion_server.files import MeshFile
+from mesh_motion_server.numerics.arrays import Floats, Integers
+
+__all__ = ["bodies", "clamped_bending"]
+
+
+def bodies(mesh: MeshFile, moving: Sequence[str]) -> list[list[str]]:
+    """The moving patches, those together that share nodes."""
+    found: list[list[str]] = []
+    for name in moving:
+        joined = [body for body in found if any(len(_shared(mesh, name, other)) for other in body)]
+        found = [body for body in found if body not in joined] + [[*(part for body in joined for part in body), name]]
+    return found
+
+
+def clamped_bending(mesh: MeshFile, body: Sequence[str], fixed: Sequence[str], share: float) -> Bending | None:
+    """A bending that moves the body's farthest nodes by about ``share`` of its length; None if it is not clamped.
+
+    A body that reaches less than half its extent past its clamped nodes is taken as clamped at both ends.
+    """
+    nodes = np.unique(np.concatenate([mesh.patches[name] for name in body]))
+    shared = [_shared(mesh, name, other) for name in body for other in fixed]
+    clamped = np.unique(np.concatenate([*shared, np.empty(0, dtype=np.int64)]))
+    points, held = mesh.points[nodes], mesh.points[clamped]
+    if not len(held) or mesh.dimension == 1 or not np.ptp(points, axis=0).any():
+        return None
+    origin = held.mean(axis=0)
+    along = points.mean(axis=0) - origin
+    begin = 0.0
+    end = float(((points - origin) @ along).max()) / max(float(np.linalg.norm(along)), 1e-300)
+    both = end < 0.5 * float(np.ptp(points, axis=0).max())
+    if both:
+        along = np.linalg.svd(held - origin, full_matrices=False)[2][0]
+    along = along / np.linalg.norm(along)
+    begin, end = _ends((held - origin) @ along, (points - origin) @ along, both=both)
+    slope = math.atan(math.pi * share) if both else 2 * share
+    return Bending(
+        rotation=round(math.degrees(slope), 1),
+        clamp=(origin + begin * along).tolist(),
+        tip=(origin + end * along).tolist(),
+        axis=_axis(points - origin, along) if mesh.dimension == 3 else None,
+        both_ends=both,
+    )
+
+
+def _shared(mesh: MeshFile, one: str, other: str) -> Integers:
+    return np.intersect1d(mesh.patches[one], mesh.patches[other])
+
+
+def _ends(held: Floats, places: Floats, *, both: bool) -> tuple[float, float]:
+    """Where along the body it is free: behind the clamped nodes, or between those of both ends."""
+    if not both:
+        return float(held.max()), float(places.max())
+    middle = (held.min() + held.max()) / 2
+    begin, end = float(held[held < middle].max(initial=held.min())), float(held[held >= middle].min())
+    is_all_round = end - begin < (held.max() - held.min()) / 2
+    return (float(held.min()), float(held.max())) if is_all_round else (begin, end)
+
+
+def _axis(points: Floats, along: Floats) -> list[float]:
+    """The axis across the body about which it bends to its thinnest side."""
+    aside = points - np.outer(points @ along, along)
+    across = np.linalg.svd(aside - aside.mean(axis=0), full_matrices=False)[2][1]
+    across = across - (across @ along) * along
+    return [float(entry) for entry in np.round(np.cross(along, np.cross(across, along)), 12)]
