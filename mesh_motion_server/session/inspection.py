@@ -4,7 +4,6 @@ It changes nothing and takes no lock: it may be used on a live session. A commit
 unfinished.
 """
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,8 @@ from mesh_motion_server.session.journal.files import read_journal, verify_state
 from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileSystem
 from mesh_motion_server.session.journal.mesh_store import read_mesh
 from mesh_motion_server.session.journal.recovery import Findings
-from mesh_motion_server.session.spec import StoredSpec, spec_bytes
+from mesh_motion_server.session.spec import StoredSpec, check_digest, spec_bytes
+from mesh_motion_server.session.unbuilt import never_built
 
 __all__ = ["Check", "Inspection", "inspect_session"]
 
@@ -75,13 +75,13 @@ def inspect_session(folder: Path | str) -> Inspection:
     """
     path, files = Path(folder), PosixFileSystem()
     raw = spec_bytes(path)
-    spec = StoredSpec.from_bytes(raw)
     found, journal_check = _journal(path, files)
+    spec = _spec(raw, found)
     checks = [journal_check]
     if found is not None:
         foundation = found.ledger.foundation
         checks += [
-            _check("spec", lambda: _compare(hashlib.sha256(raw).digest(), foundation.spec)),
+            _check("spec", lambda: check_digest(raw, foundation.spec)),
             _check("mesh", lambda: read_mesh(path / "mesh.bin", files, foundation.mesh)),
             _check("state", lambda: verify_state(path, files, found.ledger)),
         ]
@@ -99,7 +99,7 @@ def inspect_session(folder: Path | str) -> Inspection:
         stored_step=_stored_step(found) if found else -1,
         epoch=found.ledger.epoch if found else -1,
         digest=last.digest.hex() if last else "",
-        state=_judge(path, found, checks),
+        state=_judge(path, files, found, checks),
         checks=tuple(checks),
     )
 
@@ -124,14 +124,26 @@ def _check(name: str, verify: Callable[[], object]) -> Check:
     return Check(name, passed=True)
 
 
-def _compare(found: bytes, expected: bytes) -> None:
-    if found != expected:
-        raise JournalError("the session's spec does not match its digest")
+def _spec(raw: bytes, found: Findings | None) -> StoredSpec:
+    """What the file says; one that is damaged is not reported as another version's."""
+    try:
+        return StoredSpec.from_bytes(raw)
+    except JournalError:
+        if found is not None:
+            check_digest(raw, found.ledger.foundation.spec)
+        raise
 
 
-def _judge(path: Path, found: Findings | None, checks: list[Check]) -> str:
-    if not (path / "manifest").exists():
+def _judge(path: Path, files: FileSystem, found: Findings | None, checks: list[Check]) -> str:
+    if found is None and _is_unbuilt(path, files):
         return "unbuilt"
     if found is None or not all(check.passed for check in checks):
         return "damaged"
     return "unfinished" if found.torn or found.completion or found.dirty_slots else "whole"
+
+
+def _is_unbuilt(path: Path, files: FileSystem) -> bool:
+    try:
+        return never_built(files, path)
+    except OSError:
+        return False

@@ -12,13 +12,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_server.errors import JournalError, MeshMotionError
 from mesh_motion_server.session.journal.files import MANIFEST, read_ledger
 from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, unreadable
-from mesh_motion_server.session.spec import SPEC, StoredSpec
+from mesh_motion_server.session.spec import SPEC, StoredSpec, check_digest
 from mesh_motion_server.session.state import State
 
-__all__ = ["Listing", "Remembered", "StoredSession"]
+__all__ = ["UNREADABLE", "Listing", "Remembered", "StoredSession"]
+
+UNREADABLE = "UNREADABLE"
+"""The state in lists of a session whose files the system does not give: nothing is known to be lost."""
 
 #: Maximum number of cached sessions, the most recently requested ones; some 10 MB.
 _MOST = 10_000
@@ -36,8 +39,8 @@ class StoredSession:
 
     Attributes
     ----------
-    state : State
-        READY, or FAILED when its files do not verify.
+    state : str
+        READY; FAILED when its files do not verify; UNREADABLE when they cannot be read.
     owner : str
         The public key of the user who opened it; empty on a server without keys.
     """
@@ -47,7 +50,7 @@ class StoredSession:
     dimension: int
     partitions: int
     step: int
-    state: State
+    state: str
     owner: str = ""
 
 
@@ -98,8 +101,8 @@ class Listing:
 
     def __init__(self, files: FileSystem) -> None:
         self._files = files
-        self._specs: Remembered[StoredSpec] = Remembered(_MOST)
-        self._steps: Remembered[int] = Remembered(_MOST)
+        self._specs: Remembered[tuple[bytes, StoredSpec | JournalError]] = Remembered(_MOST)
+        self._journals: Remembered[tuple[int, bytes]] = Remembered(_MOST)
 
     def spec(self, folder: Path) -> StoredSpec:
         """What OPEN fixed.
@@ -107,30 +110,62 @@ class Listing:
         Raises
         ------
         JournalError
-            If it cannot be read.
+            If it cannot be read, or is not the one that the journal has the digest of.
         """
 
-        def read() -> StoredSpec:
+        try:
+            _, digest = self._journal(folder)
+        except MeshMotionError:  # a damaged journal gives no digest; RESUME refuses it
+            digest = None
+        return self._checked_spec(folder, digest)
+
+    def _checked_spec(self, folder: Path, digest: bytes | None) -> StoredSpec:
+        raw, spec = self._read_spec(folder)
+        if digest is not None:
+            check_digest(raw, digest)  # before the content: damage is no other version
+        if isinstance(spec, JournalError):
+            raise spec
+        return spec
+
+    def _read_spec(self, folder: Path) -> tuple[bytes, StoredSpec | JournalError]:
+        """The file, and what it says or why that cannot be read."""
+
+        def read() -> tuple[bytes, StoredSpec | JournalError]:
             try:
-                return StoredSpec.from_bytes(read_whole(self._files, folder / SPEC))
+                raw = read_whole(self._files, folder / SPEC)
             except OSError as error:
                 raise unreadable("the session's spec", error) from error
+            try:
+                return raw, StoredSpec.from_bytes(raw)
+            except JournalError as error:
+                return raw, error
 
         return self._specs.get(folder / SPEC, read)
+
+    def _journal(self, folder: Path) -> tuple[int, bytes]:
+        """The last step, and the digest of the spec."""
+
+        def read() -> tuple[int, bytes]:
+            ledger = read_ledger(folder, self._files)
+            return ledger.step, ledger.foundation.spec
+
+        return self._journals.get(folder / MANIFEST, read)
 
     def owner(self, folder: Path) -> str:
         """The owner of the session; empty if it cannot be read."""
         try:
-            return self.spec(folder).owner
+            _, spec = self._read_spec(folder)
         except MeshMotionError:
             return ""
+        return "" if isinstance(spec, JournalError) else spec.owner
 
     def describe(self, folder: Path) -> StoredSession:
         """Describe a session at rest; of its journal only the manifest's chain is read, and only once."""
         owner = self.owner(folder)
         try:
-            spec = self.spec(folder)
-            step = self._steps.get(folder / MANIFEST, lambda: read_ledger(folder, self._files).step)
-        except MeshMotionError:
-            return StoredSession(folder.name, "", 0, 0, 0, State.FAILED, owner)
+            step, digest = self._journal(folder)
+            spec = self._checked_spec(folder, digest)
+        except MeshMotionError as error:
+            state = UNREADABLE if error.code == "RESOURCE_EXHAUSTED.DISK" else State.FAILED
+            return StoredSession(folder.name, "", 0, 0, 0, state, owner)
         return StoredSession(folder.name, spec.label, spec.dimension, spec.partitions, step, State.READY, owner)

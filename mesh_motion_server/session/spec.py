@@ -12,7 +12,7 @@ from typing import Any
 from mesh_motion_server.errors import InvalidInput, JournalError
 from mesh_motion_server.settings import MethodSettings
 
-__all__ = ["SPEC", "SessionSpec", "StoredSpec", "spec_bytes"]
+__all__ = ["SPEC", "SessionSpec", "StoredSpec", "check_digest", "spec_bytes"]
 
 SPEC = "spec.json"
 """The file in a session's folder that says what OPEN fixed."""
@@ -147,6 +147,16 @@ def _check_version(number: Any, settings: dict[str, Any]) -> None:
         hint="open it with the version of the server that wrote it; nothing was changed",
         details={"file": SPEC, "got": number, "expected": _FORMAT},
     )
+
+
+def check_digest(spec: bytes, expected: bytes) -> None:
+    """Raise DATA_LOSS.CHECKSUM unless these bytes of ``spec.json`` have the sha256 that the journal has of them."""
+    if hashlib.sha256(spec).digest() != expected:
+        raise JournalError(
+            "the session's spec does not match its digest",
+            hint="restore the session's folder from a backup, or discard the session",
+            details={"file": SPEC},
+        )
 
 
 def spec_bytes(folder: Path) -> bytes:

@@ -4,42 +4,52 @@
 
     STATE FOLDER/sessions/<session id>/      0700
         lock                                 flock of the process that holds the session
+        unbuilt                              until BUILD is durable: the session may be removed
         spec.json                            what OPEN fixed; only the token's sha256
         mesh.bin                             the mesh as uploaded
         manifest, slot-0, slot-1             the journal
         history/                             for people to read; nothing depends on it
 
-The digests of ``spec.json`` and ``mesh.bin`` are in the journal's first record. A session without a manifest was never
-built: it is not durable, cannot be resumed, and its folder is removed when nobody holds it.
+The digests of ``spec.json`` and ``mesh.bin`` are in the journal's first record. A session that was never built is not
+durable, cannot be resumed, and its folder is removed when nobody holds it. A missing manifest does not prove that (a
+backup may be restored in part): ``unbuilt`` does. An error of the disk never counts as a missing file.
 """
 
 import contextlib
 import hashlib
+import os
 import re
 import shutil
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-from mesh_motion_server.errors import JournalError, ResourceError, SessionError
+from mesh_motion_server.errors import ResourceError, SessionError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.session.journal.beside import Beside
 from mesh_motion_server.session.journal.durability import log_bytes
 from mesh_motion_server.session.journal.files import KEPT_COMMITS, MANIFEST, NEXT_MANIFEST, SLOTS
-from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileSystem, read_whole, write_all
+from mesh_motion_server.session.journal.filesystem import (
+    FileSystem,
+    PosixFileSystem,
+    make_durable_folder,
+    read_whole,
+    write_file,
+)
 from mesh_motion_server.session.journal.journal import Journal, record_area
 from mesh_motion_server.session.journal.ledger import Foundation
 from mesh_motion_server.session.journal.mesh_store import read_mesh, write_mesh
-from mesh_motion_server.session.listing import Listing, Remembered, StoredSession
+from mesh_motion_server.session.listing import UNREADABLE, Listing, Remembered, StoredSession
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
-from mesh_motion_server.session.spec import SPEC, SessionSpec, StoredSpec
+from mesh_motion_server.session.spec import SPEC, SessionSpec, StoredSpec, check_digest
+from mesh_motion_server.session.unbuilt import UNBUILT, mark_built, never_built
 
 __all__ = ["SessionFolder", "SessionStore", "StoredSession"]
-
 _MESH, _LOCK = "mesh.bin", "lock"
 #: A mesh with at least this many bytes of coordinates is written in a thread.
 _LARGE_MESH = 4 << 20
 _SESSION_ID = re.compile(r"[0-9a-f]{32}")
+_DISCARDED = re.compile(r"[0-9a-f]{32}\.discarded")
 
 
 class SessionFolder:
@@ -47,9 +57,8 @@ class SessionFolder:
 
     def __init__(self, path: Path, files: FileSystem, lock: int) -> None:
         self.path = path
-        raw = read_whole(files, path / SPEC)
-        self.spec = StoredSpec.from_bytes(raw)
-        self._spec_digest = hashlib.sha256(raw).digest()
+        self._raw_spec = read_whole(files, path / SPEC)
+        self.spec = StoredSpec.from_bytes(self._raw_spec)
         self._files = files
         self._lock: int | None = lock
         self._mesh: Beside[bytes] | None = None
@@ -92,7 +101,7 @@ class SessionFolder:
         try:
             foundation = Foundation(
                 session=self.spec.session,
-                spec=self._spec_digest,
+                spec=hashlib.sha256(self._raw_spec).digest(),
                 mesh=mesh.result() if mesh else write_mesh(self.path / _MESH, self._files, partitions),
                 nodes=nodes,
                 dimension=dimension,
@@ -102,7 +111,13 @@ class SessionFolder:
                 log_bytes=log_bytes(8 * nodes * dimension) if replay else 0,
             )
             failpoint("store.mesh.written")
-            return Journal.create(self.path, self._files, foundation, epoch=epoch)
+            journal = Journal.create(self.path, self._files, foundation, epoch=epoch)
+            try:
+                mark_built(self._files, self.path)
+            except OSError:
+                journal.close()
+                raise
+            return journal
         except OSError as error:
             self._remove_half_made()
             raise _disk_error("the session cannot be stored", error) from error
@@ -125,9 +140,13 @@ class SessionFolder:
         journal = Journal.open(self.path, self._files)
         foundation = journal.ledger.foundation
         try:
-            if foundation.spec != self._spec_digest:
-                raise JournalError("the session's spec does not match its digest", details={"file": SPEC})
-            return journal, read_mesh(self.path / _MESH, self._files, foundation.mesh)
+            check_digest(self._raw_spec, foundation.spec)
+            mesh = read_mesh(self.path / _MESH, self._files, foundation.mesh)
+            mark_built(self._files, self.path)  # a crash may have kept BUILD from it
+            return journal, mesh
+        except OSError as error:
+            journal.close()
+            raise _disk_error("the session cannot be opened", error) from error
         except BaseException:
             journal.close()
             raise
@@ -166,20 +185,23 @@ class SessionStore:
             RESOURCE_EXHAUSTED.DISK when the disk does not take it.
         """
         path = self._path(spec.session)
-        lock = None
+        lock, made = None, False
         try:
-            self._make_durable_folder(self._sessions)
+            make_durable_folder(self._files, self._sessions)
             if self._files.exists(path):
                 raise SessionError(f"there is a session {spec.session!r} already", hint="take a new id")
             self._files.make_folder(path)
+            made = True
             failpoint("store.create.folder-made")
             lock = self._files.lock(path / _LOCK)
-            _write_file(self._files, path / SPEC, StoredSpec.of(spec).to_bytes())
+            self._files.close(self._files.create(path / UNBUILT, 0))
+            write_file(self._files, path / SPEC, StoredSpec.of(spec).to_bytes())
             failpoint("store.create.spec-written")
             self._files.sync_folder(self._sessions)  # the folder's own entries are synced with the manifest
             return SessionFolder(path, self._files, lock)
         except OSError as error:
-            shutil.rmtree(path, ignore_errors=True)
+            if made:
+                shutil.rmtree(path, ignore_errors=True)
             if lock is not None:
                 self._files.close(lock)
             raise _disk_error("the session cannot be stored", error) from error
@@ -235,7 +257,7 @@ class SessionStore:
         SessionError
             NOT_FOUND alike for an unknown session, a wrong token, and one that was never built.
         """
-        if not self._files.exists(self._path(session) / MANIFEST):
+        if not self._is_stored(session):
             raise _not_found(session)
         spec = self._listing.spec(self._path(session))
         if not spec.admits(token):
@@ -252,18 +274,23 @@ class SessionStore:
         """
         try:
             failpoint("store.list")
-            return self._names.get(self._sessions, lambda: [path.name for path in self._folders()])
+            return self._names.get(self._sessions, lambda: list(filter(_SESSION_ID.fullmatch, self._listed())))
         except OSError as error:
             raise _disk_error("the sessions cannot be listed", error) from error
 
     def owner_listed(self, session: str) -> str | None:
         """Like :meth:`owner`, but ``""`` if the owner cannot be read."""
-        if not self._is_stored(session):
-            return None
-        return self._listing.owner(self._sessions / session)
+        try:
+            return self._listing.owner(self._sessions / session) if self._is_stored(session) else None
+        except ResourceError:
+            return ""
 
     def describe(self, session: str) -> StoredSession:
         """A stored session for lists; reads the manifest's chain only, and nothing that it has read before."""
+        try:
+            self._is_stored(session)
+        except ResourceError:
+            return StoredSession(session, "", 0, 0, 0, UNREADABLE)
         return self._listing.describe(self._path(session))
 
     def sessions(self) -> list[StoredSession]:
@@ -274,7 +301,7 @@ class SessionStore:
         ResourceError
             As :meth:`names`.
         """
-        return [self.describe(name) for name in self.names() if self._is_stored(name)]
+        return [self.describe(name) for name in self.names() if self.owner_listed(name) is not None]
 
     def discard(self, session: str) -> None:
         """Delete a session that this process or nobody holds; not an error if it is gone.
@@ -300,39 +327,60 @@ class SessionStore:
 
     def sweep(self) -> list[str]:
         """Remove what was half deleted and sessions that were never built and nobody holds; returns their names."""
-        removed = []
         failpoint("store.sweep")
-        for path in self._sessions.glob("*.discarded"):
+        try:
+            names = sorted(self._listed(), key=lambda name: not _DISCARDED.fullmatch(name))
+            return [name for name in names if self._swept(self._sessions / name)]
+        except OSError as error:
+            raise _disk_error("the sessions cannot be listed", error) from error
+
+    def _swept(self, path: Path) -> bool:
+        """Remove a folder if it is half deleted, or never built and not held. One that cannot be read stays."""
+        if _DISCARDED.fullmatch(path.name):
             shutil.rmtree(path, ignore_errors=True)
-            removed.append(path.name)
-        for path in self._folders():
-            if self._files.exists(path / MANIFEST):
-                continue
-            with contextlib.suppress(OSError):
-                lock = self._files.lock(path / _LOCK)
+            return True
+        try:
+            if not (_SESSION_ID.fullmatch(path.name) and never_built(self._files, path)):
+                return False
+            lock = self._files.lock(path / _LOCK)
+        except OSError:
+            return False
+        try:
+            if removed := never_built(self._files, path):  # another process may have built it meanwhile
                 shutil.rmtree(path, ignore_errors=True)
-                self._files.close(lock)
-                removed.append(path.name)
+        except OSError:
+            return False
+        finally:
+            self._files.close(lock)
         return removed
 
     def _is_stored(self, session: str) -> bool:
-        return bool(_SESSION_ID.fullmatch(session)) and self._files.exists(self._sessions / session / MANIFEST)
+        """Whether there is such a session; one whose folder lost files is there, with lost data.
+
+        Raises
+        ------
+        ResourceError
+            RESOURCE_EXHAUSTED.DISK if the folder cannot be read.
+        """
+        if not _SESSION_ID.fullmatch(session):
+            return False
+        path = self._sessions / session
+        try:
+            return self._files.exists(path) and not never_built(self._files, path)
+        except OSError as error:
+            raise _disk_error(f"session {session} cannot be read", error) from error
 
     def _path(self, session: str) -> Path:
         if not _SESSION_ID.fullmatch(session):
             raise _not_found(session)
         return self._sessions / session
 
-    def _make_durable_folder(self, path: Path) -> None:
-        """The folder and what is missing above it, each synced in the folder that holds it."""
-        missing = [folder for folder in (path, *path.parents) if not self._files.exists(folder)]
-        self._files.make_folder(path)
-        for folder in missing:
-            self._files.sync_folder(folder.parent)
-
-    def _folders(self) -> Iterator[Path]:
-        if self._sessions.is_dir():
-            yield from (path for path in sorted(self._sessions.iterdir()) if _SESSION_ID.fullmatch(path.name))
+    def _listed(self) -> list[str]:
+        """The names in the folder of sessions; none where it is not made yet."""
+        try:
+            return sorted(os.listdir(self._sessions))
+        except FileNotFoundError:
+            return []
 
 
 def _not_found(session: str) -> SessionError:
@@ -350,13 +398,3 @@ def _disk_error(what: str, error: OSError) -> ResourceError:
         hint="see to the disk that holds the state folder",
         details={"errno": error.errno or 0},
     )
-
-
-def _write_file(files: FileSystem, path: Path, data: bytes) -> None:
-    """A small file, synced."""
-    handle = files.create(path, 0)
-    try:
-        write_all(files, handle, 0, data)
-        files.sync(handle)
-    finally:
-        files.close(handle)

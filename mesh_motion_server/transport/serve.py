@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TextIO
 
 from mesh_motion_server import __version__
-from mesh_motion_server.errors import InvalidInput, MeshMotionError
+from mesh_motion_server.errors import InvalidInput, MeshMotionError, ResourceError
 from mesh_motion_server.failpoints import activate
 from mesh_motion_server.operation.service_manager import ServiceManager
 from mesh_motion_server.settings import ServerSettings
@@ -16,6 +16,7 @@ from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, lock
 from mesh_motion_server.transport.hosting import Hosting
 from mesh_motion_server.transport.protection import Protection
 from mesh_motion_server.transport.self_test import ProtectionError
+from mesh_motion_server.transport.state_folder import StateFolder
 from mesh_motion_server.transport.supervisor import Supervisor
 from mesh_motion_server.transport.telemetry import configure, log
 
@@ -23,7 +24,7 @@ __all__ = ["EXIT_CONFIGURATION", "EXIT_UNAVAILABLE", "LIFELINE", "serve"]
 
 #: ``EX_CONFIG`` of sysexits.h: the settings ask for something unsafe.
 EXIT_CONFIGURATION = 78
-#: ``EX_UNAVAILABLE``: the endpoint is taken.
+#: ``EX_UNAVAILABLE``: the endpoint or the state folder is taken, or the disk does not give the state folder.
 EXIT_UNAVAILABLE = 69
 #: Environment variable with the number of an inherited file descriptor: the server drains when it reads as ended. A
 #: client that starts a private server holds the other end, so that the server never outlives it.
@@ -64,8 +65,9 @@ def serve(
     Returns
     -------
     int
-        Exit status: 0 after a drain, 69 if the endpoint is taken, 70 if the gateway or the workers keep falling, 78
-        if the endpoint is wrong or unsafe, the keys do not protect it, or a plan of failpoints is wrong.
+        Exit status: 0 after a drain, 69 if the endpoint or the state folder is taken or the disk fails, 70 if the
+        gateway or the workers keep falling, 78 if the endpoint or the state folder is wrong or unsafe, the keys do not
+        protect it, or a plan of failpoints is wrong.
     """
     configure("supervisor", level)
     if ready_file is not None:
@@ -75,8 +77,9 @@ def serve(
     manager = ServiceManager.of_environment()
     try:
         protection, lock = _prepare(settings, insecure=insecure)
-        supervisor = Supervisor(settings, hosting or Hosting(), level, protection, manager)
-        listening = _start(supervisor)
+        state = _hold(settings)
+        supervisor, listening = _start(settings, hosting or Hosting(), level, protection, manager)
+        state.name_holder(listening["endpoint"])
     except _RefusedError as refusal:
         log().error("refused", reason=refusal.error.message, hint=refusal.error.hint)
         return refusal.status
@@ -89,6 +92,7 @@ def serve(
             ready_file.unlink(missing_ok=True)
         if lock is not None:
             lock.close()
+        state.release()
 
 
 class _RefusedError(Exception):
@@ -117,10 +121,27 @@ def _prepare(settings: ServerSettings, *, insecure: bool) -> tuple[Protection | 
     return protection, lock
 
 
-def _start(supervisor: Supervisor) -> dict[str, str]:
+def _hold(settings: ServerSettings) -> StateFolder:
+    """Take the state folder, and name this server as its holder."""
+    try:
+        state = StateFolder(settings.state_folder)
+        state.name_holder(settings.endpoint)
+    except EndpointError as error:
+        raise _RefusedError(error, EXIT_CONFIGURATION) from error
+    except ResourceError as error:
+        raise _RefusedError(error, EXIT_UNAVAILABLE) from error
+    return state
+
+
+def _start(
+    settings: ServerSettings, hosting: Hosting, level: str, protection: Protection | None, manager: ServiceManager
+) -> tuple[Supervisor, dict[str, str]]:
     """Start; return the endpoints of clients, metrics and page."""
     try:
-        return supervisor.start()
+        supervisor = Supervisor(settings, hosting, level, protection, manager)
+        return supervisor, supervisor.start()
+    except ResourceError as error:
+        raise _RefusedError(error, EXIT_UNAVAILABLE) from error
     except EndpointError as error:
         status = EXIT_CONFIGURATION if isinstance(error, ProtectionError) else EXIT_UNAVAILABLE
         raise _RefusedError(error, status) from error

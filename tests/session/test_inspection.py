@@ -64,9 +64,9 @@ def test_damage_is_told_apart(folder: Path, name: str, offset: int, failing: str
     assert [check.name for check in found.checks if not check.passed] == [failing]
 
 
-def test_an_unbuilt_session_and_a_folder_that_is_none(folder: Path, tmp_path: Path) -> None:
+def test_a_session_without_its_manifest_and_a_folder_that_is_none(folder: Path, tmp_path: Path) -> None:
     (folder / "manifest").unlink()
-    assert inspect_session(folder).state == "unbuilt"
+    assert inspect_session(folder).state == "damaged"
     with pytest.raises(JournalError, match="is no session's folder"):
         inspect_session(tmp_path)
 

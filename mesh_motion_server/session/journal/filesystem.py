@@ -13,9 +13,20 @@ from typing import Protocol
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.operation.tally import TALLY
 
-__all__ = ["FileSystem", "PosixFileSystem", "disk_failure", "read_whole", "unreadable", "write_all"]
+__all__ = [
+    "FileSystem",
+    "PosixFileSystem",
+    "disk_failure",
+    "make_durable_folder",
+    "read_whole",
+    "unreadable",
+    "write_all",
+    "write_file",
+]
 
 Buffer = bytes | memoryview
+#: A link leads nowhere else, and opening a pipe does not wait.
+_FLAGS = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
 
 
 class FileSystem(Protocol):
@@ -60,7 +71,7 @@ class FileSystem(Protocol):
         """Remove a file if it exists."""
 
     def exists(self, path: Path) -> bool:
-        """Whether a file is there."""
+        """Whether there is an entry of this name; only ENOENT means no, every other error is raised."""
         ...
 
     def lock(self, path: Path) -> int:
@@ -84,6 +95,24 @@ def read_whole(files: FileSystem, path: Path) -> bytes:
     handle = files.open(path, writable=False)
     try:
         return files.read(handle, 0, files.size(handle))
+    finally:
+        files.close(handle)
+
+
+def make_durable_folder(files: FileSystem, path: Path) -> None:
+    """The folder and what is missing above it, each synced in the folder that holds it."""
+    missing = [folder for folder in (path, *path.parents) if not files.exists(folder)]
+    files.make_folder(path)
+    for folder in missing:
+        files.sync_folder(folder.parent)
+
+
+def write_file(files: FileSystem, path: Path, data: bytes) -> None:
+    """A small file, synced."""
+    handle = files.create(path, 0)
+    try:
+        write_all(files, handle, 0, data)
+        files.sync(handle)
     finally:
         files.close(handle)
 
@@ -118,7 +147,7 @@ class PosixFileSystem:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
 
     def create(self, path: Path, size: int) -> int:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | _FLAGS, 0o600)
         try:
             if size:
                 os.posix_fallocate(handle, 0, size)
@@ -128,7 +157,7 @@ class PosixFileSystem:
         return handle
 
     def open(self, path: Path, *, writable: bool = True) -> int:
-        return os.open(path, (os.O_RDWR if writable else os.O_RDONLY) | os.O_CLOEXEC)
+        return os.open(path, (os.O_RDWR if writable else os.O_RDONLY) | _FLAGS)
 
     def size(self, handle: int) -> int:
         return os.fstat(handle).st_size
@@ -169,10 +198,14 @@ class PosixFileSystem:
         path.unlink(missing_ok=True)
 
     def exists(self, path: Path) -> bool:
-        return path.exists()
+        try:
+            path.lstat()  # Path.exists() hides errors of the disk, ENOTDIR and ELOOP, and misses a dangling link
+        except FileNotFoundError:
+            return False
+        return True
 
     def lock(self, path: Path) -> int:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | _FLAGS, 0o600)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:

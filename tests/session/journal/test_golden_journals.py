@@ -4,6 +4,7 @@ A test that fails here after a change of the format asks for another format numb
 ``tests/references/journals/build_journals.py``; the stored ones stay as they are.
 """
 
+import hashlib
 import json
 import zipfile
 from pathlib import Path
@@ -19,7 +20,7 @@ from mesh_motion_server.session.journal import journal as journal_module
 from mesh_motion_server.session.journal.files import read_journal
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal.ledger import Commit
-from mesh_motion_server.session.journal.records import FORMATS, pack_record
+from mesh_motion_server.session.journal.records import FORMATS, pack_record, unpack_record
 from mesh_motion_server.session.store import SessionStore
 from proofs.driver import SESSION, TOKEN, Driver
 from proofs.stand_in import grid_mesh
@@ -154,13 +155,23 @@ def _later_manifest(folder: Path) -> None:
 
 def _later_spec(folder: Path) -> None:
     text = (folder / "spec.json").read_text()
-    (folder / "spec.json").write_text(text.replace('"format": 1', '"format": 2'))
+    _write_spec(folder, text.replace('"format": 1', '"format": 2'))
 
 
 def _later_setting(folder: Path) -> None:
     values = json.loads((folder / "spec.json").read_text())
     values["settings"]["later"] = True
-    (folder / "spec.json").write_text(json.dumps(values))
+    _write_spec(folder, json.dumps(values))
+
+
+def _write_spec(folder: Path, text: str) -> None:
+    """As a version that wrote it would: the journal's first record has its digest."""
+    (folder / "spec.json").write_text(text)
+    manifest = (folder / "manifest").read_bytes()
+    first = unpack_record(manifest)
+    assert first is not None
+    packed = pack_record(0, bytes(32), first.body | {"spec": hashlib.sha256(text.encode()).digest()}, 2)
+    (folder / "manifest").write_bytes(packed.ljust(len(manifest), b"\0"))
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,117 @@
+"""The state folder belongs to one server at a time, and to one user."""
+
+import fcntl
+import json
+import os
+import socket
+import stat
+from pathlib import Path
+from typing import Any
+
+from mesh_motion_server.errors import MeshMotionError, ResourceError
+from mesh_motion_server.session.journal.filesystem import PosixFileSystem, make_durable_folder
+from mesh_motion_server.transport.endpoints import EndpointError
+
+__all__ = ["StateFolder"]
+
+_LOCK = "server.lock"
+
+
+class StateFolder:
+    """The state folder, held by this process until it ends.
+
+    The kernel ends the lock with its process, however that ends: what a crash leaves is an unlocked file.
+
+    Parameters
+    ----------
+    root : Path
+        Made with mode 0700 if it is missing.
+
+    Raises
+    ------
+    EndpointError
+        If other users may write to the folder.
+    ResourceError
+        UNAVAILABLE while another server holds the folder; RESOURCE_EXHAUSTED.DISK if the system refuses.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        try:
+            make_durable_folder(PosixFileSystem(), root)
+            for folder in (root, root / "sessions"):
+                _require_own(folder)
+            self._lock = os.open(root / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        except OSError as error:
+            raise _refused(root, error) from error
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = _holder(self._lock)
+            os.close(self._lock)
+            raise ResourceError(
+                f"the state folder {root} is held by another server: {holder}",
+                code="UNAVAILABLE",
+                hint="use that server, stop it first, or give another --state",
+            ) from None
+        except OSError as error:
+            os.close(self._lock)
+            raise _refused(root, error) from error
+
+    def name_holder(self, endpoint: str) -> None:
+        """Write who holds the folder, for the error of another server.
+
+        Raises
+        ------
+        ResourceError
+            RESOURCE_EXHAUSTED.DISK if the disk does not take it.
+        """
+        text = json.dumps({"pid": os.getpid(), "host": socket.gethostname(), "endpoint": endpoint}).encode()
+        try:
+            os.pwrite(self._lock, text, 0)
+            os.ftruncate(self._lock, len(text))
+        except OSError as error:
+            raise _refused(self._root, error) from error
+
+    def release(self) -> None:
+        """Let another server hold the folder."""
+        os.close(self._lock)
+
+
+def _require_own(folder: Path) -> None:
+    """Raise if other users may change what is in a folder, or where a link in its place leads."""
+    try:
+        entry, found = folder.lstat(), folder.stat()
+    except FileNotFoundError:
+        if folder.is_symlink():
+            raise EndpointError(f"{folder} is a link that leads nowhere", hint="give a folder as --state") from None
+        return
+    mode = stat.S_IMODE(found.st_mode)
+    if mode & 0o022:
+        raise EndpointError(
+            f"other users may write to {folder}: its mode must be 0700, got {mode:04o}",
+            hint=f"chmod 700 {folder}, and look for what others may have put there",
+        )
+    strangers = {entry.st_uid, found.st_uid} - {os.geteuid(), 0}
+    if strangers:
+        raise EndpointError(
+            f"{folder} must belong to user {os.geteuid()}, who runs the server, got user {min(strangers)}",
+            hint="chown it, or give another --state",
+        )
+
+
+def _holder(lock: int) -> str:
+    """Who wrote the lock file; in doubt, that it is unknown."""
+    try:
+        found: dict[str, Any] = json.loads(os.pread(lock, 4096, 0))
+        return f"process {found['pid']} on {found['host']}, endpoint {found['endpoint']}"
+    except (OSError, ValueError, KeyError, TypeError):
+        return "its process is just starting"
+
+
+def _refused(root: Path, error: OSError) -> MeshMotionError:
+    return ResourceError(
+        f"the state folder {root} cannot be used: {error.strerror or error}",
+        code="RESOURCE_EXHAUSTED.DISK",
+        hint="see to the disk and to the rights of the folder, or give another --state",
+    )

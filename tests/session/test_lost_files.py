@@ -1,0 +1,187 @@
+"""Files of sessions that are missing, or that the system does not give: nothing is removed, and the rest is served."""
+
+import errno
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError
+from mesh_motion_server.session.inspection import inspect_session
+from mesh_motion_server.session.journal.filesystem import PosixFileSystem
+from mesh_motion_server.session.listing import UNREADABLE
+from mesh_motion_server.session.spec import SPEC
+from mesh_motion_server.session.state import State
+from mesh_motion_server.session.store import SessionStore
+from mesh_motion_server.session.unbuilt import UNBUILT
+from proofs.driver import SESSION, TOKEN, make_driver, make_spec
+from proofs.stand_in import grid_mesh
+
+OTHER = "f" * 32
+
+
+def build(store: SessionStore, session: str = SESSION, steps: int = 1, **options: Any) -> Path:
+    """A session at rest."""
+    driver = make_driver(store, [grid_mesh()], session=session, **options)
+    driver.open()
+    for step in range(1, steps + 1):
+        driver.advance(step)
+    driver.host.close()
+    return store.root / "sessions" / session
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> SessionStore:
+    return SessionStore(tmp_path)
+
+
+def load(store: SessionStore, session: str = SESSION) -> None:
+    folder = store.open(session, TOKEN)
+    try:
+        folder.load()[0].close()
+    finally:
+        folder.release()
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+@pytest.mark.parametrize("durability", ["full", "relaxed", "replay"])
+@pytest.mark.parametrize("steps", [0, 1, 3])
+def test_a_built_session_without_its_manifest_is_lost_data_and_stays(
+    store: SessionStore, durability: str, steps: int
+) -> None:
+    folder = build(store, steps=steps, spec={"durability": durability})
+    for lost in (["manifest"], ["manifest.new"], ["slot-0"], ["slot-1"], ["mesh.bin"]):
+        (folder / lost[0]).unlink()
+        before = content(folder)
+        assert store.sweep() == []
+        assert content(folder) == before
+        with pytest.raises(JournalError) as caught:
+            load(store)
+        assert caught.value.code == "DATA_LOSS.CHECKSUM"
+        assert [found.state for found in store.sessions()] == [State.FAILED]
+        assert inspect_session(folder).state == "damaged"
+
+
+def test_what_was_never_built_is_removed(store: SessionStore) -> None:
+    folder = store.create(make_spec())
+    folder.release()
+    empty = store.root / "sessions" / OTHER
+    empty.mkdir()
+    foreign = store.root / "sessions" / "notes.discarded"
+    foreign.mkdir()
+    assert inspect_session(folder.path).state == "unbuilt"
+    assert store.sessions() == []
+    assert store.sweep() == [SESSION, OTHER]
+    assert os.listdir(store.root / "sessions") == [foreign.name]
+
+
+def test_the_mark_of_an_unbuilt_session_ends_with_its_build(store: SessionStore) -> None:
+    folder = build(store)
+    assert not (folder / UNBUILT).exists()
+    (folder / UNBUILT).touch()  # as a crash directly after the manifest leaves it
+    load(store)
+    assert not (folder / UNBUILT).exists()
+
+
+class Failing(PosixFileSystem):
+    """A disk that gives an error for one name."""
+
+    def __init__(self, name: str, error: int) -> None:
+        self.name, self.error = name, error
+
+    def exists(self, path: Path) -> bool:
+        if self.name in path.parts:
+            raise OSError(self.error, os.strerror(self.error))
+        return super().exists(path)
+
+    def open(self, path: Path, *, writable: bool = True) -> int:
+        if self.name in path.parts:
+            raise OSError(self.error, os.strerror(self.error))
+        return super().open(path, writable=writable)
+
+
+ERRORS = [number for name, number in vars(errno).items() if name in ("EIO", "ESTALE", "EACCES", "ELOOP", "ENOTDIR")]
+
+
+@pytest.mark.parametrize("error", ERRORS)
+@pytest.mark.parametrize("name", ["manifest", SPEC, UNBUILT, SESSION])
+def test_an_error_of_the_disk_is_no_missing_file(store: SessionStore, name: str, error: int) -> None:
+    folder = build(store)
+    if name == UNBUILT:
+        (folder / "manifest").unlink()
+    build(store, OTHER)
+    failing = SessionStore(store.root, files=Failing(name, error))
+    before = content(folder)
+    assert failing.sweep() == []
+    assert content(folder) == before
+    states = {found.session: found.state for found in failing.sessions()}
+    assert states[SESSION] == UNREADABLE
+    assert name != SESSION or states[OTHER] == State.READY
+    for ask in (lambda: failing.open(SESSION, TOKEN), lambda: failing.owner(SESSION)):
+        with pytest.raises(MeshMotionError) as caught:
+            ask()
+        assert caught.value.code == "RESOURCE_EXHAUSTED.DISK"
+
+
+@pytest.mark.parametrize("name", ["exists", "make_folder", "sync_folder"])
+def test_a_session_is_not_removed_by_a_create_that_fails(
+    store: SessionStore, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """An id that is there already, and a disk that does not say so."""
+    before = content(build(store))
+
+    def fail(*_: Any) -> Any:
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(PosixFileSystem, name, fail)
+    if name != "sync_folder":
+        with pytest.raises(ResourceError):
+            store.create(make_spec())
+    assert content(store.root / "sessions" / SESSION) == before
+
+
+def replace_by(make: Callable[[Path], object], name: str = "") -> Callable[[Path], None]:
+    def replaced(folder: Path) -> None:
+        path = folder / name if name else folder
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+        make(path)
+
+    return replaced
+
+
+BAD = {
+    "file": replace_by(Path.touch),
+    "dangling": replace_by(lambda path: path.symlink_to("nowhere")),
+    "loop": replace_by(lambda path: path.symlink_to(path)),
+    "manifest-folder": replace_by(Path.mkdir, "manifest"),
+    "manifest-pipe": replace_by(os.mkfifo, "manifest"),
+    "manifest-dangling": replace_by(lambda path: path.symlink_to("nowhere"), "manifest"),
+    "manifest-empty": replace_by(Path.touch, "manifest"),
+    "spec-folder": replace_by(Path.mkdir, SPEC),
+    "spec-pipe": replace_by(os.mkfifo, SPEC),
+    "spec-gone": replace_by(lambda path: None, SPEC),
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_one_bad_folder_is_named_and_the_rest_is_served(store: SessionStore, kind: str) -> None:
+    folder = build(store)
+    build(store, OTHER)
+    BAD[kind](folder)
+    (store.root / "sessions" / "lost+found").mkdir()
+    for _ in range(2):
+        assert store.sweep() == []
+        states = {found.session: found.state for found in store.sessions()}
+        assert states == {SESSION: states[SESSION], OTHER: State.READY}
+        assert states[SESSION] in (UNREADABLE, State.FAILED)
+        assert kind not in ("file", "dangling", "loop") or states[SESSION] == UNREADABLE
+        with pytest.raises(MeshMotionError) as caught:
+            load(store)
+        assert caught.value.code in ("RESOURCE_EXHAUSTED.DISK", "DATA_LOSS.CHECKSUM")
+    load(store, OTHER)

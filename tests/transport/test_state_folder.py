@@ -1,0 +1,67 @@
+"""The state folder: one server, one user."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from mesh_motion_server.errors import ResourceError
+from mesh_motion_server.transport.endpoints import EndpointError
+from mesh_motion_server.transport.state_folder import StateFolder
+
+
+def test_a_second_server_is_refused_and_the_first_is_named(tmp_path: Path) -> None:
+    first = StateFolder(tmp_path / "state")
+    first.name_holder("tcp://127.0.0.1:7440")
+    with pytest.raises(ResourceError, match=f"process {os.getpid()} on .*, endpoint tcp://127.0.0.1:7440"):
+        StateFolder(tmp_path / "state")
+    first.release()
+    StateFolder(tmp_path / "state").release()
+
+
+@pytest.mark.parametrize("left", [b"", b"nonsense", b"[]", json.dumps({"pid": 1}).encode()])
+def test_what_a_crash_leaves_is_no_lock(tmp_path: Path, left: bytes) -> None:
+    (tmp_path / "server.lock").write_bytes(left)
+    held = StateFolder(tmp_path)
+    with pytest.raises(ResourceError, match="held by another server: its process is just starting"):
+        StateFolder(tmp_path)
+    held.release()
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o770, 0o702])
+@pytest.mark.parametrize("name", [".", "sessions"])
+def test_a_folder_that_others_may_write_to_is_refused(tmp_path: Path, name: str, mode: int) -> None:
+    (tmp_path / "state" / "sessions").mkdir(parents=True)
+    (tmp_path / "state" / name).chmod(mode)
+    with pytest.raises(EndpointError, match=f"got {mode:04o}"):
+        StateFolder(tmp_path / "state")
+
+
+@pytest.mark.parametrize("what", ["file", "dangling", "loop"])
+def test_what_is_no_folder_is_refused(tmp_path: Path, what: str) -> None:
+    path = tmp_path / "state"
+    path.touch() if what == "file" else path.symlink_to("nowhere" if what == "dangling" else path)
+    with pytest.raises(ResourceError, match="cannot be used"):
+        StateFolder(path)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
+def test_the_folder_or_link_of_a_stranger_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "state").mkdir(mode=0o700)
+    (tmp_path / "link").symlink_to("state")
+    StateFolder(tmp_path / "link").release()
+    os.chown(tmp_path / "link", 65534, 65534, follow_symlinks=False)
+    with pytest.raises(EndpointError, match="got user 65534"):
+        StateFolder(tmp_path / "link")
+    os.chown(tmp_path / "state", 65534, 65534)
+    with pytest.raises(EndpointError, match="got user 65534"):
+        StateFolder(tmp_path / "state")
+
+
+def test_a_second_server_on_the_folder_of_a_live_one_ends_and_names_it(start, tmp_path) -> None:
+    first = start()
+    second = start(folder=tmp_path / "second", ready=False, state_folder=first.settings["state_folder"])
+    assert second.process.wait(60) == 69
+    assert f"process {first.process.pid} on" in second.log_path.read_text()
+    assert first.endpoint in second.log_path.read_text()
