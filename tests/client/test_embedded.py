@@ -44,9 +44,36 @@ def test_kill_9_of_the_client_ends_it():
     assert gone(pid)
 
 
-def test_a_server_that_cannot_start_says_why(tmp_path, monkeypatch):
+def test_a_server_that_cannot_start_says_why(tmp_path):
+    with pytest.raises(Unavailable) as refused:
+        connect(server_options=["--endpoint", "tcp://0.0.0.0:0"])
+    assert refused.value.message.startswith("the embedded server did not become ready: tcp://0.0.0.0:0 is reached by")
+    assert refused.value.hint.startswith("give --keys")
+    with pytest.raises(Unavailable, match=r"did not become ready: .*missing.toml: not readable as TOML") as refused:
+        connect(server_options=["--settings", str(tmp_path / "missing.toml")])
+    assert refused.value.hint == ""
+
+
+def test_the_folder_for_temporary_files_may_have_a_long_path(tmp_path, monkeypatch):
+    """The sockets then lie elsewhere, what is stored does not."""
     deep = tmp_path / ("x" * 100)
     deep.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(deep))
-    with pytest.raises(Unavailable, match=r"did not become ready: an ipc path must leave room in 107 bytes"):
-        connect()
+    with connect() as server:
+        assert server.sessions() == []
+        (folder,) = deep.iterdir()
+        assert not server.endpoint.startswith(f"ipc://{deep}")
+    assert not folder.exists()
+    assert not Path(server.endpoint.removeprefix("ipc://")).parent.exists()
+
+
+@pytest.mark.parametrize("closed", ["0<&-", "1>&-", "2>&-", "0<&- 1>&- 2>&-"])
+def test_standard_descriptors_may_be_closed(tmp_path, closed):
+    """As in cron, daemons and ranks of MPI: neither the client nor the server takes their numbers for its pipes."""
+    program = (
+        "import sys; from mesh_motion_client import connect\nwith connect() as s: open(sys.argv[1], 'w').write('ok')"
+    )
+    answer = tmp_path / "answer"
+    shell = ["sh", "-c", f'exec "$@" {closed}', "sh", sys.executable, "-c", program, str(answer)]
+    assert subprocess.run(shell, check=False, stderr=subprocess.DEVNULL).returncode == 0
+    assert answer.read_text() == "ok"

@@ -6,6 +6,7 @@ socket's own events are watched: :class:`ConnectionLost` says that the request m
 
 from __future__ import annotations
 
+import os
 import struct
 import time
 from collections.abc import Callable
@@ -27,7 +28,7 @@ from mesh_motion_client.errors import (
 )
 from mesh_motion_client.keys import Keys
 
-__all__ = ["Connection", "ConnectionLost", "DamagedReply", "seconds_left"]
+__all__ = ["Connection", "ConnectionLost", "DamagedReply", "check_process", "seconds_left"]
 
 #: Silence after which ``watch`` is called, seconds.
 _WATCH_SECONDS = 1.0
@@ -58,6 +59,7 @@ class Connection:
 
     def __init__(self, endpoint: str, keys: Keys | None = None) -> None:
         self.endpoint = endpoint
+        self._process = os.getpid()
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self._socket.setsockopt(zmq.LINGER, 0)
         for option in (zmq.SNDTIMEO, zmq.RCVTIMEO):
@@ -184,11 +186,27 @@ class Connection:
         return bool(self._socket.closed)
 
     def close(self) -> None:
-        """Close the socket; idempotent."""
+        """Close the socket; idempotent. In a forked child the parent's socket stays open."""
         if not self._socket.closed:
-            self._socket.disable_monitor()
+            if self._process == os.getpid():
+                self._socket.disable_monitor()
             self._events.close()
             self._socket.close()
+
+
+def check_process(process: int) -> None:
+    """Check that this is the process that made a connection: a forked child has none of the threads that serve it.
+
+    Raises
+    ------
+    SessionError
+    """
+    if os.getpid() != process:
+        raise SessionError(
+            f"a forked child cannot use the connections of its parent (process {process})",
+            code="FAILED_PRECONDITION",
+            hint="connect in the child, and take the session up there with server.resume(session.credentials)",
+        )
 
 
 def seconds_left(deadline: float) -> float:
