@@ -124,6 +124,7 @@ class ServerSettings(_Strict):
     state_folder: Annotated[Path, Field(strict=False)] = Path("~/.local/state/mesh-motion")  # where sessions are stored
     keys_folder: Annotated[Path | None, Field(strict=False)] = None  # keys of the server and its clients; None: no keys
     max_sessions: Annotated[int, Field(ge=1)] = 64  # sessions with a worker at a time
+    max_sessions_per_key: Annotated[int | None, Field(ge=1)] = None  # of one key of a client; None: no limit
     max_partitions: Annotated[int, Field(ge=1, le=256)] = 256  # partitions of one session
     max_session_bytes: Annotated[int, Field(ge=1 << 10)] = 4 << 30  # mesh of one session
     max_header_bytes: Literal[65536] = 65536  # of the protocol

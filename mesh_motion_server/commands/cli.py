@@ -79,7 +79,7 @@ def say_json(values: dict[str, Any]) -> None:
 
 def main() -> NoReturn:
     """Run the command line and exit."""
-    _open_standard_files()
+    _open_standard_streams()
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # otherwise pydantic searches every installed package
     if isinstance(sys.stdout, TextIOWrapper):  # a label may have what its encoding lacks: it is shown as "?"
         sys.stdout.reconfigure(errors="replace")
@@ -101,13 +101,16 @@ def main() -> NoReturn:
     sys.exit(ExitStatus.DONE)
 
 
-def _open_standard_files() -> None:
-    """Open descriptors 0 to 2 where the caller closed them (cron, daemons): a socket there would get all output."""
+def _open_standard_streams() -> None:
+    """Open those that are closed, as in daemons: their numbers would go to the next files and sockets, here and in
+    children, and what is printed would go there.
+    """
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(descriptor, True)
     os.close(descriptor)
-    sys.stdout = sys.stdout or open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
-    sys.stderr = sys.stderr or open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115 - for the process' life
 
 
 def _report_defect(error: Exception) -> NoReturn:

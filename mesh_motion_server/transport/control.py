@@ -23,6 +23,7 @@ from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.late_replies import LateReplies
 from mesh_motion_server.transport.opening import check_open, check_room
+from mesh_motion_server.transport.places import check_place, gives_way
 from mesh_motion_server.transport.processes import Child
 from mesh_motion_server.transport.registry import Asked, Live, Registry, RequestBook, fit
 from mesh_motion_server.transport.replies import encoded
@@ -116,7 +117,7 @@ class Control:
             self._refuse(asked, _known(error))
 
     def _open(self, asked: Asked, request: Open) -> None:
-        self._check_room()
+        check_place(self.registry, self._settings, asked.user)
         durability = check_open(request, self._settings)
         check_room(request, self._settings, self._disk)
         session, token = secrets.token_hex(16), secrets.token_bytes(32)
@@ -146,18 +147,10 @@ class Control:
             owner=self._access.name(asked.user),
         )
 
-    def _check_room(self) -> None:
-        if self.registry.working() >= self._settings.max_sessions:
-            raise ResourceError(
-                f"{self._settings.max_sessions} sessions are open, which is the limit of this server",
-                code="RESOURCE_EXHAUSTED.SESSIONS",
-                hint="close one, or raise max_sessions",
-            )
-
     def _resume(self, asked: Asked, request: Resume) -> None:
         live = self._found(request, asked.user)
         if live is None:
-            self._check_room()
+            check_place(self.registry, self._settings, asked.user)
             live = Live(request.session, request.token, asked.user, self._start(_resume_order(request, asked.user)))
             self.registry.live[request.session] = live
             self._expect(live, asked)
@@ -166,7 +159,7 @@ class Control:
             _require_place(live)
             live.queue.append(asked)
         elif live.status == "dead":
-            self._check_room()
+            check_place(self.registry, self._settings, live.owner)
             self._restart(live, asked)
         else:
             live.reclaiming = True
@@ -178,6 +171,7 @@ class Control:
         failpoint("supervisor.restart")
         live.child = self._start(_resume_order(live, live.owner))
         live.status, live.reclaiming, live.over = "starting", False, False
+        live.suspended_at, live.giving_way = None, False
         self._expect(live, asked)
         log().info("resume", session=live.session)
 
@@ -256,6 +250,7 @@ class Control:
             self._arrived(live)
         elif kind == "status":
             live.epoch, live.state, live.step = event["epoch"], event["state"], event["step"]
+            live.note_suspended(event["suspended"], time.monotonic())
         elif kind == "reclaiming" and live.deadline is not None:
             live.deadline = time.monotonic() + max(_RECLAIM_SECONDS, self._settings.drain_seconds)
         elif kind == "recomputed" and live.deadline is not None:
@@ -336,6 +331,14 @@ class Control:
         self._send(asked.peer, asked.reply)
 
     def _refuse(self, asked: Asked, error: MeshMotionError) -> None:
+        """Refuse; a request that finds no place for its worker waits for a suspended session that gives way, if any."""
+        live = gives_way(self.registry, error)
+        if live is not None:
+            log().info("gives_way", session=live.session, of=self._access.name(live.owner))
+            live.deadline = time.monotonic() + self._settings.drain_seconds
+            live.child.channel.offer({"order": "drain"})
+            live.queue.append(asked)
+            return
         self._book.forget(asked)
         self._reply_error(asked.peer, asked.request, error)
 

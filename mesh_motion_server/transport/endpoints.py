@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import TextIO
 
 import zmq
+from mesh_motion_protocol.ipc_paths import PATH_BYTES
 
 from mesh_motion_server.errors import MeshMotionError
 
 __all__ = ["Endpoint", "EndpointError", "bind", "bind_first", "connection_event", "lock_folder", "router"]
 
-#: Longest path in the kernel's ``sun_path``, without its final zero.
-_PATH_BYTES = 107
 #: Longest name of a worker's socket in the folder of a control endpoint.
 _WORKER_NAME = "/w4194304.ipc"
 
@@ -110,9 +109,9 @@ class Endpoint:
 
 def _short_enough(path: str) -> str:
     longest = max(len(os.fsencode(path)), len(os.fsencode(str(Path(path).parent) + _WORKER_NAME)))
-    if longest > _PATH_BYTES:
+    if longest > PATH_BYTES:
         raise EndpointError(
-            f"an ipc path must leave room in {_PATH_BYTES} bytes, {path!r} does not",
+            f"an ipc path must leave room in {PATH_BYTES} bytes, {path!r} does not",
             hint="use a shorter folder, for example under /tmp or /run",
         )
     return path

@@ -48,8 +48,9 @@ class Live:
 
     ``owner`` is the public key of who opened it, empty on a server without keys. ``status`` is PROBED's ``worker``:
     starting, alive or dead. ``asked`` is the OPEN or RESUME that waits for the worker; ``deadline`` is when that wait
-    ends; ``queue`` holds further RESUMEs. ``failure`` and ``over`` are the worker's last words: why it could not start,
-    that it ended as it should.
+    ends; ``queue`` holds further RESUMEs, and requests that take this session's place. ``failure`` and ``over`` are the
+    worker's last words: why it could not start, that it ended as it should. ``suspended_at`` is when the lease ended on
+    the monotonic clock, None while a client has it; ``giving_way``: the worker ends because its place is needed.
     """
 
     session: str
@@ -69,6 +70,13 @@ class Live:
     queue: deque[Asked] = field(default_factory=deque)
     failure: MeshMotionError | None = None
     over: bool = False
+    suspended_at: float | None = None
+    giving_way: bool = False
+
+    def note_suspended(self, suspended: bool, now: float) -> None:
+        """Take the worker's report whether its lease has ended."""
+        if suspended != (self.suspended_at is not None):
+            self.suspended_at = now if suspended else None
 
     def listed(self) -> dict[str, Any]:
         """Return its entry in LISTED."""
@@ -170,9 +178,9 @@ class Registry:
         for session in fallen[:-_FALLEN]:
             del self.live[session]
 
-    def working(self) -> int:
-        """Number of sessions with a worker that still serves them."""
-        return sum(live.status != "dead" and live.state != "CLOSED" for live in self.live.values())
+    def working(self) -> list[Live]:
+        """Return the sessions with a worker that still serves them."""
+        return [live for live in self.live.values() if live.status != "dead" and live.state != "CLOSED"]
 
     def page(self, after: str, shown: Callable[[str], bool]) -> tuple[list[tuple[str, dict[str, Any]]], bool]:
         """LISTED's sessions behind ``after`` with their owners, and whether there are more; reads what is on the page.

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from mesh_motion_protocol.ipc_paths import PREFIX, folder_for_sockets
 from mesh_motion_protocol.limits import default_limits
 
 from mesh_motion_server import __version__
@@ -39,6 +40,8 @@ __all__ = ["Supervisor"]
 _WORKER_STARTS = 3
 #: A worker that has closed its line must end within this time, seconds.
 _LEAVE_SECONDS = 5.0
+#: The socket by which workers ask the gateway about handshakes.
+_HANDSHAKES = "handshakes"
 #: ``EX_SOFTWARE`` of sysexits.h: the server cannot work, and a restart will not help.
 _DEFECT = 70
 
@@ -77,10 +80,11 @@ class Supervisor:
         disk = self._disk = DiskWatch(settings.state_folder)
         self._watch = Watch(settings, level, manager or ServiceManager(""), disk)
         self.boot = self._boot.hex()
-        self._private = tempfile.TemporaryDirectory(prefix="mesh-motion-") if protection is not None else None
+        self._private: tempfile.TemporaryDirectory[str] | None = None
         self._protection = protection
-        if protection is not None and self._private is not None:
-            self._protection = replace(protection, handshakes=f"ipc://{self._private.name}/handshakes")
+        if protection is not None:
+            self._private = tempfile.TemporaryDirectory(prefix=PREFIX, dir=folder_for_sockets(_HANDSHAKES))
+            self._protection = replace(protection, handshakes=f"ipc://{self._private.name}/{_HANDSHAKES}")
         store = hosting.load_store()(settings.state_folder)
         for name in store.sweep():
             log().info("swept", session=name)

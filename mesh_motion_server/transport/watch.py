@@ -109,7 +109,7 @@ class Watch:
         self._log_disk(readiness)
         missing = readiness.missing()
         if not readiness.gateway_silent:
-            self.manager.tell("WATCHDOG=1", f"STATUS={registry.working()} sessions{missing and '; ' + missing}")
+            self.manager.tell("WATCHDOG=1", f"STATUS={len(registry.working())} sessions{missing and '; ' + missing}")
         if self.metrics.child is not None:
             gauges = [*self._gauges(registry, template, readiness.disk), ("ready", "", float(not missing))]
             news = {"at": now, "gateway_at": gateway.answered_at, "missing": missing, "gauges": gauges}

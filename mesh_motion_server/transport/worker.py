@@ -103,7 +103,7 @@ class Worker:
         self._rights = rights
         self._settings = settings
         self._lease = Lease(socket, time.monotonic())
-        self._reported: tuple[str, int, int] | None = None
+        self._reported: dict[str, Any] = {}
         self._tally_due = 0.0
         self._suspended = False
         self._over = False
@@ -237,11 +237,12 @@ class Worker:
 
     def _report(self) -> None:
         """Report the session's state to the supervisor if it has changed, and the counts since the last report."""
-        now = (str(self._host.state), self._host.step, self._host.epoch)
+        host = self._host
+        now = {"state": str(host.state), "step": host.step, "epoch": host.epoch, "suspended": self._suspended}
         if now == self._reported and not (TALLY and time.monotonic() >= self._tally_due):
             return
         taken = TALLY.take()
-        if self._channel.offer({"event": "status", "state": now[0], "step": now[1], "epoch": now[2], "tally": taken}):
+        if self._channel.offer({"event": "status", "tally": taken} | now):
             self._reported, self._tally_due = now, time.monotonic() + _TALLY_SECONDS
         else:
             TALLY.add(taken)  # the supervisor's queue is full; the client does not wait for it

@@ -8,7 +8,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 import zmq
-from mesh_motion_client import QualityRefused, SessionError, Timeout, Unavailable
+from mesh_motion_client import QualityRefused, SessionError, Timeout, Unavailable, connect
 from mesh_motion_client.connection import Connection, ConnectionLost
 from mesh_motion_client.control import Control
 from mesh_motion_protocol.digests import request_digest
@@ -147,3 +147,10 @@ def test_a_connection_that_ends_just_before_a_request_is_sent_does_not_hang(tmp_
         wait_until(lambda: not connection._socket.poll(0, zmq.POLLOUT), "ZeroMQ gave the connection up")
         with pytest.raises(ConnectionLost):
             connection.request(Hello(client=b"a" * 16, sequence=1, agent="test", features=[]), time.monotonic() + 30.0)
+
+
+def test_a_server_that_never_answers_is_said_to_be_silent_once(caplog):
+    with pytest.raises(Unavailable):
+        connect("ipc:///nowhere/control", timeout=3.3)
+    (line,) = [record.getMessage() for record in caplog.records]
+    assert line.startswith("no server answers at ipc:///nowhere/control; asking for ")

@@ -21,7 +21,7 @@
  * connections are mended, and a session whose worker died is resumed from its journal, inside the calls.
  *
  * A context with all its sessions is used by one thread at a time; several contexts may be used by several threads.
- * There is no global state. Text is UTF-8, ended by a zero byte. Nodes count from 0. Arrays are row-major.
+ * A forked child makes a context of its own; calls with that of its parent fail at once. There is no global state. Text is UTF-8, ended by a zero byte. Nodes count from 0. Arrays are row-major.
  * protocol/SPEC.md says what the words mean: committed state, trial, patch, role, partition, quality.
  */
 #ifndef MESH_MOTION_H
@@ -71,6 +71,11 @@ MM_API mm_context *mm_context_new(void);
 MM_API void mm_context_free(mm_context *context);
 /* Seconds for what takes no computing (60) and for what does: build, move, commit, rollback, resume (1800). */
 MM_API mm_result mm_set_timeouts(mm_context *context, double seconds, double compute_seconds);
+/* Called with one line, once, when no server answers, while the call goes on waiting: after some two seconds, where a
+ * session is opened or resumed after ten. It makes no call with this context. Without mm_set_warning the line goes to
+ * standard error; with NULL nowhere. */
+typedef void (*mm_warning)(void *data, const char *line);
+MM_API mm_result mm_set_warning(mm_context *context, mm_warning warning, void *data);
 /* For a server that asks for keys: the files that `mesh-motion keys` wrote, the client's .secret and the server's
  * .public (or that key itself, 40 characters). Without this call MESH_MOTION_KEY and MESH_MOTION_SERVER_KEY name them.
  */

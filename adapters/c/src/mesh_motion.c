@@ -44,6 +44,8 @@
 #define OPEN_ATTEMPTS 3
 #define WATCH_SECONDS 1.0             /* silence after which PROBE is asked */
 #define PROBE_SECONDS 2.0             /* for a PROBE meanwhile; silence of the control endpoint alone ends nothing */
+#define SILENT_SECONDS 1.5            /* after so long without any answer a warning says so … */
+#define STARTING_SECONDS 10.0         /* … where a worker has to start: after so long */
 #define PAUSE_SECONDS 0.2             /* between two tries while nobody can answer */
 #define START_SECONDS 300.0           /* a server's first session waits until a worker has started */
 #define PART_BYTES ((size_t)32 << 20) /* of one UPLOAD: the worker never holds much beside the mesh itself */
@@ -117,6 +119,11 @@ struct mm_context {
     told told;
     void *zmq;
     unsigned monitors; /* so many were made: their inproc addresses differ */
+    pid_t process; /* the one that made it: no other one may use its sockets */
+    mm_warning warning;
+    void *warned; /* the first argument of warning */
+    int is_silent;                /* a warning has said so */
+    double asked_at, waits_until; /* the latest request to the control endpoint; the end of the call that waits */
     double timeout, compute_timeout;
     char secret_key[KEY_CHARACTERS + 1], public_key[KEY_CHARACTERS + 1], server_key[KEY_CHARACTERS + 1];
     char endpoint[ENDPOINT_BYTES];
@@ -312,6 +319,15 @@ static outcome new_line(mm_context *context, line *line)
 }
 
 /* --- connections ------------------------------------------------------------------------------------------------- */
+
+static int is_forked(const mm_context *context) { return context->process != getpid(); }
+
+/* A forked child has the parent's sockets, but not the threads that serve them: closing one would disturb the parent. */
+static void abandon(connection *connection)
+{
+    connection->socket = connection->events = NULL;
+    atomic_store(&connection->lent, 0);
+}
 
 static void disconnect(connection *connection)
 {
@@ -728,6 +744,22 @@ static outcome receive(mm_context *context, connection *connection, const mm_ses
 
 static outcome watch(mm_session *session, double deadline);
 
+/* Say once that no server answers: the call may go on waiting for half an hour. */
+static void warn_of_silence(mm_context *context, const request *request)
+{
+    int starts = strcmp(request->type, "OPEN") == 0 || strcmp(request->type, "RESUME") == 0;
+    if (context->is_silent || now() - context->asked_at < (starts ? STARTING_SECONDS : SILENT_SECONDS)) {
+        return;
+    }
+    context->is_silent = 1;
+    char line[ENDPOINT_BYTES + 128];
+    snprintf(line, sizeof line, "%s%s at %s; asking for %.0f s", starts ? request->type : "no server answers",
+             starts ? " is not answered" : "", context->endpoint, seconds_left(context->waits_until));
+    if (context->warning) {
+        context->warning(context->warned, line);
+    }
+}
+
 /* Until there is a message. `watched` is the session whose worker may be gone without the connection's end. */
 static outcome wait_for_message(mm_context *context, connection *connection, const request *request, double deadline,
                                 mm_session *watched)
@@ -738,6 +770,9 @@ static outcome wait_for_message(mm_context *context, connection *connection, con
         zmq_poll(items, 2, (long)ceil(1000.0 * (left < WATCH_SECONDS ? left : WATCH_SECONDS)));
         if (is_readable(connection->socket)) {
             break;
+        }
+        if (connection == &context->control) {
+            warn_of_silence(context, request);
         }
         outcome how = check_connected(context, connection);
         if (how == DONE && seconds_left(deadline) == 0.0) {
@@ -859,6 +894,8 @@ static outcome ask(mm_context *context, unanswered *opening, request *request, d
 {
     double deadline = now() + seconds;
     outcome how;
+    context->asked_at = now();
+    context->waits_until = fmax(context->waits_until, deadline);
     number(&context->line, opening, request);
     for (;;) {
         how = context->control.socket ? DONE : connect_to(context, &context->control, context->endpoint);
@@ -874,6 +911,7 @@ static outcome ask(mm_context *context, unanswered *opening, request *request, d
         mm_clear_error(context);
         pause_for(PAUSE_SECONDS);
     }
+    context->is_silent = context->is_silent && is_unheard(context);
     remember_unanswered(context, opening, request);
     mmi_writer_free(&request->fields);
     return how;
@@ -1128,6 +1166,7 @@ static outcome deliver(mm_session *session, request *request, double seconds, an
     mm_context *context = session->context;
     double deadline = now() + seconds;
     outcome how = LOST;
+    context->waits_until = deadline;
     number(&session->line, &session->request, request);
     for (int attempt = 0; attempt < ATTEMPTS && how == LOST; ++attempt) {
         if (attempt > 1) { /* a server may need a moment to see that its worker is gone */
@@ -1140,6 +1179,7 @@ static outcome deliver(mm_session *session, request *request, double seconds, an
             how = how == DONE ? LOST : how; /* and now the request again */
         }
     }
+    context->waits_until = 0.0;
     if (how == LOST) {
         fail(context, "UNAVAILABLE", "", "%s broke %d connections to %s", request->type, ATTEMPTS,
              session->data.endpoint);
@@ -1151,6 +1191,21 @@ static outcome deliver(mm_session *session, request *request, double seconds, an
 
 /* --- a server ---------------------------------------------------------------------------------------------------- */
 
+static mm_result fail_forked(mm_context *context)
+{
+    fail(context, "FAILED_PRECONDITION",
+         "make a context of its own in the child, connect, and resume the session by its id and token",
+         "a forked child cannot use the connections of its parent (process %ld)", (long)context->process);
+    return context->error;
+}
+
+/* Where standard error is open: without it the descriptor may be that of anything. */
+static void warn_on_standard_error(void *unused, const char *line)
+{
+    (void)unused;
+    fprintf(stderr, "mesh_motion: %s\n", line);
+}
+
 /* Every call begins with it: the first error stays. */
 #define BEGIN(context)                                                                                                 \
     do {                                                                                                               \
@@ -1159,6 +1214,9 @@ static outcome deliver(mm_session *session, request *request, double seconds, an
         }                                                                                                              \
         if ((context)->error) {                                                                                        \
             return (context)->error;                                                                                   \
+        }                                                                                                              \
+        if (is_forked(context)) {                                                                                      \
+            return fail_forked(context);                                                                               \
         }                                                                                                              \
     } while (0)
 #define BEGIN_SESSION(session)                                                                                         \
@@ -1177,6 +1235,8 @@ mm_context *mm_context_new(void)
     }
     context->timeout = 60.0;
     context->compute_timeout = 1800.0;
+    context->process = getpid();
+    context->warning = fcntl(STDERR_FILENO, F_GETFD) < 0 ? NULL : warn_on_standard_error;
     atomic_init(&context->control.lent, 0);
     context->zmq = zmq_ctx_new();
     if (!context->zmq) {
@@ -1195,12 +1255,22 @@ void mm_context_free(mm_context *context)
     while (context->sessions) {
         mm_session_free(context->sessions);
     }
-    disconnect(&context->control);
-    zmq_ctx_term(context->zmq);
+    if (!is_forked(context)) {
+        disconnect(&context->control);
+        zmq_ctx_term(context->zmq);
+    }
     mmi_report_free(&context->told.details);
     mmi_report_free(&context->welcome);
     mmi_report_free(&context->listed);
     free(context);
+}
+
+mm_result mm_set_warning(mm_context *context, mm_warning warning, void *data)
+{
+    BEGIN(context);
+    context->warning = warning;
+    context->warned = data;
+    return MM_OK;
 }
 
 mm_result mm_set_timeouts(mm_context *context, double seconds, double compute_seconds)
@@ -1378,7 +1448,7 @@ static void forget_volume(mm_session *session);
 
 mm_session *mm_session_new(mm_context *context)
 {
-    if (!context || context->error) {
+    if (!context || context->error || (is_forked(context) && fail_forked(context))) {
         return NULL;
     }
     mm_session *session = calloc(1, sizeof *session);
@@ -1409,6 +1479,9 @@ void mm_session_free(mm_session *session)
         link = &(*link)->next;
     }
     *link = session->next;
+    if (is_forked(session->context)) {
+        abandon(&session->data);
+    }
     disconnect(&session->data);
     free_blocks(session);
     forget_volume(session);

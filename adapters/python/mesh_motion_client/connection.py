@@ -28,7 +28,7 @@ from mesh_motion_client.errors import (
 )
 from mesh_motion_client.keys import Keys
 
-__all__ = ["Connection", "ConnectionLost", "DamagedReply", "seconds_left"]
+__all__ = ["Connection", "ConnectionLost", "DamagedReply", "check_process", "seconds_left"]
 
 #: Silence after which ``watch`` is called, seconds.
 _WATCH_SECONDS = 1.0
@@ -105,9 +105,8 @@ class Connection:
         Raises
         ------
         ConnectionLost, Timeout, MeshMotionError
-            The last for an ERROR of the server, or in a forked child of the process that connected.
+            The last for an ERROR of the server.
         """
-        self._check_process()
         self._check_connected()
         self._send(message)
         while True:
@@ -155,14 +154,6 @@ class Connection:
         poller.register(self._events, zmq.POLLIN)
         poller.poll(round(1000 * seconds))
 
-    def _check_process(self) -> None:
-        """Refuse the use in a forked child: the threads that carry its messages live in the parent alone."""
-        if os.getpid() != self._process:
-            raise SessionError(
-                f"this connection belongs to process {self._process}; this is process {os.getpid()}, forked from it",
-                hint="connect in the child, or start it with the method 'spawn' of multiprocessing",
-            )
-
     def _check_connected(self) -> None:
         lost = False
         while self._events.poll(0):
@@ -195,11 +186,27 @@ class Connection:
         return bool(self._socket.closed)
 
     def close(self) -> None:
-        """Close the socket; idempotent, and without effect in a forked child."""
-        if not self._socket.closed and os.getpid() == self._process:
-            self._socket.disable_monitor()
+        """Close the socket; idempotent. In a forked child the parent's socket stays open."""
+        if not self._socket.closed:
+            if self._process == os.getpid():
+                self._socket.disable_monitor()
             self._events.close()
             self._socket.close()
+
+
+def check_process(process: int) -> None:
+    """Check that this is the process that made a connection: a forked child has none of the threads that serve it.
+
+    Raises
+    ------
+    SessionError
+    """
+    if os.getpid() != process:
+        raise SessionError(
+            f"a forked child cannot use the connections of its parent (process {process})",
+            code="FAILED_PRECONDITION",
+            hint="connect in the child, and take the session up there with server.resume(session.credentials)",
+        )
 
 
 def seconds_left(deadline: float) -> float:

@@ -7,15 +7,19 @@ fenced by a RESUME of his own.
 
 from __future__ import annotations
 
+import logging
+import os
 import time
 import uuid
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypeVar
 
 from mesh_motion_protocol.digests import request_digest
 from mesh_motion_protocol.messages import Message, Open, Resume
 
-from mesh_motion_client.connection import Connection, ConnectionLost, DamagedReply, seconds_left
+from mesh_motion_client.connection import Connection, ConnectionLost, DamagedReply, check_process, seconds_left
 from mesh_motion_client.errors import MeshMotionError, Timeout, Unavailable
 from mesh_motion_client.keys import Keys
 
@@ -23,6 +27,10 @@ __all__ = ["Control"]
 
 _Reply = TypeVar("_Reply", bound=Message)
 
+_LOG = logging.getLogger(__name__)
+
+#: After so many seconds without any answer a warning says so; where a worker has to start, after the second figure.
+_SILENT_SECONDS, _STARTING_SECONDS = 1.5, 10.0
 #: Between two tries while nobody can answer, seconds.
 _PAUSE_SECONDS = 0.2
 #: Requests that execute once.
@@ -41,29 +49,38 @@ class Control:
     endpoint : str
     keys : Keys, optional
         For a server that asks for them.
+
+    Attributes
+    ----------
+    waits_until : float
+        When the call ends that asks, on the monotonic clock: what a warning says.
     """
 
     def __init__(self, endpoint: str, keys: Keys | None = None) -> None:
         self.endpoint = endpoint
+        self.waits_until = 0.0
         self._keys = keys
+        self._process = os.getpid()
         self._client = uuid.uuid4().bytes
         self._sequence = 0
         self._unanswered: dict[bytes, int] = {}
         self._connection: Connection | None = None
+        self._is_silent = False  # a warning has said so
 
     def ask(self, kind: type[Message], expected: type[_Reply], seconds: float, **fields: Any) -> _Reply:
-        """Send a request of this kind until it is answered or the time is over.
+        """Send a request of this kind until it is answered or the time is over; one warning says that none answers.
 
         Raises
         ------
         Timeout, Unavailable, MeshMotionError
         """
+        check_process(self._process)
         deadline = time.monotonic() + seconds
         message = kind(client=self._client, sequence=self._sequence + 1, **fields)
         content = request_digest(message) if isinstance(message, _KEPT) else None
         message = replace(message, sequence=self._number(content))
         try:
-            reply = self._answer(message, deadline)
+            reply = self._answer(message, deadline, partial(self._warn, message, time.monotonic(), deadline))
         except MeshMotionError as error:
             if content is not None and not isinstance(error, _UNHEARD):
                 del self._unanswered[content]
@@ -74,20 +91,32 @@ class Control:
             raise TypeError(f"{kind.type} is answered by {reply.type}, not {expected.type}")
         return reply
 
-    def _answer(self, message: Message, deadline: float) -> Message:
+    def _answer(self, message: Message, deadline: float, warn: Callable[[], None]) -> Message:
         """The reply, however often it has to be asked for."""
         while True:
             try:
-                return self._connected().request(message, deadline)
+                reply = self._connected().request(message, deadline, warn)
+                self._is_silent = False
+                return reply
             except Timeout:
                 self.close()  # a connection that has kept silent may be dead without a word
                 raise
             except Unavailable as error:
                 if isinstance(error, ConnectionLost):
                     self.close()
+                    warn()
                 if seconds_left(deadline) <= _PAUSE_SECONDS:
                     raise
                 time.sleep(_PAUSE_SECONDS)
+
+    def _warn(self, message: Message, asked_at: float, deadline: float) -> None:
+        """Say once that no server answers: the call may go on waiting for half an hour."""
+        starts = isinstance(message, _KEPT)
+        if self._is_silent or time.monotonic() - asked_at < (_STARTING_SECONDS if starts else _SILENT_SECONDS):
+            return
+        self._is_silent = True
+        who = f"{message.type} is not answered" if starts else "no server answers"
+        _LOG.warning("%s at %s; asking for %.0f s", who, self.endpoint, seconds_left(max(deadline, self.waits_until)))
 
     def _number(self, content: bytes | None) -> int:
         """The next sequence; an OPEN or RESUME like one that was not answered keeps that one's."""

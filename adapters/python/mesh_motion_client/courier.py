@@ -7,7 +7,7 @@ journal and the request is sent again; where a trial is lost, the MOVE that made
 
 from __future__ import annotations
 
-import logging
+import os
 import time
 import uuid
 from dataclasses import replace
@@ -27,15 +27,13 @@ from mesh_motion_protocol.messages import (
     SessionMessage,
 )
 
-from mesh_motion_client.connection import Connection, ConnectionLost, DamagedReply, seconds_left
+from mesh_motion_client.connection import Connection, ConnectionLost, DamagedReply, check_process, seconds_left
 from mesh_motion_client.control import Control
 from mesh_motion_client.credentials import Credentials
 from mesh_motion_client.errors import MeshMotionError, SessionError, StepsLost, Timeout, Unavailable
 from mesh_motion_client.reply_memory import ReplyMemory
 
 __all__ = ["Courier"]
-
-_LOG = logging.getLogger(__name__)
 
 _Reply = TypeVar("_Reply", bound=Message)
 
@@ -76,6 +74,7 @@ class Courier:
         self.step = self.iteration = 0
         self.trial: tuple[SessionMessage, ...] = ()
         self.may_resume = False
+        self._process = os.getpid()
         self._control = control
         self._credentials = credentials
         self._partition = partition
@@ -142,7 +141,8 @@ class Courier:
             The same request may be delivered again; it keeps its id.
         Unavailable, MeshMotionError
         """
-        deadline = time.monotonic() + seconds
+        check_process(self._process)
+        deadline = self._control.waits_until = time.monotonic() + seconds
         message = self._unanswered = self._numbered(message)
         broken: ConnectionLost | None = None
         for attempt in range(_ATTEMPTS):
@@ -225,7 +225,7 @@ class Courier:
 
     def _recover(self, deadline: float) -> None:
         """Connect again: to the same worker, or to another one that resumes from the journal."""
-        probed = self._probe(deadline)
+        probed = self._ask(Probe, Probed, seconds_left(deadline))
         while probed.worker == "starting" and seconds_left(deadline):
             time.sleep(_PAUSE_SECONDS)
             probed = self._ask(Probe, Probed, seconds_left(deadline))
@@ -242,14 +242,6 @@ class Courier:
                 hint="resume the session from one partition and join it from the others; one that was never built is "
                 "to be opened again",
             )
-
-    def _probe(self, deadline: float) -> Probed:
-        """Ask how the worker is until somebody answers; a server that stays silent is said to be so at once."""
-        try:
-            return self._ask(Probe, Probed, min(_PROBE_SECONDS, seconds_left(deadline)))
-        except (Timeout, Unavailable):
-            _LOG.warning("no server answers at %s; asking for %.0f s", self._control.endpoint, seconds_left(deadline))
-        return self._ask(Probe, Probed, seconds_left(deadline))
 
     def _resume(self, seconds: float) -> Resumed:
         """RESUME; one that was not answered may have executed, so it is asked for again, by the same id."""

@@ -1,7 +1,12 @@
 """The C client while workers and servers are killed for real: it ends bitwise where an undisturbed run ends."""
 
 import ctypes
+import os
+import re
 import signal
+import subprocess
+import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -11,7 +16,7 @@ from mesh_motion_conformance.client.scripted_server import Disturbance, Scripted
 from proofs.server_process import ServerProcess
 
 N, STEPS, ITERATIONS = 6, 3, 2
-DEADLINE_EXCEEDED, INTERNAL, UNAVAILABLE = 4, 13, 14
+DEADLINE_EXCEEDED, FAILED_PRECONDITION, INTERNAL, UNAVAILABLE = 4, 9, 13, 14
 
 
 class Driver:
@@ -33,6 +38,7 @@ class Driver:
         arrays = quads.reshape(-1, 4), number[:, 0], number[:, -1], ids
         self.kept = [np.ascontiguousarray(array, dtype=np.int64) for array in arrays]
         library.mm_set_timeouts(self.server, ctypes.c_double(60), ctypes.c_double(60))
+        self.endpoint = endpoint
         self.call("mm_connect", self.server, endpoint.encode())
         self.session = ctypes.c_void_p(library.mm_session_new(self.server))
         self.call("mm_points", self.session, 2, self.size(len(self.points)), self.address(self.points))
@@ -225,6 +231,62 @@ def test_arrays_of_many_frames(installed):
         answer = np.zeros_like(points)
         driver.call("mm_fetch", driver.session, 0, driver.size(len(points)), driver.address(answer))
         np.testing.assert_array_equal(answer, points[::-1])
+        driver.close()
+    finally:
+        scripted.close()
+
+
+WARNING = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_char_p)
+
+
+def test_a_server_that_is_gone_is_said_to_be_so_within_seconds(installed):
+    """Once for each outage, while the call goes on waiting; the same line goes to standard error by default."""
+    scripted, lines = ScriptedServer([], {}), []
+    driver = Driver(installed, scripted.endpoint).build()
+    warning = WARNING(lambda _data, line: lines.append((time.monotonic(), line.decode())))
+    driver.call("mm_set_warning", driver.server, warning, None)
+    scripted.close()
+    driver.library.mm_set_timeouts(driver.server, ctypes.c_double(4), ctypes.c_double(4))
+    started = time.monotonic()
+    assert driver.library.mm_commit(driver.session) in (UNAVAILABLE, DEADLINE_EXCEEDED)
+    ((said_at, line),) = lines
+    assert said_at - started < 3
+    assert line.startswith(f"no server answers at {driver.endpoint}; asking for ")
+    driver.library.mm_context_free(driver.server)
+
+
+def test_a_warning_goes_to_standard_error_unless_that_is_closed(installed, tmp_path):
+    program = """if 1:
+        import ctypes, os, sys
+        library = ctypes.CDLL(sys.argv[1])
+        library.mm_context_new.restype = ctypes.c_void_p
+        server = ctypes.c_void_p(library.mm_context_new())
+        library.mm_set_timeouts(server, ctypes.c_double(2.2), ctypes.c_double(2.2))
+        os.dup2(os.open(sys.argv[2], os.O_WRONLY | os.O_CREAT), 2)
+        assert library.mm_connect(server, b"ipc:///nowhere/control") == 14
+    """
+    library, said = str(installed / "lib" / "libmesh_motion.so"), [tmp_path / "open", tmp_path / "closed"]
+    for path, redirection in zip(said, ("", "2>&-"), strict=True):
+        shell = ["sh", "-c", f'exec "$@" {redirection}', "sh", sys.executable, "-c", program, library, str(path)]
+        assert subprocess.run(shell, check=False).returncode == 0
+    expected = r"mesh_motion: no server answers at ipc:///nowhere/control; asking for \d s\n"
+    assert re.fullmatch(expected, said[0].read_text())
+    assert said[1].read_text() == ""
+
+
+def test_a_forked_child_is_refused_at_once_and_leaves_its_parent_alone(installed):
+    scripted = ScriptedServer([], {})
+    try:
+        driver = Driver(installed, scripted.endpoint).build()
+        child = os.fork()
+        if not child:
+            verbs = "mm_status", "mm_rollback", "mm_close"
+            refused = [getattr(driver.library, verb)(driver.session, 0) for verb in verbs]
+            said = driver.library.mm_error_message(driver.server)
+            driver.library.mm_context_free(driver.server)
+            os._exit(refused != [FAILED_PRECONDITION] * 3 or b"a forked child" not in said)
+        assert os.waitpid(child, 0)[1] == 0
+        driver.call("mm_status", driver.session)
         driver.close()
     finally:
         scripted.close()
