@@ -20,6 +20,7 @@ import hashlib
 import os
 import re
 import shutil
+import stat
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -335,24 +336,30 @@ class SessionStore:
             raise _disk_error("the sessions cannot be listed", error) from error
 
     def _swept(self, path: Path) -> bool:
-        """Remove a folder if it is half deleted, or never built and not held. One that cannot be read stays."""
+        """Remove a folder if it is half deleted, or never built and not held; whether it is gone.
+
+        A link and a folder that cannot be read stay.
+        """
         if _DISCARDED.fullmatch(path.name):
-            shutil.rmtree(path, ignore_errors=True)
-            return True
+            return self._removed(path)
         try:
-            if not (_SESSION_ID.fullmatch(path.name) and never_built(self._files, path)):
+            if stat.S_ISLNK(os.lstat(path).st_mode) or not (
+                _SESSION_ID.fullmatch(path.name) and never_built(self._files, path)
+            ):
                 return False
             lock = self._files.lock(path / _LOCK)
         except OSError:
             return False
         try:
-            if removed := never_built(self._files, path):  # another process may have built it meanwhile
-                shutil.rmtree(path, ignore_errors=True)
+            return never_built(self._files, path) and self._removed(path)  # it may have been built meanwhile
         except OSError:
             return False
         finally:
             self._files.close(lock)
-        return removed
+
+    def _removed(self, path: Path) -> bool:
+        shutil.rmtree(path, ignore_errors=True)
+        return not self._files.exists(path)
 
     def _is_stored(self, session: str) -> bool:
         """Whether there is such a session; one whose folder lost files is there, with lost data.

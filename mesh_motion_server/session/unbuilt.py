@@ -1,21 +1,24 @@
 """What proves that a session was never built, so that its folder may be removed."""
 
+import os
 from pathlib import Path
 
-from mesh_motion_server.session.journal.files import MANIFEST, NEXT_MANIFEST, SLOTS
+from mesh_motion_server.session.journal.files import MANIFEST, SLOTS
 from mesh_motion_server.session.journal.filesystem import FileSystem
-from mesh_motion_server.session.spec import SPEC
 
 __all__ = ["UNBUILT", "mark_built", "never_built"]
 
 UNBUILT = "unbuilt"
 """An empty file in a session's folder from OPEN until BUILD is durable."""
 
-_CONTENT = (SPEC, "mesh.bin", *SLOTS, NEXT_MANIFEST, "history")
+_RECORD = 64
+"""Bytes of a slot of which some are not zero once a record was written: slots are blank until the first commit."""
 
 
 def never_built(files: FileSystem, folder: Path) -> bool:
-    """Whether a session's folder is marked as unbuilt, or empty but for its lock.
+    """Whether a session's folder is marked as unbuilt and nothing in it was committed, or is empty but for its lock.
+
+    The mark alone is no proof: an older backup may bring it back beside newer files.
 
     Raises
     ------
@@ -25,11 +28,18 @@ def never_built(files: FileSystem, folder: Path) -> bool:
     if files.exists(folder / MANIFEST):
         return False
     if files.exists(folder / UNBUILT):
-        return True
-    if any(files.exists(folder / name) for name in _CONTENT):
+        return not any(_has_record(files, folder / name) for name in SLOTS)
+    return set(os.listdir(folder)) <= {"lock"}
+
+
+def _has_record(files: FileSystem, slot: Path) -> bool:
+    if not files.exists(slot):
         return False
-    files.sync_folder(folder)  # raises for what is no folder, such as a dangling link, which looks empty too
-    return True
+    handle = files.open(slot, writable=False)
+    try:
+        return any(files.read(handle, 0, _RECORD))
+    finally:
+        files.close(handle)
 
 
 def mark_built(files: FileSystem, folder: Path) -> None:
