@@ -69,7 +69,7 @@ RIGID = "rigid = { translation = [0.05, 0.02], rotation = 10.0, centre = [0.5, 0
         ("[0.05, 0.02]", "[]", r"motion\[1\].rigid.translation: expected .*at least 1 item"),
         ("centre = [0.5, 0.5]", "center = [0.5, 0.5]", "unknown key motion.1..rigid.center; known here are tr"),
         (", centre = [0.5, 0.5]", "", "a rotation needs 'centre'"),
-        ("rigid = {", "table = 'm.npz'\nrigid = {", "exactly one of 'rigid', 'oscillation' and 'table'"),
+        ("rigid = {", "table = 'm.npz'\nrigid = {", "exactly one of 'rigid', 'oscillation', 'bending' and 'table'"),
         ("[mesh]", "[mesh", "not a TOML file"),
         ("count = 2", "count = 2\niteration = 3", r"unknown key steps.iteration; .* \(did you mean 'iterations'\?\)"),
         (RIGID, "oscillation = { amplitude = 0.1, frequency = 0.1 }", "give either 'direction' or 'centre'"),
