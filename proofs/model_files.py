@@ -217,6 +217,11 @@ class ModelFiles:
     def exists(self, path: Path) -> bool:
         return path in self.entries or path in self.folders
 
+    def names(self, path: Path) -> list[str]:
+        if path not in self.folders:
+            raise FileNotFoundError(errno.ENOENT, "no such folder", str(path))
+        return [entry.name for entry in (*self.entries, *self.folders) if entry.parent == path]
+
     def lock(self, path: Path) -> int:
         if any(target == ("lock", path) for target in self.handles.values()):
             raise BlockingIOError(errno.EWOULDBLOCK, "held", str(path))

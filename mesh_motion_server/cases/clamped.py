@@ -68,6 +68,6 @@ def _ends(held: Floats, places: Floats, *, both: bool) -> tuple[float, float]:
 def _axis(points: Floats, along: Floats) -> list[float]:
     """The axis across the body about which it bends to its thinnest side."""
     aside = points - np.outer(points @ along, along)
-    across = np.linalg.svd(aside - aside.mean(axis=0), full_matrices=False)[2][1]
+    across = np.linalg.svd(aside - aside.mean(axis=0), full_matrices=False)[2][0]  # the widest direction
     across = across - (across @ along) * along
     return [float(entry) for entry in np.round(np.cross(along, np.cross(across, along)), 12)]

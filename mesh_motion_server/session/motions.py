@@ -83,8 +83,9 @@ def compute(
         motion = model.move(committed, targets, factors, boundary_displacement=boundary)
     except (InvalidInput, NumericalError) as error:
         raise in_senders_numbers(error, mesh) from error
-    if motion.warnings:
-        motion = replace(motion, warnings=[text_in_senders_numbers(warning, mesh) for warning in motion.warnings])
+    warnings = [text_in_senders_numbers(warning, mesh) for warning in motion.warnings]
+    if warnings != motion.warnings:
+        motion = replace(motion, warnings=warnings)
     displacements = mesh.scatter_differences(motion.points, base, boundary.displacement) if with_displacements else []
     points = _own(motion.points, committed, mesh.points)
     exact = settle(points, base, moving, boundary.displacement)

@@ -1,6 +1,5 @@
 """What proves that a session was never built, so that its folder may be removed."""
 
-import os
 from pathlib import Path
 
 from mesh_motion_server.session.journal.files import MANIFEST, SLOTS
@@ -29,7 +28,7 @@ def never_built(files: FileSystem, folder: Path) -> bool:
         return False
     if files.exists(folder / UNBUILT):
         return not any(_has_record(files, folder / name) for name in SLOTS)
-    return set(os.listdir(folder)) <= {"lock"}
+    return set(files.names(folder)) <= {"lock"}
 
 
 def _has_record(files: FileSystem, slot: Path) -> bool:

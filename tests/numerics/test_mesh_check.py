@@ -217,7 +217,8 @@ def test_a_motion_is_the_same_in_every_unit_or_refused(kind: str) -> None:
     moved = {}
     for unit in (1.0, 1e-12, 1e15):
         points = unit * mesh.points
-        model = MotionModel.build(points, mesh.cells, patches, Method(quality_threshold=0.9, correction_target="maximum"))
+        method = Method(quality_threshold=0.9, correction_target="maximum")
+        model = MotionModel.build(points, mesh.cells, patches, method)
         motion = model.move(points, points[model.roles.moving] + 0.17 * unit)
         assert motion.correction.freed_nodes
         moved[unit] = motion.points / unit

@@ -1,9 +1,11 @@
 """Bad inputs are refused as their rows say, extreme ones are taken, and a server that checks less is found out."""
 
+import math
 from collections import Counter
 from typing import Any
 
 import pytest
+from mesh_motion_protocol import shared_nodes
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh import patch_check
@@ -12,7 +14,6 @@ from mesh_motion_server.numerics.quality import mesh_check
 from mesh_motion_server.service import move
 from mesh_motion_server.session import motions, session
 from mesh_motion_server.session.partitions import merging, uploads
-from mesh_motion_server.session.partitions import meshes as partitions
 from proofs.bad_inputs import BAD_INPUTS, prove_bad_inputs
 from proofs.check import Budget
 from proofs.extreme_inputs import prove_extreme_inputs
@@ -65,7 +66,6 @@ def nothing(*args: Any, **kwargs: Any) -> None:
         (uploads, "_check_cell_type", ("'tetra' cells", "'line' cells")),
         (merging, "_check_range", ("a cell with node -1", "a patch with node 25")),
         (merging, "_check_no_duplicate", ("a cell twice",)),
-        (partitions.MergedMesh, "_check_agreement", ("partitions that disagree",)),
         (mesh_check, "_refuse_geometry", ("an inverted cell", "a folded mesh")),
         (mesh_check, "_check_extent", ("square × 1e+200", "cube × 1e-120")),
         (patch_check, "_check_nodes", ("a fixed patch without nodes",)),
@@ -78,6 +78,11 @@ def test_a_forgotten_check_is_found(monkeypatch: Any, owner: Any, check: str, na
     monkeypatch.setattr(owner, check, nothing)
     chosen = rows(*names)
     assert {row.name for row in chosen} <= set(prove_bad_inputs(0, chosen).wrong)
+
+
+def test_partitions_that_may_disagree_are_found(monkeypatch: Any) -> None:
+    monkeypatch.setattr(shared_nodes, "AGREEMENT", math.inf)
+    assert prove_bad_inputs(0, rows("partitions that disagree")).wrong
 
 
 def test_a_wrong_number_of_the_offender_is_found(monkeypatch: Any) -> None:

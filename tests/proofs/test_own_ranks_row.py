@@ -59,7 +59,7 @@ def test_a_client_that_does_not_correct_a_lost_trial_again_is_found(rank, killed
         return repeat(self, deadline)
 
     monkeypatch.setattr(Courier, "_repeat_trial", forgetful)
-    with pytest.raises(BrokenPromise, match="the coordinates of step 1 are others|MOVE and COMMIT raised"):
+    with pytest.raises(BrokenPromise, match=r"the coordinates of step 1 are others|MOVE and COMMIT raised"):
         rank._step()
 
 

@@ -74,6 +74,10 @@ class FileSystem(Protocol):
         """Whether there is an entry of this name; only ENOENT means no, every other error is raised."""
         ...
 
+    def names(self, path: Path) -> list[str]:
+        """The names in a folder."""
+        ...
+
     def lock(self, path: Path) -> int:
         """Handle of a lock file held by this process alone; BlockingIOError if another holds it."""
         ...
@@ -203,6 +207,9 @@ class PosixFileSystem:
         except FileNotFoundError:
             return False
         return True
+
+    def names(self, path: Path) -> list[str]:
+        return os.listdir(path)
 
     def lock(self, path: Path) -> int:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | _FLAGS, 0o600)
