@@ -42,21 +42,24 @@ def arrays_in(arguments: Any) -> Iterator[np.ndarray]:
         yield arguments
 
 
-def corrupted(call: tuple[Any, ...], rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+def corrupted(call: tuple[Any, ...], rng: np.random.Generator, name: str) -> Iterator[tuple[Any, ...]]:
     """The call with one whole number changed, in all ways that are tried."""
     for number in range(len(list(arrays_in(call)))):
         for _ in range(_TRIALS):
             other = deepcopy(call)
             array = list(arrays_in(other))[number]
-            array.flat[rng.integers(array.size)] = rng.choice(fuzz.no_indices(array.dtype))
+            wrong = fuzz.no_indices(array.dtype)
+            # There a node's number has no end that is too far: the loop visits all below it, which takes seconds.
+            wrong = wrong[wrong < 0] if name == "match_facets" else wrong
+            array.flat[rng.integers(array.size)] = rng.choice(wrong)
             yield other
 
 
-def finding(loop: Any, calls: list[tuple[Any, ...]]) -> str:
+def finding(name: str, loop: Any, calls: list[tuple[Any, ...]]) -> str:
     """What is wrong with a loop, if anything is."""
     rng = np.random.default_rng(0)
     for call in calls:
-        for arguments in corrupted(call, rng):
+        for arguments in corrupted(call, rng, name):
             try:
                 loop(*arguments)
             except (TypeError, ValueError):
@@ -73,7 +76,7 @@ if __name__ == "__main__":
         sys.stdout.flush()
         child = os.fork()
         if not child:
-            sys.stdout.write(f"{name}\t{finding(recorder.loops[name], recorder.kept[name])}\n")
+            sys.stdout.write(f"{name}\t{finding(name, recorder.loops[name], recorder.kept[name])}\n")
             sys.stdout.flush()
             os._exit(0)
         status = os.waitpid(child, 0)[1]
