@@ -29,7 +29,12 @@ from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.transport.authenticator import Authenticator
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.endpoints import Endpoint, bind, router
-from mesh_motion_server.transport.processes import limit_address_space, limit_descriptors
+from mesh_motion_server.transport.processes import (
+    limit_address_space,
+    limit_descriptors,
+    resident_bytes,
+    return_memory,
+)
 from mesh_motion_server.transport.protection import Protection, keep_secrets_out_of_core_files, user_of
 from mesh_motion_server.transport.replies import encoded, undecodable, unexpected
 from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
@@ -39,6 +44,8 @@ __all__ = ["Gateway", "main"]
 
 #: Bytes beyond what Python and zmq map: queues of headers.
 _MEMORY = 512 << 20
+#: Memory beyond that of the start that the C library may keep.
+_KEPT = 32 << 20
 _QUEUED = 32
 #: Open files and connections; beyond this, new connections wait in the kernel until some have ended.
 _DESCRIPTORS = 4096
@@ -80,6 +87,7 @@ class Gateway:
         self._protection = protection
         self._access = Protection.access(protection)
         self._insecure_hellos = 0 if insecure else None
+        self._most_memory = resident_bytes() + _KEPT
 
     def run(self, authenticator: Authenticator | None = None) -> None:
         """Work until the supervisor closes the channel."""
@@ -106,6 +114,8 @@ class Gateway:
             self._send(order["peer"], [order["frame"]])
         else:
             tell_suppressed()
+            if resident_bytes() > self._most_memory:
+                return_memory()
             taken = TALLY.take()
             if not self._channel.offer({"event": "pong", "tally": taken}):
                 TALLY.add(taken)  # the supervisor's queue is full, and it will ask again

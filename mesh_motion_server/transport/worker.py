@@ -29,6 +29,7 @@ from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.endpoints import connection_event
+from mesh_motion_server.transport.processes import return_memory
 from mesh_motion_server.transport.protection import Rights
 from mesh_motion_server.transport.replies import encoded, undecodable, unexpected
 from mesh_motion_server.transport.telemetry import log, tell_suppressed
@@ -65,6 +66,7 @@ class Lease:
             elif descriptor in self._connections:
                 self._connections.remove(descriptor)
                 self._alone_since = now
+                return_memory()  # of a message that was cut
 
     def pass_over(self, frame: zmq.Frame, now: float) -> None:
         """Do not count the connection that a frame came from."""

@@ -205,11 +205,12 @@ def test_an_endless_message_meets_the_memory_limit_and_ends_its_connection_only(
     assert endless_message(opened.endpoint, 8 << 20, 1 << 30) < 300 << 20
     assert worker_pid(data, at) == pid
     gateway = server.children()[0]
-    assert endless_message(server.endpoint, 64 << 10, 1 << 30) < 600 << 20
+    # glibc keeps these: of other sizes it returns most by itself
+    assert endless_message(server.endpoint, 60_000, 1 << 30) < 600 << 20
     assert connect(server.endpoint).ask(Probe, session=opened.session, token=opened.token).worker == "alive"
     assert server.children()[0] == gateway
     # the message took the worker to some 380 MiB; idle it has 150 to 200, by what it has warmed up
-    for process, most in ((pid, 256 << 20), (gateway, 150 << 20)):
+    for process, most in ((pid, 256 << 20), (gateway, 80 << 20)):
         wait_until(
             lambda process=process, most=most: psutil.Process(process).memory_info().rss < most, "memory is back"
         )
