@@ -232,7 +232,7 @@ def read_case(path: Path | str) -> Case:
         content = CaseFile.model_validate(values)
     except OSError as error:
         raise InvalidInput(f"{path}: the case file cannot be read: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InvalidInput(f"{path}: not a TOML file: {str(error).splitlines()[0]}") from None
     except ValidationError as error:
         raise _first_offender(error, path) from None

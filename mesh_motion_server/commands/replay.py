@@ -54,6 +54,6 @@ def changes_of(assignments: Sequence[str]) -> dict[str, Any]:
             raise InvalidInput(f"expected a setting as key=value, got {text!r}", hint="--set support_radius=0.5")
         try:
             changes[key] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
+        except (tomllib.TOMLDecodeError, RecursionError):
             changes[key] = value
     return changes

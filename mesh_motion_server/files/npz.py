@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import MeshFile
-from mesh_motion_server.files.packages import reason_of
+from mesh_motion_server.files.packages import check_unpacked, reason_of
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.numerics.arrays import Floats
 
@@ -97,6 +97,8 @@ def read_archive(path: Path) -> dict[str, NDArray[np.generic]]:
             archive = np.load(file, allow_pickle=False)
             if isinstance(archive, np.ndarray):
                 raise InvalidInput(f"{path}: a single array, not an .npz archive")
+            held = sum(member.file_size for member in archive.zip.infolist())
+            check_unpacked(path, path.stat().st_size, held)
             return {key: archive[key] for key in archive.files}
     except _DAMAGED as error:
         raise InvalidInput(f"{path}: not readable as an .npz archive of plain arrays: {reason_of(error)}") from None

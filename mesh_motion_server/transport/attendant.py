@@ -28,19 +28,19 @@ class Attendant:
         The setting that holds the address.
     module : str
         Run as ``python -m module CHANNEL LEVEL``.
-    HOST:PORT; without an address no process is started.
-        HOST:PORT; without it there is no process.
-    The first message to the process; host and port are added.
-        What it is told at first, beside host and port.
-    Log level of the process.
-        Log level, handed to it.
+    address : str or None
+        HOST:PORT; without an address no process is started.
+    order : dict
+        The first message to the process; host, port, and whether only this machine reaches them (``local``) are added.
+    level : str
+        Log level of the process.
 
     Attributes
     ----------
     child : Child or None
         The process, while there is one.
-    ``tcp://HOST:PORT``, with the actual port once the process has reported; empty without a process.
-        ``tcp://HOST:PORT``, from its first word on with the port that it listens on; empty without a process.
+    address : str
+        ``tcp://HOST:PORT``, with the actual port once the process has reported; empty without a process.
     """
 
     def __init__(self, name: str, module: str, address: str | None, order: dict[str, Any], level: str) -> None:
@@ -64,7 +64,7 @@ class Attendant:
         where = Endpoint.parse(self.address)
         child = spawn(self._module, self._level, anew=True)
         host = "127.0.0.1" if where.host == "localhost" else where.host.strip("[]")
-        child.channel.offer({"host": host, "port": where.port} | self._order)
+        child.channel.offer({"host": host, "port": where.port, "local": where.is_local} | self._order)
         self.child, self._due = child, now + _SECONDS
         return True
 

@@ -15,6 +15,7 @@ import time
 from typing import Any
 
 from mesh_motion_server.operation.exposition import CONTENT_TYPE, exposition
+from mesh_motion_server.security.host_header import is_allowed_host
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.processes import limit_address_space, limit_descriptors
 from mesh_motion_server.transport.telemetry import configure, log
@@ -30,7 +31,10 @@ _SECONDS = 5.0
 #: Longest request with its headers.
 _REQUEST_BYTES = 8192
 _TEXT = "text/plain; charset=utf-8"
-_REASONS = {200: "OK", 400: "Bad Request", 404: "Not Found", 405: "Method Not Allowed", 503: "Service Unavailable"}
+_REASONS = {200: "OK", 400: "Bad Request", 404: "Not Found", 405: "Method Not Allowed"} | {
+    421: "Misdirected Request",
+    503: "Service Unavailable",
+}
 
 _Answer = tuple[int, str, bytes]
 
@@ -44,11 +48,14 @@ class Pages:
         Versions.
     stuck_seconds : float
         Silence of a loop after which it counts as stuck.
+    local : bool
+        Whether only this machine reaches the pages: they are then read under its own addresses and ``localhost`` alone.
     """
 
-    def __init__(self, build: dict[str, str], stuck_seconds: float) -> None:
+    def __init__(self, build: dict[str, str], stuck_seconds: float, *, local: bool = False) -> None:
         self._build = build
         self._stuck_seconds = stuck_seconds
+        self.local = local
         self._news: dict[str, Any] = {"at": time.monotonic(), "gateway_at": time.monotonic(), "missing": "starting"}
         self._metrics: dict[bool, bytes] = {}
 
@@ -128,6 +135,8 @@ def _response(pages: Pages, request: bytes) -> bytes:
         status, kind, body = 400, _TEXT, b"expected an HTTP/1 request\n"
     elif words[0] not in ("GET", "HEAD"):
         status, kind, body = 405, _TEXT, b"expected GET\n"
+    elif pages.local and not all(is_allowed_host(host, insecure=False) for host in _hosts(request)):
+        status, kind, body = 421, _TEXT, b"expected this machine's address or localhost as the host\n"
     else:
         status, kind, body = pages.answer(words[1].partition("?")[0])
     head = (
@@ -137,9 +146,15 @@ def _response(pages: Pages, request: bytes) -> bytes:
     return head.encode() + (b"" if words[0] == "HEAD" else body)
 
 
+def _hosts(request: bytes) -> list[str]:
+    """The Host headers. No browser leaves them out, as probes of HTTP/1.0 do."""
+    headers = (line.partition(b":") for line in request.split(b"\r\n")[1:])
+    return [value.strip().decode("latin-1") for name, _, value in headers if name.strip().lower() == b"host"]
+
+
 async def _serve(channel: Channel, order: dict[str, Any]) -> int:
     """Listen until the supervisor closes the channel."""
-    pages = Pages(order["build"], order["stuck_seconds"])
+    pages = Pages(order["build"], order["stuck_seconds"], local=order["local"])
     listener = _Listener(pages)
     try:
         server = await asyncio.start_server(

@@ -105,7 +105,7 @@ def _holder(lock: int) -> str:
     try:
         found: dict[str, Any] = json.loads(os.pread(lock, 4096, 0))
         return f"process {found['pid']} on {found['host']}, endpoint {found['endpoint']}"
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return "its process is just starting"
 
 

@@ -122,3 +122,6 @@ def test_a_missing_or_binary_case_file(tmp_path: Path) -> None:
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InvalidInput, match="not a TOML file"):
         read_case(tmp_path / "binary.toml")
+    (tmp_path / "deep.toml").write_text("a = " + "[" * 100_000)
+    with pytest.raises(InvalidInput, match="not a TOML file: maximum recursion depth exceeded"):
+        read_case(tmp_path / "deep.toml")

@@ -103,6 +103,14 @@ def test_a_header_of_more_rows_than_any_memory_has_is_refused(tmp_path: Path, ro
         read_points(tmp_path / "p.npy", (3, 2))
 
 
+def test_a_small_file_that_would_fill_the_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mesh_motion_server.files.packages._UNPACKED_BYTES", 1 << 20)
+    path = tmp_path / "m.npz"
+    np.savez_compressed(path, points=np.zeros((1 << 20, 2)), cells_triangle=TRIANGLE)
+    with pytest.raises(InvalidInput, match=r"m\.npz: \d+ bytes that hold 16777\d+ or more, expected at most"):
+        read_mesh(path)
+
+
 def test_a_single_array_is_no_mesh(tmp_path: Path) -> None:
     path = tmp_path / "single.npz"
     with path.open("wb") as file:

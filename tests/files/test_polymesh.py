@@ -360,6 +360,15 @@ def test_a_missing_file_and_one_without_a_header(tmp_path: Path, name: str) -> N
         read_mesh(folder)
 
 
+def test_a_packed_file_that_would_fill_the_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mesh_motion_server.files.packages._UNPACKED_BYTES", 1 << 20)
+    folder = tetra(tmp_path)
+    (folder / "points").unlink()
+    (folder / "points.gz").write_bytes(gzip.compress(bytes(1 << 24)))
+    with pytest.raises(InvalidInput, match=r"points\.gz: \d+ bytes that hold \d+ or more"):
+        read_mesh(folder)
+
+
 def test_no_case_at_all(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="neither an OpenFOAM case"):
         read_mesh(tmp_path)

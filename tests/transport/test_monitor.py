@@ -126,6 +126,14 @@ def test_other_pages_methods_and_noise(watched):
             assert line.recv(100).startswith(b"HTTP/1.1 400 ")
 
 
+def test_a_page_of_another_site_reads_nothing(watched):
+    """A browser sends the site's own name, which resolves to this machine (DNS rebinding)."""
+    for host, status in (("evil.example", 421), ("localhost:9464", 200), ("127.0.0.1", 200), ("192.0.2.1:80", 421)):
+        with raw_connection(watched) as line:
+            line.sendall(f"GET /metrics HTTP/1.1\r\nhost : {host}\r\n\r\n".encode())
+            assert line.recv(100).startswith(f"HTTP/1.1 {status} ".encode()), host
+
+
 def test_slow_and_silent_connections_close_nobody_out(watched, connect):
     server = watched
     with contextlib.ExitStack() as lines:

@@ -100,7 +100,7 @@ def _toml(path: Path, text: str) -> dict[str, Any]:
     """The tables of a TOML file."""
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InvalidInput(f"{path.name} is not a TOML file: {error}") from None
 
 

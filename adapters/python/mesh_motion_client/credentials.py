@@ -60,5 +60,5 @@ class Credentials:
         """
         try:
             return cls.of_values(json.loads(Path(path).read_text(encoding="ascii")))
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise InvalidInput(f"{path} must hold a session and a token: {error}") from None

@@ -8,6 +8,7 @@ https://www.openfoam.com/documentation/user-guide/2-openfoam-cases/2.2-basic-inp
 from __future__ import annotations
 
 import gzip
+import io
 import re
 import zlib
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.packages import check_unpacked, most_unpacked
 from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["FoamFile", "dictionaries"]
@@ -73,7 +75,7 @@ class FoamFile:
             )
         data = path.read_bytes()
         try:
-            return cls._of(path, gzip.decompress(data) if path.suffix == ".gz" else data)
+            return cls._of(path, _unpacked(path, data) if path.suffix == ".gz" else data)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
             raise InvalidInput(f"{path}: damaged gzip file: {error}") from None
 
@@ -208,6 +210,13 @@ class FoamFile:
         if len(values) != count:
             raise self.refused(f"{count} numbers were announced, {len(values)} follow")
         return values
+
+
+def _unpacked(path: Path, data: bytes) -> bytes:
+    with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+        content = file.read(most_unpacked(len(data)) + 1)
+    check_unpacked(path, len(data), len(content))
+    return content
 
 
 def _entries(text: str) -> dict[str, str]:

@@ -73,7 +73,7 @@ def parse_line(line: bytes) -> dict[str, Any] | None:
     """The event of a line; None if the line is incomplete."""
     try:
         found = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     return found if isinstance(found, dict) and isinstance(found.get("event"), str) else None
 

@@ -5,11 +5,12 @@ if its name resolves to this machine (DNS rebinding). So the guard accepts only 
 refuses requests that the browser marks as cross-site, and no answer gives permissions to other sites.
 """
 
-import ipaddress
 from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
 
-__all__ = ["Guard", "is_allowed_host"]
+from mesh_motion_server.security.host_header import is_allowed_host
+
+__all__ = ["Guard"]
 
 Scope = MutableMapping[str, Any]
 Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
@@ -76,31 +77,6 @@ class Guard:
         if site in _SEVERAL_SITES and scope["path"] != "/":
             return 403, b"expected a request of this page\n"
         return None
-
-
-def is_allowed_host(host: str, *, insecure: bool) -> bool:
-    """Whether a Host header names this server, independent of any name service.
-
-    Parameters
-    ----------
-    host : str
-        NAME, NAME:PORT or [ADDRESS]:PORT; with a tunnel the port is that of its near end.
-    insecure : bool
-        As for :class:`Guard`.
-    """
-    name, separator, port = host.rpartition(":")
-    if not separator or host.endswith("]"):
-        name, port = host, "0"
-    if not (port.isascii() and port.isdigit()):
-        return False
-    if name.lower() == "localhost":
-        return True
-    try:
-        bracketed = name.startswith("[") and name.endswith("]")
-        address = ipaddress.ip_address(name[1:-1] if bracketed else name)
-    except ValueError:
-        return False
-    return (address.version == 6) == bracketed and (insecure or address.is_loopback)
 
 
 def _plain(headers: Any) -> list[tuple[bytes, bytes]]:

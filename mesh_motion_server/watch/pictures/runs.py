@@ -257,6 +257,6 @@ def _read_summary(path: Path) -> Mapping[str, Any]:
     """Read summary.json, or return nothing: the steps are enough for a picture."""
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
     return summary if isinstance(summary, dict) else {}

@@ -19,11 +19,11 @@ import pytest
 from histories import refused, resumed_at, write_history
 from starlette.exceptions import HTTPException
 
+from mesh_motion_server.security.host_header import is_allowed_host
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.watch.observation.followed import plain_column
 from mesh_motion_server.watch.page.app import STATIC, Page
 from mesh_motion_server.watch.page.archive import as_json
-from mesh_motion_server.watch.page.guard import is_allowed_host
 from proofs.driver import SESSION, make_driver
 from proofs.stand_in import grid_mesh
 
