@@ -8,8 +8,8 @@ from mesh_motion_server.errors import InvalidInput
 
 __all__ = ["check_unpacked", "load_h5py", "load_meshio", "most_unpacked", "reason_of"]
 
-#: A packed file may always hold so many bytes, and more if they are at most so many times those of the file. Packed meshes
-#: are 1.5 to 40 times as large (zeros, of which a file that only fills the memory consists, 1000 times).
+#: A packed file may always hold so many bytes, and more if they are at most so many times those of the file. Packed
+#: meshes are 1.5 to 40 times as large; a file that is made to fill the memory, of zeros, 1000 times.
 _UNPACKED_BYTES = 1 << 30
 _UNPACKED_RATIO = 200
 

@@ -102,6 +102,7 @@ def largest_accepted(
     possible: Callable[[float], bool],
     *,
     certain: bool,
+    corrected: bool = True,
 ) -> float:
     """The largest accepted fraction of a refused displacement among the few that are tried; 0 if none is accepted.
 
@@ -114,6 +115,8 @@ def largest_accepted(
         Fraction → whether the motion is accepted; whether it is without a correction; whether a valid mesh may exist.
     certain : bool
         Whether a motion that is ``valid`` is accepted too, so that it need not be tried.
+    corrected : bool
+        Whether a motion that is not ``valid`` may be accepted.
 
     Returns
     -------
@@ -121,6 +124,8 @@ def largest_accepted(
         A multiple of a thousandth: exactly the fraction that was tried, so three digits print it exactly.
     """
     low = _bisected(valid, 1.0)
+    if certain and not corrected:
+        return low
     most, shares = (1.0, _SHARES) if possible(1.0) else (_bisected(possible, 1.0), (_NEARLY, *_SHARES))
     for fraction in (_thousandths(low + share * (most - low)) for share in shares):
         if fraction > low and accepts(fraction):

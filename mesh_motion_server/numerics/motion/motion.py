@@ -411,6 +411,7 @@ class MotionModel(PreparedMesh):
             lambda fraction: accepts(plain, fraction),
             possible,
             certain=certain,
+            corrected=method.correction != "none",
         )
 
 
