@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from mesh_motion_server.absence import is_missing
+
 __all__ = ["DiskRoom", "anonymous_bytes", "available_memory", "disk_room", "resident_bytes"]
 
 _PROC = Path("/proc")
@@ -37,7 +39,7 @@ class DiskRoom:
 def disk_room(folder: Path) -> DiskRoom:
     """Return the room in a folder, or in its nearest existing parent; nothing if the disk does not answer."""
     try:
-        while not folder.exists() and folder != folder.parent:
+        while is_missing(folder) and folder != folder.parent:
             folder = folder.parent
         found = os.statvfs(folder)
     except OSError:

@@ -19,6 +19,7 @@ from pathlib import Path
 import zmq
 from mesh_motion_protocol.key_files import KeyFileError, PublicKey, SecretKey, checked_key, checked_name
 
+from mesh_motion_server.absence import is_missing
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.security.allow_list import Entry, read_entries, write_entries
 from mesh_motion_server.security.authorisation import ROLES, Role
@@ -62,8 +63,11 @@ def make_server_keys(folder: Path) -> PublicKey:
         If there are keys already, or the folder cannot be written.
     """
     public = _make_pair(SERVER, folder)
-    if not (folder / ALLOW_LIST).exists():
-        _write(folder, {})
+    try:
+        if is_missing(folder / ALLOW_LIST):
+            _write(folder, {})
+    except OSError as error:
+        raise InvalidInput(f"{folder / ALLOW_LIST}: cannot be read: {error.strerror}") from None
     return public
 
 
@@ -149,7 +153,7 @@ def _make_pair(name: str, folder: Path) -> PublicKey:
 
 def _public_key(public: str, name: str) -> PublicKey:
     try:
-        if name and not Path(public).exists():
+        if name and not Path(public).exists():  # a key or a file
             return PublicKey(checked_name(name), checked_key(public))
         loaded = PublicKey.load(public)
         return PublicKey(checked_name(name), loaded.key) if name else loaded

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import ipaddress
 import os
+import socket
 import stat
 import struct
 from collections.abc import Iterable
@@ -21,6 +22,7 @@ __all__ = ["Endpoint", "EndpointError", "bind", "bind_first", "connection_event"
 
 #: Longest name of a worker's socket in the folder of a control endpoint.
 _WORKER_NAME = "/w4194304.ipc"
+_WORKER_FILES = "w[0-9]*.ipc"
 
 
 class EndpointError(MeshMotionError):
@@ -149,7 +151,20 @@ def lock_folder(endpoint: Endpoint) -> TextIO | None:
         raise EndpointError(
             f"a live server listens on {endpoint.address}", hint="stop it first, or use another path"
         ) from None
+    for left in filter(Path.is_socket, folder.glob(_WORKER_FILES)):
+        _remove_unheard(left)
     return lock
+
+
+def _remove_unheard(file: Path) -> None:
+    """Remove the socket's file of a worker that was killed with its server; another server's worker still listens."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_NONBLOCK) as line:
+        try:
+            line.connect(str(file))
+        except ConnectionRefusedError:
+            file.unlink(missing_ok=True)
+        except OSError:
+            pass  # such as a worker that is busy
 
 
 def bind(socket: zmq.Socket[bytes], address: str) -> str:

@@ -64,3 +64,11 @@ def test_the_unit_is_one(tmp_path: Path) -> None:
     run = subprocess.run(["systemd-analyze", "verify", str(unit)], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     assert "mesh-motion.service" not in run.stderr
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd is not installed")
+def test_the_unit_gives_the_server_no_more_than_it_needs() -> None:
+    """systemd's own measure: 0 is nothing, 10 all; what is left is the network, folders and priorities."""
+    run = ["systemd-analyze", "security", "--offline=yes", "--threshold=20", str(UNIT)]
+    told = subprocess.run(run, capture_output=True, text=True, check=False)
+    assert told.returncode == 0, told.stdout[-2000:]

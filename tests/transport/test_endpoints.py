@@ -1,6 +1,7 @@
 """Where a server may listen."""
 
 import os
+import socket
 import stat
 
 import pytest
@@ -55,6 +56,18 @@ def test_the_folder_is_made_private_and_locked(tmp_path):
         with pytest.raises(EndpointError, match="a live server listens"):
             lock_folder(endpoint)
     lock_folder(endpoint).close()
+
+
+def test_files_of_workers_that_were_killed_with_their_server_go(tmp_path):
+    tmp_path.chmod(0o700)
+    with socket.socket(socket.AF_UNIX) as killed, socket.socket(socket.AF_UNIX) as other:
+        killed.bind(str(tmp_path / "w17.ipc"))
+        other.bind(str(tmp_path / "w18.ipc"))
+        other.listen()
+        killed.close()
+        (tmp_path / "w19.ipc").write_text("a user's file")
+        lock_folder(Endpoint.parse(f"ipc://{tmp_path}/c")).close()
+        assert {path.name for path in tmp_path.glob("w*")} == {"w18.ipc", "w19.ipc"}
 
 
 def test_a_folder_that_others_may_enter_is_refused(tmp_path):

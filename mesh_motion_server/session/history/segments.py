@@ -32,11 +32,17 @@ class Slow(Exception):
 
 
 def list_segments(folder: Path, kind: str) -> list[Path]:
-    """The segments of a kind, oldest first; empty without a folder."""
+    """The segments of a kind, oldest first; empty without a folder.
+
+    Raises
+    ------
+    OSError
+        If the disk fails: that is no missing folder.
+    """
     pattern = re.compile(rf"{kind}-[0-9]{{8}}\.(jsonl|bin)")
     try:
         return sorted(path for path in folder.iterdir() if pattern.fullmatch(path.name))
-    except OSError:
+    except FileNotFoundError:
         return []
 
 

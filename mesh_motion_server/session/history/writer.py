@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from mesh_motion_server.absence import is_missing
 from mesh_motion_server.session.history.boundary import (
     BOUNDARY,
     cut_torn_record,
@@ -89,7 +90,7 @@ class History:
         if self._over:
             return
         try:
-            if self._events is None and not self._session.is_dir():
+            if self._events is None and is_missing(self._session):
                 self._over = True
                 return
             write()
@@ -165,7 +166,7 @@ class History:
 
     def _open(self, kind: str, segment_bytes: int, total_bytes: int, mend: Callable[[int], None]) -> Segments:
         folder = self._session / FOLDER
-        if not folder.is_dir():
+        if is_missing(folder):
             require_room(self._session, self._reserve)  # first: on a full disk no empty folder is left
             folder.mkdir(mode=0o700)
         return Segments(

@@ -10,6 +10,7 @@ import os
 from pathlib import Path
 from typing import Protocol
 
+from mesh_motion_server.absence import is_missing
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.operation.tally import TALLY
 
@@ -202,11 +203,7 @@ class PosixFileSystem:
         path.unlink(missing_ok=True)
 
     def exists(self, path: Path) -> bool:
-        try:
-            path.lstat()  # Path.exists() hides errors of the disk, ENOTDIR and ELOOP, and misses a dangling link
-        except FileNotFoundError:
-            return False
-        return True
+        return not is_missing(path)
 
     def names(self, path: Path) -> list[str]:
         return os.listdir(path)

@@ -6,7 +6,7 @@ from pathlib import Path
 from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.session.history.events import FOLDER
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
-from mesh_motion_server.session.listing import Listing
+from mesh_motion_server.session.listing import UNREADABLE, Listing
 from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.watch.observation.follow import last_event
@@ -41,7 +41,7 @@ class SessionView:
         (a process still holds the session).
     state : str
         After the last event: READY, TRIAL, SUSPENDED, FROZEN, CLOSED or FAILED; of a session without events READY, or
-        FAILED where its files do not verify.
+        FAILED where its files do not verify, UNREADABLE where the disk does not give them.
     held : bool or None
         Whether a process holds it; None if the system does not report it.
     changed_at : float
@@ -88,8 +88,10 @@ class Sessions:
             stored, event = self._store.describe(session), last_event(folder, _STATES)
             changed_at = float(event["at"]) if event else folder.stat().st_mtime
             inode = (folder / "lock").stat().st_ino
-        except OSError:
+        except FileNotFoundError:
             return None  # it was discarded in the meantime
+        except OSError:
+            return SessionView(session, "", str(folder), 0, 0, "", 0, UNREADABLE, None, 0.0, recorded=False)
         is_held = None if held is None else inode in held
         told = 0 if event is None or is_held is False else event.get("step", 0) - (event["event"] in _AHEAD)
         return SessionView(
