@@ -227,3 +227,36 @@ def test_a_motion_is_the_same_in_every_unit_or_refused(kind: str) -> None:
     for unit in (1e-18, 1e20):
         with pytest.raises(InvalidInput, match="take another unit of length"):
             checked_mesh(unit * mesh.points, mesh.cells, patches)
+
+
+@pytest.mark.parametrize(("dimension", "hanging"), [(2, 4), (3, 56)])
+def test_hanging_nodes_are_refused(dimension, hanging):
+    """Half of the cells are split into 2ᵈ: half as long cells meet one long one."""
+    points, cells = refined_half(dimension, 4)
+    edge = np.flatnonzero(points[:, 0] == 0.0)
+    patches = {"left": Patch("moving", edge)}
+    with pytest.raises(
+        InvalidInput, match=rf"node \d+ hangs: it lies on the facet of .* \({hanging} such nodes\)"
+    ) as error:
+        checked_mesh(points, cells, patches)
+    node, facet = error.value.details["node"], points[error.value.details["nodes"]]
+    assert points[node, 0] == pytest.approx(0.5)
+    assert (facet.min(axis=0) <= points[node]).all()
+    assert (points[node] <= facet.max(axis=0)).all()
+    interface = np.flatnonzero(points[:, 0] == 0.5)
+    told = checked_mesh(points, cells, patches | {"interface": Patch("fixed", interface)})  # two meshes that meet
+    assert not any("hangs" in warning for warning in told.warnings)
+
+
+def refined_half(dimension, n):
+    """A cube of n cells a side, those at x < 1/2 split."""
+    numbers: dict[tuple[float, ...], int] = {}
+    quad = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    name, corners = ("quad", quad[:, :2]) if dimension == 2 else ("hexahedron", np.vstack([quad, quad + [0, 0, 1]]))
+    rows = []
+    for low in np.ndindex(*[n] * dimension):
+        split = 2 if low[0] < n / 2 else 1
+        for part in np.ndindex(*[split] * dimension):
+            places = (np.array(low) + (np.array(part) + corners) / split) / n
+            rows.append([numbers.setdefault(tuple(place), len(numbers)) for place in places.tolist()])
+    return np.array(list(numbers)), CellTable.from_arrays({name: np.array(rows)})

@@ -13,7 +13,7 @@ from mesh_motion_server.numerics.arrays import Integers, Marks
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import ROLES, Patch
 
-__all__ = ["check_patches", "nodes_behind_fixed", "patch_warnings"]
+__all__ = ["check_patches", "nodes_behind_fixed", "nodes_in_no_patch", "patch_warnings"]
 
 
 def check_patches(n: int, patches: Mapping[str, Patch]) -> None:
@@ -94,7 +94,7 @@ def nodes_behind_fixed(n: int, cells: CellTable, boundary: Integers, patches: Ma
 
     Interpolation does not use the cells, so it would move these nodes although fixed nodes separate them.
     """
-    floating = _floating(boundary, patches)
+    floating = nodes_in_no_patch(boundary, patches)
     if not len(floating):
         return floating
     fixed, other = np.zeros((2, n), dtype=bool)
@@ -138,7 +138,7 @@ def _uncovered(boundary: Integers, patches: Mapping[str, Patch], resting: Intege
     """A warning about boundary nodes in no patch, and how they move."""
     fates = {
         "nothing holds them: they follow the interpolation like interior nodes": np.setdiff1d(
-            _floating(boundary, patches), resting
+            nodes_in_no_patch(boundary, patches), resting
         ),
         "they lie behind fixed nodes and stay where they are": resting,
     }
@@ -150,7 +150,7 @@ def _uncovered(boundary: Integers, patches: Mapping[str, Patch], resting: Intege
     ]
 
 
-def _floating(boundary: Integers, patches: Mapping[str, Patch]) -> Integers:
+def nodes_in_no_patch(boundary: Integers, patches: Mapping[str, Patch]) -> Integers:
     """Boundary nodes (f,) in no patch."""
     return np.setdiff1d(boundary, np.concatenate([patch.nodes for patch in patches.values()]))
 

@@ -1,0 +1,82 @@
+"""Refuses nodes that hang: on a facet of a cell that does not have them.
+
+Interpolation moves such a node without its facet, so a gap opens or cells overlap, and no cell is judged by it. Nodes in
+patches are spared: the sides of an interface of two meshes that do not match are told how to move.
+"""
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from scipy.spatial import cKDTree
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.points import padded
+
+__all__ = ["refuse_hanging_nodes"]
+
+#: As shares of the facet's radius: a node so near is on it; one so near to a corner is at the same place.
+_ON, _AT_A_CORNER = 1e-6, 1e-3
+
+
+def refuse_hanging_nodes(points: Floats, cells: CellTable, floating: Integers) -> None:
+    """Refuse a mesh in which boundary nodes in no patch (``floating``, (f,)) lie on a facet of another cell.
+
+    Raises
+    ------
+    InvalidInput
+        Names the first node and the facet.
+    """
+    if not len(floating):
+        return
+    is_floating = np.zeros(len(points), dtype=bool)
+    is_floating[floating] = True
+    found: list[tuple[int, Integers]] = []
+    for facets in boundary_facets(cells).values():
+        if facets.shape[1] > 1:
+            near = facets[is_floating[facets].any(axis=1)]
+            found += _on_facets(points, near, floating)
+    if not found:
+        return
+    node, facet = min(found, key=lambda pair: pair[0])
+    count = len({pair[0] for pair in found})
+    raise InvalidInput(
+        f"node {node} hangs: it lies on the facet of nodes {facet.tolist()}, whose cell does not have it"
+        f" ({count} such node{'s' if count > 1 else ''})",
+        code="INVALID_ARGUMENT.MESH",
+        hint="split the larger cells, or make both sides patches if two meshes meet there that do not match",
+        details={"node": node, "nodes": facet.tolist(), "count": count},
+    )
+
+
+def _on_facets(points: Floats, facets: Integers, nodes: Integers) -> list[tuple[int, Integers]]:
+    """Each of the nodes (k,) that lies on one of the facets (f, w) without being its corner, with that facet."""
+    if not len(facets):
+        return []
+    corners = points[facets]
+    centres = corners.mean(axis=1)
+    radius = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
+    near = cKDTree(points[nodes]).query_ball_point(centres, radius, return_sorted=True)
+    rows = np.repeat(np.arange(len(facets)), [len(found) for found in near])
+    some = nodes[np.concatenate(near).astype(np.int64)]
+    ends = np.linalg.norm(corners[rows] - points[some][:, None], axis=2).min(axis=1)
+    other = ends > _AT_A_CORNER * radius[rows]
+    rows, some = rows[other], some[other]
+    away = np.min([_distances(points, part[rows], some) for part in _simplices(facets)], axis=0)
+    on = away < _ON * radius[rows]
+    return [(int(node), facets[row]) for node, row in zip(some[on], rows[on], strict=True)]
+
+
+def _simplices(facets: Integers) -> list[Integers]:
+    """The facets themselves, or the two triangles of each quad."""
+    return [facets] if facets.shape[1] < 4 else [facets[:, [0, 1, 2]], facets[:, [0, 2, 3]]]
+
+
+def _distances(points: Floats, facets: Integers, nodes: Integers) -> Floats:
+    """(k,) distance of each node (k,) from its facet (k, w)."""
+    width = facets.shape[1]
+    places, corners = padded(points[nodes]), padded(points[facets.reshape(-1)]).reshape(-1, width, 3)
+    own, out, rows = np.arange(len(nodes) + 1), np.empty_like(places), np.zeros(len(nodes), dtype=np.int64)
+    kernels.closest_points(places, corners, own, own[:-1].copy(), out, rows)
+    return np.linalg.norm(out - places, axis=1)
