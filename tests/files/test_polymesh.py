@@ -246,17 +246,25 @@ def test_a_plane_across_y_keeps_its_cells_upright(foam_case: Callable[..., Path]
     assert mesh.points[:, 1].min() == -2.0
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [("wedge", "patch 'back' is of type wedge"), ("prisms-without-patches", r"leave 0 dimension\(s\)")],
-)
-def test_other_planes_are_refused(foam_case: Callable[..., Path], tmp_path: Path, name: str, message: str) -> None:
-    if name == "wedge":
-        folder = foam_case(name)
-    else:  # blockMesh puts faces without a patch into one of type empty
-        folder = block_mesh(foam.PRISMS.partition("boundary")[0] + "boundary ();")(tmp_path / "case")
-    with pytest.raises(InvalidInput, match=message):
+def test_one_layer_between_wedge_patches_is_a_plane(foam_case: Callable[..., Path]) -> None:
+    """As the motion solver moves it: the two coordinates in the plane, and the axis a patch of its own."""
+    mesh = read_mesh(foam_case("wedge"))
+    assert {name: len(nodes) for name, nodes in mesh.cells.items()} == {"quad": 12}
+    assert {name: len(nodes) for name, nodes in mesh.patches.items()} == {"rest": 11, "back": 5}
+    np.testing.assert_array_equal(mesh.patches["back"], np.flatnonzero(mesh.points[:, 1] == 0.0))
+    assert sizes(mesh)["quad"].sum() == pytest.approx(1.0)
+    assert (sizes(mesh)["quad"] > 0).all()
+
+
+def test_other_planes_are_refused(foam_case: Callable[..., Path], tmp_path: Path) -> None:
+    # blockMesh puts faces without a patch into one of type empty
+    folder = block_mesh(foam.PRISMS.partition("boundary")[0] + "boundary ();")(tmp_path / "case")
+    with pytest.raises(InvalidInput, match=r"leave 0 dimension\(s\)"):
         read_mesh(folder)
+    one_sided = shutil.copytree(foam_case("wedge") / "constant" / "polyMesh", tmp_path / "wedge")
+    (one_sided / "boundary").write_text((one_sided / "boundary").read_text().replace("wedge;", "wall;", 1))
+    with pytest.raises(InvalidInput, match="there must be two such patches, one on each side"):
+        read_mesh(one_sided)
 
 
 # --- damaged files ---------------------------------------------------------------------------------------------------

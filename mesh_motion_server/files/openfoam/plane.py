@@ -1,7 +1,8 @@
-"""Two-dimensional meshes of OpenFOAM: one layer of cells between empty patches becomes a mesh in the plane.
+"""Two-dimensional meshes of OpenFOAM: one layer of cells between empty or wedge patches becomes a mesh in the plane.
 
 As in the motion solver for OpenFOAM (adapters/openfoam): the points of the plane with the larger coordinate are the
-nodes, and its faces are the cells. A point of the other plane belongs to the node that it shares an edge with. A face
+nodes, and its faces are the cells. A point of the other plane belongs to the node that it shares an edge with; a point
+of both, on the axis of an axisymmetric mesh, is a node of the patch that has the name of the first wedge patch. A face
 of more than four points becomes triangles around a node in its middle.
 """
 
@@ -30,17 +31,21 @@ class Plane:
     cells : dict of str to (m, k) arrays
     node_of : (p,) array
         The node of each point of the mesh.
+    axis : (a,) array
+        Nodes on the axis of an axisymmetric mesh.
     """
 
     points: Floats
     cells: dict[str, Integers]
     node_of: Integers
+    axis: Integers
 
     def edges(self, mesh: FaceMesh, patch: FacePatch) -> Integers:
         """(m, 2) the edges in the plane that represent the faces of a patch."""
         short = mesh.short[mesh.boundary_faces(patch)]
         nodes = np.sort(np.where(short >= 0, self.node_of[short], -1), axis=1)
-        return np.unique(nodes[:, [0, 3]][nodes[:, 0] >= 0], axis=0) if len(nodes) else np.empty((0, 2), dtype=np.int64)
+        ends = np.column_stack([np.where(nodes[:, 0] < 0, nodes[:, 1], nodes[:, 0]), nodes[:, 3]])  # three at the axis
+        return np.unique(ends[ends[:, 0] >= 0], axis=0)
 
 
 @np.errstate(all="ignore")
@@ -50,17 +55,22 @@ def plane_axes(mesh: FaceMesh) -> tuple[int, ...]:
     Raises
     ------
     InvalidInput
-        For wedges (axial symmetry) and meshes of one dimension.
+        For meshes of one dimension, and for wedge patches that are not one on each side of a coordinate plane.
     """
-    wedges = [patch.name for patch in mesh.patches if patch.kind == "wedge"]
-    if wedges:
-        raise InvalidInput(
-            f"{mesh.path}: patch {wedges[0]!r} is of type wedge: axisymmetric meshes are not moved",
-            hint="take one layer between empty patches, or a three-dimensional mesh",
-        )
+    wedges = [patch for patch in mesh.patches if patch.kind == "wedge"]
     areas = np.zeros(3)
+    for patch in wedges:
+        own = mesh.areas_and_centres[0][mesh.boundary_faces(patch)].sum(axis=0)
+        areas += np.sign(own[np.argmax(np.abs(own))]) * own  # what the two sides have in common is across their middle
+    if wedges and (len(wedges) != 2 or np.count_nonzero(np.abs(areas) > _NO_COMPONENT * np.abs(areas).max()) != 1):
+        raise InvalidInput(
+            f"{mesh.path}: patch {wedges[0].name!r} is of type wedge: there must be two such patches, one on each side "
+            f"of a coordinate plane, got {', '.join(repr(patch.name) for patch in wedges)}",
+            hint="turn the mesh about its axis, or give all faces of a side to one wedge patch",
+        )
+    areas = np.abs(np.where(np.abs(areas) > _NO_COMPONENT * np.abs(areas).max(), areas, 0.0))
     for patch in mesh.patches:
-        if patch.kind == "empty":
+        if patch.kind == "empty" and patch.count:
             areas += np.abs(mesh.areas_and_centres[0][mesh.boundary_faces(patch)]).sum(axis=0)
     total = float(np.linalg.norm(areas))
     axes = tuple(int(a) for a in range(3) if total == 0.0 or areas[a] / total <= _NO_COMPONENT)
@@ -81,35 +91,43 @@ def project(mesh: FaceMesh, axes: tuple[int, ...]) -> Plane:
         If it is not one layer of cells, with every point on one of its two sides.
     """
     (thin,) = {0, 1, 2} - set(axes)
-    kinds = [mesh.boundary_faces(patch) for patch in mesh.patches if patch.kind == "empty"]
+    kinds = [mesh.boundary_faces(patch) for patch in mesh.patches if patch.kind in ("empty", "wedge")]
     faces = np.concatenate(kinds)
-    faces = faces[mesh.areas_and_centres[0][faces, thin] > 0]
-    in_front = np.zeros(len(mesh.points), dtype=bool)
-    for face in faces:
-        in_front[mesh.face(int(face))] = True
+    is_front = mesh.areas_and_centres[0][faces, thin] > 0
+    in_front, behind = (_points_of(mesh, side) for side in (faces[is_front], faces[~is_front]))
+    on_axis, faces = in_front & behind, faces[is_front]
     node_of = np.full(len(mesh.points), -1, dtype=np.int64)
     front = np.flatnonzero(in_front)
     node_of[front] = np.arange(len(front))
-    pairs = _edges_across(mesh, in_front)
+    pairs = _edges_across(mesh, in_front & ~on_axis, behind & ~on_axis)
     node_of[pairs[:, 1]] = node_of[pairs[:, 0]]
-    if len(faces) != mesh.n_cells or len(pairs) != len(front) or (node_of < 0).any():
+    if len(faces) != mesh.n_cells or len(pairs) + on_axis.sum() != len(front) or (node_of < 0).any():
         raise InvalidInput(
-            f"{mesh.path}: a 2D mesh must have one layer of cells between its empty patches, with every point on "
-            f"either; got {len(faces)} empty faces on one side of {mesh.n_cells} cells, and {len(pairs)} edges across "
+            f"{mesh.path}: a 2D mesh must have one layer of cells between its empty or wedge patches, with every "
+            f"point on either; got {len(faces)} of their faces on one side of {mesh.n_cells} cells, and {len(pairs)} edges across "
             f"it for {len(mesh.points)} points"
         )
     long = faces[mesh.sizes[faces] > 4]
     points = np.concatenate([mesh.points[front], mesh.middles(long)])[:, list(axes)]
     flip = axes[1] - axes[0] == 2  # anticlockwise about y is clockwise in (x, z)
-    return Plane(np.ascontiguousarray(points), _polygons(mesh, faces, long, node_of, len(front), flip), node_of)
+    cells = _polygons(mesh, faces, long, node_of, len(front), flip)
+    return Plane(np.ascontiguousarray(points), cells, node_of, node_of[on_axis])
 
 
-def _edges_across(mesh: FaceMesh, in_front: Marks) -> Integers:
+def _points_of(mesh: FaceMesh, faces: Integers) -> Marks:
+    """(p,) whether each point is one of these faces'."""
+    found = np.zeros(len(mesh.points), dtype=bool)
+    for face in faces:
+        found[mesh.face(int(face))] = True
+    return found
+
+
+def _edges_across(mesh: FaceMesh, in_front: Marks, behind: Marks) -> Integers:
     """(k, 2) the point in front and the point behind of each edge between the planes."""
     ends = np.arange(1, len(mesh.nodes) + 1)
     ends[mesh.starts[1:] - 1] = mesh.starts[:-1]
     a, b = mesh.nodes, mesh.nodes[ends]
-    across = in_front[a] != in_front[b]
+    across = (in_front[a] & behind[b]) | (behind[a] & in_front[b])
     a, b = a[across], b[across]
     found = np.where(in_front[a][:, None], np.column_stack([a, b]), np.column_stack([b, a]))
     return np.unique(found, axis=0)

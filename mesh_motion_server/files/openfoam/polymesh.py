@@ -1,8 +1,8 @@
 """OpenFOAM's polyMesh: a case, its ``constant/polyMesh``, or any folder with points, faces, owner, neighbour, boundary.
 
 The reader identifies the cells from their faces (``polyhedra.cells``) and divides polyhedra (``polyhedra.pieces``). One
-layer of cells between empty patches becomes a mesh in the plane (:mod:`.plane`). The motion solver for OpenFOAM does
-the same. Patches keep their names; empty patches and patches without faces are dropped.
+layer of cells between empty or wedge patches becomes a mesh in the plane (:mod:`.plane`). The motion solver for
+OpenFOAM does the same. Patches keep their names; empty patches and patches without faces are dropped.
 """
 
 from pathlib import Path
@@ -27,15 +27,18 @@ def read_polymesh(path: Path) -> MeshFile:
     Raises
     ------
     InvalidInput
-        Without such a mesh; for damaged files, decomposed cases, axisymmetric meshes, and cells that cannot be divided.
+        Without such a mesh; for damaged files, decomposed cases, and cells that cannot be divided.
     """
     mesh = read_face_mesh(_polymesh_folder(path))
     axes = plane_axes(mesh)
-    patches = [patch for patch in mesh.patches if patch.count and patch.kind != "empty"]
+    wedges = [patch.name for patch in mesh.patches if patch.kind == "wedge"]
+    patches = [patch for patch in mesh.patches if patch.count and patch.kind not in ("empty", "wedge")]
     cyclic = tuple(patch.name for patch in patches if patch.kind.startswith("cyclic"))
     if len(axes) == 2:
         plane = project(mesh, axes)
         edges = {patch.name: plane.edges(mesh, patch) for patch in patches}
+        if len(plane.axis):
+            edges[wedges[0]] = plane.axis
         return _mesh(path, plane.points, plane.cells, edges, cyclic)
     pieces = divide(mesh, find_cells(mesh))
     facets = {patch.name: pieces.facets(mesh, mesh.boundary_faces(patch)) for patch in patches}
