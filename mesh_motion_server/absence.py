@@ -1,7 +1,7 @@
 """Whether a file is missing, which decides what is removed or written: an error of the disk is no missing file.
 
-``Path.exists()`` and its kin take a dangling link for a missing file, and from Python 3.14 on every error, such as EIO and
-ESTALE.
+``Path.exists()`` and its kin take a dangling link for a missing file, and from Python 3.14 on every error, such as EIO
+and ESTALE.
 """
 
 from pathlib import Path

@@ -252,7 +252,9 @@ def refined_half(dimension, n):
     """A cube of n cells a side, those at x < 1/2 split."""
     numbers: dict[tuple[float, ...], int] = {}
     quad = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-    name, corners = ("quad", quad[:, :2]) if dimension == 2 else ("hexahedron", np.vstack([quad, quad + [0, 0, 1]]))
+    name, corners = (
+        ("quad", quad[:, :2]) if dimension == 2 else ("hexahedron", np.vstack([quad, quad + np.array([0, 0, 1])]))
+    )
     rows = []
     for low in np.ndindex(*[n] * dimension):
         split = 2 if low[0] < n / 2 else 1

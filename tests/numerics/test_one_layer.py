@@ -1,4 +1,4 @@
-"""One layer of cells between two sliding planes is moved as its plane is, both sides alike, in any direction."""
+"""One layer of cells between two planes is moved as its plane is, both sides alike, in any direction."""
 
 from collections.abc import Mapping
 from itertools import product
@@ -44,6 +44,7 @@ def plane_motion(kind: str, shift: np.ndarray, outer: str = "fixed") -> np.ndarr
 
 
 PLANES = [{"both": "symmetry"}, {"both": "slip"}, {"low": "symmetry", "high": "slip"}, {"low": "slip", "high": "slip"}]
+PLANES += [{"both": "fixed"}, {"low": "fixed", "high": "fixed"}]  # as free planes: no other node could move
 SHIFT = np.array([0.11, -0.07])
 
 

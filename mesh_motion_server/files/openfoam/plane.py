@@ -104,8 +104,8 @@ def project(mesh: FaceMesh, axes: tuple[int, ...]) -> Plane:
     if len(faces) != mesh.n_cells or len(pairs) + on_axis.sum() != len(front) or (node_of < 0).any():
         raise InvalidInput(
             f"{mesh.path}: a 2D mesh must have one layer of cells between its empty or wedge patches, with every "
-            f"point on either; got {len(faces)} of their faces on one side of {mesh.n_cells} cells, and {len(pairs)} edges across "
-            f"it for {len(mesh.points)} points"
+            f"point on either; got {len(faces)} of their faces on one side of {mesh.n_cells} cells, and "
+            f"{len(pairs)} edges across it for {len(mesh.points)} points"
         )
     long = faces[mesh.sizes[faces] > 4]
     points = np.concatenate([mesh.points[front], mesh.middles(long)])[:, list(axes)]

@@ -1,4 +1,4 @@
-"""A plane problem in three dimensions: one layer of hexahedra and wedges between two parallel sliding planes.
+"""A plane problem in three dimensions: one layer of hexahedra and wedges between two parallel planes.
 
 Solvers without cells in the plane (code_saturne, Fluent, CalculiX, OpenFOAM) have such meshes. The faces on one of the
 planes are the cells of the plane, each node of the other plane belongs to the node that it shares an edge with.
@@ -49,7 +49,9 @@ class OneLayer:
 
     @classmethod
     def find(cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch]) -> OneLayer | None:
-        """The plane of a mesh; None if it is not one layer between sliding planes.
+        """The plane of a mesh; None if it is not one layer between planes that slide, or that are both fixed.
+
+        With fixed planes no node of the mesh could move but those of the moving patches.
 
         Parameters
         ----------
@@ -57,9 +59,10 @@ class OneLayer:
         cells : CellTable
             In one orientation.
         patches : mapping of name to Patch
-            Checked. The slip and symmetry patches of the planes have all of their nodes, also those of other patches.
+            Checked. The patches of the planes have all of their nodes, also those of other patches.
         """
-        if not {block.type.name for block in cells} <= set(_FACES) or not _all_in(points, patches):
+        roles = next((roles for roles in (SLIDING_ROLES, ("fixed",)) if _all_in(points, patches, roles)), None)
+        if roles is None or not {block.type.name for block in cells} <= set(_FACES):
             return None
         for normal in _normals(points, cells):
             heights = points @ normal
@@ -69,7 +72,8 @@ class OneLayer:
             faces = _faces(cells, in_front) if flat else None
             if faces is None:
                 continue
-            layer = cls._of(points, _axes(normal), faces, _partners(cells, in_front), cells, patches, in_front)
+            planes = _plane_patches(cells, patches, in_front, roles)
+            layer = cls._of(points, _axes(normal), faces, _partners(cells, in_front), patches, planes)
             if layer is not None:
                 return layer
         return None
@@ -81,15 +85,13 @@ class OneLayer:
         axes: Floats,
         faces: CellTable,
         front: Integers | None,
-        cells: CellTable,
         patches: Mapping[str, Patch],
-        in_front: Marks,
+        planes: set[str] | None,
     ) -> OneLayer | None:
-        """The plane with these faces, if its nodes are opposite and its two planes slide."""
+        """The plane with these faces, if its nodes are opposite and its two ``planes`` are whole."""
         if front is None:
             return None
         apart = np.abs((points - points[front]) @ axes.T).max()
-        planes = _plane_patches(cells, patches, in_front)
         if apart > _OPPOSITE * np.ptp(points, axis=0).max() or planes is None:
             return None
         own = {
@@ -117,9 +119,9 @@ class OneLayer:
         return moved
 
 
-def _all_in(points: Floats, patches: Mapping[str, Patch]) -> bool:
-    """Whether every node is in a sliding patch."""
-    return points.shape[1] == 3 and len(nodes_with(patches, SLIDING_ROLES)) == len(points)
+def _all_in(points: Floats, patches: Mapping[str, Patch], roles: tuple[str, ...]) -> bool:
+    """Whether every node is in a patch with one of these roles."""
+    return points.shape[1] == 3 and len(nodes_with(patches, roles)) == len(points)
 
 
 def _normals(points: Floats, cells: CellTable) -> Iterator[Floats]:
@@ -186,8 +188,10 @@ def _partners(cells: CellTable, in_front: Marks) -> Integers | None:
     return front if paired and 2 * len(across) == len(in_front) else None
 
 
-def _plane_patches(cells: CellTable, patches: Mapping[str, Patch], in_front: Marks) -> set[str] | None:
-    """The sliding patches that the two planes consist of; None if these leave a face of a plane out.
+def _plane_patches(
+    cells: CellTable, patches: Mapping[str, Patch], in_front: Marks, roles: tuple[str, ...]
+) -> set[str] | None:
+    """The patches with these roles that the two planes consist of; None if these leave a face of a plane out.
 
     Such a patch has all nodes of a plane, or as many faces on the planes as on the sides. In a single row of cells the
     sides look like planes, too, but most of their faces are those of other patches.
@@ -200,7 +204,7 @@ def _plane_patches(cells: CellTable, patches: Mapping[str, Patch], in_front: Mar
         inside = np.zeros(len(in_front) + 1, dtype=bool)  # the last one for the -1 of a triangle
         inside[patch.nodes] = inside[-1] = True
         own, whole = inside[rows].all(axis=1), inside[:-1][in_front].all() or inside[:-1][~in_front].all()
-        if patch.role not in SLIDING_ROLES:
+        if patch.role not in roles:
             taken |= own & flat
         elif whole or (own & flat).sum() > (own & ~flat).sum():
             covered |= own

@@ -1,4 +1,4 @@
-"""The motion of one layer of cells between two parallel sliding planes: that of its plane, the same on both sides.
+"""The motion of one layer of cells between two parallel planes: that of its plane, the same on both sides.
 
 In space, every node of such a mesh slides, and a patch of both planes is neither planar nor smooth. So the mesh is
 moved and judged in the plane (:mod:`~mesh_motion_server.numerics.mesh.one_layer`), as between OpenFOAM's `empty`
@@ -29,7 +29,7 @@ from mesh_motion_server.numerics.quality.quality_summary import Judgement
 __all__ = ["AS_A_PLANE", "OneLayerMotion", "motion_model"]
 
 #: The warning that such a mesh gets.
-AS_A_PLANE = "the mesh is one layer of cells between two sliding planes: it is moved in the plane, both sides alike"
+AS_A_PLANE = "the mesh is one layer of cells between two parallel planes: it is moved in the plane, both sides alike"
 #: Displacements across the layer, and differences between its two sides, count as rounding up to this share of the
 #: extent.
 _ROUNDING = 1e-9
@@ -151,7 +151,7 @@ class OneLayerMotion:
                 node = int(self.moving[wrong[0]])
                 raise InvalidInput(
                     f"node {node} moves {what}, by {distances[wrong[0]]:.3g}, but the mesh is one layer of cells "
-                    "between two sliding planes, which moves in its plane only",
+                    "between two planes, which moves in its plane only",
                     hint="give the two planes another role, such as fixed, for a motion in space",
                     details={"node": node, "distance": float(distances[wrong[0]])},
                 )
