@@ -79,4 +79,5 @@ def _distances(points: Floats, facets: Integers, nodes: Integers) -> Floats:
     places, corners = padded(points[nodes]), padded(points[facets.reshape(-1)]).reshape(-1, width, 3)
     own, out, rows = np.arange(len(nodes) + 1), np.empty_like(places), np.zeros(len(nodes), dtype=np.int64)
     kernels.closest_points(places, corners, own, own[:-1].copy(), out, rows)
-    return np.linalg.norm(out - places, axis=1)
+    away: Floats = np.linalg.norm(out - places, axis=1)
+    return away

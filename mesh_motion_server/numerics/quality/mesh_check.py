@@ -82,8 +82,8 @@ def checked_mesh(points: Floats, cells: CellTable, patches: Mapping[str, Patch])
     InvalidInput
         ``.SHAPE`` for a wrong shape; ``.NONFINITE`` for a coordinate that is not finite; ``.MESH_DEGENERATE`` for node
         indices out of range, repeated nodes in a cell, inverted or flat cells, and facets of more than two cells;
-        ``.MESH`` for an extent outside the floating-point range, for hanging nodes and for patches (unknown role, no or repeated
-        nodes, no moving patch).
+        ``.MESH`` for an extent outside the floating-point range, for hanging nodes and for patches (unknown role, no or
+        repeated nodes, no moving patch).
     """
     listed, read = cells, checked_cells(points, cells)
     cells, sizes = read.cells, read.sizes
