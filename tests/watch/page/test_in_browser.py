@@ -11,7 +11,7 @@ import chromium
 import pytest
 from chromium import Browser
 from histories import largest_angle, refused
-from shown_page import serving, show, stored
+from shown_page import await_session, serving, show, stored
 
 from proofs.server_process import ServerProcess
 
@@ -97,6 +97,9 @@ def test_what_comes_is_shown_without_a_reload(tab: Browser, server: ServerProces
     assert (tab.text(f"{row} .badge"), "it is too bad" in tab.text(f"{row} .why")) == ("refused", True)
     assert tab.run("return document.title").startswith("refused · ")
     tab.wait(lambda: tab.run("return globalThis.monitor.history.columns.step.at(-1)") == 121, "the chart has the step")
+    assert "next 1 time refused" in tab.text("#figures")  # the open step's refusals are counted, too
+    tab.show(f"http://{server.settings['monitor']}/")  # nothing is chosen: the one in trouble, which is not the latest
+    await_session(tab, SHORT)
 
 
 @pytest.mark.nightly
