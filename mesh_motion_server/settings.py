@@ -41,10 +41,7 @@ _WITHOUT_VOLUME: dict[str, tuple[str | float, ...]] = {
     "reduction": ("none",),
 }
 #: And with a correction: the best possible mesh frees all nodes.
-_WITH_REGIONS: dict[str, tuple[str | float, ...]] = {
-    "correction_target": ("threshold",),
-    "correction_in_time": ("independent",),
-}
+_WITH_REGIONS: dict[str, tuple[str | float, ...]] = {"correction_target": ("threshold",)}
 
 _Length = Annotated[float, Field(gt=0)]
 
@@ -92,7 +89,7 @@ class MethodSettings(_KEYS):  # type: ignore[misc]  # its fields are those of a 
 
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
-        self.to_method()
+        self.__dict__.update(self.to_method().as_dict())  # what is left out is chosen once, and stored so
         return self
 
     def to_method(self) -> Method:

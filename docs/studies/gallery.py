@@ -30,7 +30,7 @@ _PAGE = Page(points=12.0)
 #: How long a frame is shown, and the last one of a film that does not come back.
 _MILLISECONDS, _HELD = 120, 1200
 _PLAIN = {'correction = "optimised"': 'correction = "none"\nallow_invalid = true'}
-_PLAIN_FLAG = _PLAIN | {'correction_in_time = "smooth"': 'correction_in_time = "independent"'}
+_PLAIN_FLAG = _PLAIN | {'correction = "smooth"': 'correction = "none"'}
 _ONE_WAY = {"count = 1": "count = 20", 'displacement = "relative"': 'displacement = "absolute"'}
 
 #: Film → its example, how many steps are shown, whether they are shown backwards too, and what each panel changes.

@@ -30,7 +30,7 @@ CASES = {
 #: What the standard method has instead; what it makes of a mesh is kept, to be looked at.
 _STANDARD = {
     'correction = "optimised"': 'correction = "none"\nallow_invalid = true',
-    'correction_in_time = "smooth"': 'correction_in_time = "independent"',
+    'correction = "smooth"': 'correction = "none"\nallow_invalid = true',
 }
 
 

@@ -56,8 +56,8 @@ class Key:
 
     @property
     def kind(self) -> type:
-        """str, bool, int or float; a key without a default is a float."""
-        return float if self.default is None else type(self.default)
+        """str, bool, int or float; a key without a default and choices is a float."""
+        return str if self.choices else float if self.default is None else type(self.default)
 
     @property
     def expected(self) -> str:
@@ -122,28 +122,18 @@ class Method:
         "Optimised corrections do not mind R ([measured](beyond.md#defaults)).",
         above=0.0,
     )
-    displacement: str = _key(
-        "relative",
+    displacement: str = _key(  # type: ignore[assignment]  # chosen in __post_init__
+        None,
         _DISPLACEMENT,
         "What is interpolated: the displacement since the committed state, the total one from the reference mesh, or "
         "the total one in sub-steps along a path that turns with the body. A relative step in which a node moves 1.5 "
-        "times as far as all of the boundary is interpolated from the reference mesh if that is better.",
+        "times as far as all of the boundary is interpolated from the reference mesh if that is better. Left out: "
+        '`"absolute"` with the correction `"smooth"`, otherwise `"relative"`.',
         '`"relative"` takes large total motions in small steps, but drifts when the motion comes back; `"absolute"` '
         'and `"reanchored"` depend on where the boundary is, not on how it got there '
         '([drift study](thesis.md#relative-absolute-and-re-anchored-displacement)). With `"absolute"` one '
         "factorization serves the whole run.",
         choices=("relative", "absolute", "reanchored"),
-    )
-    correction_in_time: str = _key(
-        "independent",
-        _DISPLACEMENT,
-        "Each motion is corrected by itself, below the threshold only, or the mesh is a smooth function of the "
-        "boundary alone: the correction grows from where a cell has lost a tenth of its shape or size at rest, without "
-        "threshold and target, and layers of thin cells always move with their wall.",
-        '`"smooth"` for coupled runs: node velocities without jumps (geometric conservation), the same mesh for the '
-        "same boundary after any number of steps.",
-        choices=("independent", "smooth"),
-        needs={"smooth": {"correction": ("optimised",), "displacement": ("absolute", "reanchored")}},
     )
     boundary_layer_thickness: float | None = _key(
         None,
@@ -165,14 +155,21 @@ class Method:
         choices=("auto", "never", "always"),
         needs={"always": {"correction": _CORRECTIONS}},
     )
-    correction: str = _key(
-        "optimised",
+    correction: str = _key(  # type: ignore[assignment]  # chosen in __post_init__
+        None,
         _CORRECTION,
-        "How a motion below the threshold is corrected.",
-        '`"optimised"` frees trial nodes as needed and reaches most; `"enrichment"` optimises the coefficients of few '
+        'How cells are kept from going bad. `"smooth"`: the mesh is a smooth function of where the boundary is; the '
+        "correction grows from where a cell has lost a tenth of its shape or size at rest, without threshold and "
+        "target, and layers of thin cells always move with their wall. The others correct a motion that is predicted "
+        'below the threshold. Left out: `"smooth"`, unless a key asks for what only `"optimised"` has (a displacement '
+        "`\"relative\"`, another metric or target, a reduction, sub-steps always).",
+        '`"smooth"` suits coupled runs: node velocities without jumps (geometric conservation), the same mesh for the '
+        'same boundary after any number of steps. `"optimised"` frees trial nodes as needed and reaches most in one '
+        'step; `"enrichment"` optimises the coefficients of few '
         'enrichment functions ([when which](beyond.md#when-enrichment-when-freed-nodes-when-sub-steps)); `"explicit"` '
         'and `"imposed-gradient"` are the thesis\' methods; `"none"` leaves the interpolation alone.',
-        choices=("none", *_CORRECTIONS),
+        choices=("none", "smooth", *_CORRECTIONS),
+        needs={"smooth": {"displacement": ("absolute", "reanchored")}},
     )
     correction_target: str = _key(
         "auto",
@@ -270,6 +267,7 @@ class Method:
     )
 
     def __post_init__(self) -> None:
+        self._choose_what_is_left_out()
         for name, key in KEYS.items():
             value = getattr(self, name)
             if not key.admits(value):
@@ -279,6 +277,15 @@ class Method:
                     expected, got = " or ".join(map(repr, allowed)), getattr(self, other)
                     message = f"{name} = {value!r}: expected {other} {expected}, got {got!r}"
                     raise _refused(name, message, f"set another {other}, or leave {name} out")
+
+    def _choose_what_is_left_out(self) -> None:
+        """The kind of motion: a smooth one, unless a key is named that only another one has."""
+        others = {"quality_metric", "correction_target", "reduction", "sub_steps"}
+        asked = self.displacement == "relative" or any(getattr(self, name) != KEYS[name].default for name in others)
+        if self.correction is None:
+            object.__setattr__(self, "correction", "optimised" if asked else "smooth")
+        if self.displacement is None:
+            object.__setattr__(self, "displacement", "absolute" if self.correction == "smooth" else "relative")
 
     def as_dict(self) -> dict[str, object]:
         """The choices as plain values, in the order of the fields."""

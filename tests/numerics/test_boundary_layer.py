@@ -119,7 +119,7 @@ def test_no_correction_moves_the_layer() -> None:
 
 
 def test_a_correction_smooth_in_time_leaves_the_layer_too() -> None:
-    model = model_of(correction_in_time="smooth", displacement="absolute")
+    model = model_of(correction="smooth")
     motion = model.move(model.points, turned(model.points[model.roles.moving], 20.0, 0.02))
     layer = layer_of(model)
     assert np.abs(motion.points[layer] - turned(model.points[layer], 20.0, 0.02)).max() < 1e-12

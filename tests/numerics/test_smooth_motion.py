@@ -27,7 +27,7 @@ PERIOD = 32
 
 def smooth_model(mesh: BodyMesh, **choices: object) -> MotionModel:
     patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
-    method = Method(**{"displacement": "absolute", "correction_in_time": "smooth", **choices})
+    method = Method(**{"displacement": "absolute", "correction": "smooth", **choices})
     return MotionModel.build(mesh.points, mesh.cells, patches, method)
 
 
@@ -105,7 +105,7 @@ def test_nodes_do_not_jolt_at_any_time_step(steps: int, bound: float) -> None:
     targets = [turned(model, 60.0 * np.sin(2 * np.pi * k / steps)) for k in range(steps // 4 + 2)]
     corrected = [motion.points for motion in played(model, targets)]
     plain = [
-        motion.points for motion in played(block_model(correction_in_time="independent", correction="none"), targets)
+        motion.points for motion in played(block_model(correction="none"), targets)
     ]
     assert second_difference(corrected) <= bound * second_difference(plain)
 
@@ -119,7 +119,7 @@ def test_noise_moves_no_node_far() -> None:
 
 
 def test_where_no_cell_is_near_the_onset_the_motion_is_the_plain_one() -> None:
-    plain = block_model(correction_in_time="independent", correction="none")
+    plain = block_model(correction="none")
     targets = turned(plain, 12.0)
     motion = block_model().move(plain.points, targets)
     assert motion.correction.method == "none"
@@ -137,7 +137,7 @@ def test_a_motion_through_sub_steps_is_smooth_too() -> None:
 def test_the_flag_that_bends_and_returns() -> None:
     mesh = read_mesh(FLAG / "mesh.npz")
     patches = {name: Patch("moving" if name == "flag" else "fixed", nodes) for name, nodes in mesh.patches.items()}
-    method = Method(displacement="absolute", correction_in_time="smooth")
+    method = Method(displacement="absolute", correction="smooth")
     model = MotionModel.build(mesh.points, mesh.cell_table, patches, method)
     table = np.load(FLAG / "motion.npz")
     whole = np.zeros((PERIOD, *mesh.points.shape))
@@ -241,7 +241,7 @@ def test_one_dimension() -> None:
 def test_a_mesh_that_is_only_carried_is_not_corrected() -> None:
     mesh = stored("thesis_block")
     patches = {"all": Patch("moving", np.flatnonzero(mesh.held))}
-    method = Method(support_radius=0.5, displacement="absolute", correction_in_time="smooth")
+    method = Method(support_radius=0.5, displacement="absolute", correction="smooth")
     model = MotionModel.build(mesh.points, mesh.cells, patches, method)
     motion = model.move(model.points, turned(model, 170.0))
     assert motion.correction.method == "none"

@@ -12,7 +12,7 @@ enrichment          all coefficients of all points at once: :mod:`.enrichment.co
 optimised           trial nodes freed as needed: :mod:`.trial_nodes`; in 1D the exact optimum: :mod:`.equal_stretch`
 ==================  =====================================================================================
 
-These corrections follow a threshold and a target, each motion by itself. ``correction_in_time = "smooth"`` does not
+These corrections follow a threshold and a target, each motion by itself. ``correction = "smooth"`` does not
 come here: it is a smooth function of the boundary (:mod:`.smooth_motion`).
 
 ``optimised`` frees nodes and does not start with an enrichment: from plain RBF positions the freed nodes reach the

@@ -401,11 +401,11 @@ class MotionModel(PreparedMesh):
 
         method = self.method
         direct = self if method.sub_steps == "always" else self.with_method(sub_steps="never")
-        plain = self.with_method(sub_steps="never", correction="none", correction_in_time="independent")
+        plain = self.with_method(sub_steps="never", correction="none")
         plain = replace(plain.without_distributions(), smooth=None, layered=None)
         # a correction of one valid mesh leaves it as it is where it finds no better one
         certain = not method.refuse_below_threshold and self.standard_motion.layer is None
-        certain = certain and method.sub_steps != "always" and method.correction_in_time == "independent"
+        certain = certain and method.sub_steps != "always" and self.smooth is None
         return largest_accepted(
             lambda fraction: accepts(direct, fraction),
             lambda fraction: accepts(plain, fraction),

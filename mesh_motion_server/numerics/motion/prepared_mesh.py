@@ -48,7 +48,7 @@ class PreparedMesh:
     warnings : tuple of str
         The warnings of :func:`checked_mesh`.
     smooth : SmoothMotion or None
-        The prepared correction for ``correction_in_time`` "smooth".
+        The prepared correction "smooth".
     layered : LayeredWalls or None
         Walls whose layers move with them if interpolation would spoil the layers; None if the method selects layers.
     distributions : bool
@@ -104,7 +104,7 @@ class PreparedMesh:
         if motion.layer is None and method.boundary_layer_thickness:
             warnings = [*warnings, f"boundary_layer_thickness = {method.boundary_layer_thickness:.4g} holds no node"]
         smooth = None
-        if method.correction_in_time == "smooth":
+        if method.correction == "smooth":
             smooth = SmoothMotion(points, cells, held_with(held, motion.layer))
         layered = None
         if method.boundary_layer_thickness is None and motion.periodic is None:

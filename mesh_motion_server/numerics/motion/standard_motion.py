@@ -335,7 +335,7 @@ class StandardMotion:
 
     def _boundary_factorization(self, start: Floats, own: Factorization, factors: FactorSource) -> Factorization:
         """The motion's own factorization; if an enrichment must vanish on periodic sides too, one with them."""
-        if self.periodic is None or self.method.correction in ("none", "optimised"):
+        if self.periodic is None or self.method.correction in ("none", "smooth", "optimised"):
             return own
         nodes = np.union1d(self._controls(self.roles.all), self.roles.periodic)
         return factorization_of(start[nodes], self.method, factors)
