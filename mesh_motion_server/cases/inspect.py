@@ -9,7 +9,7 @@ from rich.console import RenderableType
 
 from mesh_motion_server.cases.story import tell_step
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.session.inspection import Inspection, inspect_session
+from mesh_motion_server.session.inspection import Inspection, inspect_session, is_session_folder
 from mesh_motion_server.session.spec import SPEC
 from mesh_motion_server.watch.observation.steps import HistoryDigest, digest_of_history
 from mesh_motion_server.watch.terminal.console import Table, inert
@@ -61,10 +61,8 @@ def inspect_folder(folder: Path) -> Found:
     ------
     InvalidInput
         If there is no such folder, or neither a session nor a state folder in it.
-    JournalError
-        If a session's folder has lost its description.
     """
-    if (folder / SPEC).is_file():
+    if is_session_folder(folder):
         inspection, history = inspect_session(folder), digest_of_history(folder)
         values = asdict(inspection) | {"history": asdict(history)}
         return Found(values, _details(inspection, history), _damaged([inspection]))
@@ -74,7 +72,7 @@ def inspect_folder(folder: Path) -> Found:
             f"{folder}: neither a session's folder nor a server's state folder",
             hint="a state folder has a folder 'sessions'; serve --state DIR chooses it",
         )
-    found = [inspect_session(path) for path in sorted(sessions.iterdir()) if (path / SPEC).is_file()]
+    found = [inspect_session(path) for path in sorted(sessions.iterdir()) if is_session_folder(path)]
     values = {"folder": str(folder), "sessions": [asdict(inspection) for inspection in found]}
     return Found(values, _overview(folder, found), _damaged(found))
 

@@ -9,15 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mesh_motion_server.absence import is_missing
 from mesh_motion_server.errors import JournalError
-from mesh_motion_server.session.journal.files import read_journal, verify_state
+from mesh_motion_server.session.journal.files import MANIFEST, NEXT_MANIFEST, SLOTS, read_journal, verify_state
 from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileSystem
 from mesh_motion_server.session.journal.mesh_store import read_mesh
 from mesh_motion_server.session.journal.recovery import Findings
-from mesh_motion_server.session.spec import StoredSpec, check_digest, spec_bytes
-from mesh_motion_server.session.unbuilt import never_built
+from mesh_motion_server.session.spec import SPEC, StoredSpec, check_digest, spec_bytes
+from mesh_motion_server.session.unbuilt import UNBUILT, never_built
 
-__all__ = ["Check", "Inspection", "inspect_session"]
+__all__ = ["Check", "Inspection", "inspect_session", "is_session_folder"]
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,8 @@ class Inspection:
         The step of the stored state; RESUME recomputes the steps after it.
     digest : str
         State digest of the last committed step, hexadecimal; empty at step 0.
+    label, dimension, partitions, durability, settings
+        Empty or 0 if the session's ``spec.json`` is lost or damaged.
     state : {"whole", "unfinished", "damaged", "unbuilt"}
         ``unfinished``: a crash left something that the next RESUME completes or drops without loss.
     """
@@ -71,30 +74,30 @@ def inspect_session(folder: Path | str) -> Inspection:
     Raises
     ------
     JournalError
-        If it is not a session's folder: it has no readable ``spec.json``.
+        If it is not a session's folder: it has none of a session's files.
     """
     path, files = Path(folder), PosixFileSystem()
-    raw = spec_bytes(path)
+    if not is_session_folder(path):
+        spec_bytes(path)  # says that it is none
     found, journal_check = _journal(path, files)
-    spec = _spec(raw, found)
-    checks = [journal_check]
+    spec, spec_check = _spec(path, found)
+    checks = [journal_check, spec_check]
     if found is not None:
         foundation = found.ledger.foundation
         checks += [
-            _check("spec", lambda: check_digest(raw, foundation.spec)),
             _check("mesh", lambda: read_mesh(path / "mesh.bin", files, foundation.mesh)),
             _check("state", lambda: verify_state(path, files, found.ledger)),
         ]
     last = found.ledger.commits[-1] if found is not None and found.ledger.commits else None
     return Inspection(
         folder=str(path),
-        session=spec.session,
-        label=spec.label,
-        dimension=spec.dimension,
-        partitions=spec.partitions,
+        session=spec.session if spec else path.resolve().name,
+        label=spec.label if spec else "",
+        dimension=spec.dimension if spec else 0,
+        partitions=spec.partitions if spec else 0,
         nodes=found.ledger.foundation.nodes if found else 0,
-        durability=spec.durability,
-        settings=spec.settings.model_dump(),
+        durability=spec.durability if spec else "",
+        settings=spec.settings.model_dump() if spec else {},
         step=found.ledger.step if found else -1,
         stored_step=_stored_step(found) if found else -1,
         epoch=found.ledger.epoch if found else -1,
@@ -102,6 +105,11 @@ def inspect_session(folder: Path | str) -> Inspection:
         state=_judge(path, files, found, checks),
         checks=tuple(checks),
     )
+
+
+def is_session_folder(folder: Path) -> bool:
+    """Whether a folder has one of a session's files."""
+    return any(not is_missing(folder / name) for name in (SPEC, MANIFEST, NEXT_MANIFEST, *SLOTS, UNBUILT))
 
 
 def _stored_step(found: Findings) -> int:
@@ -124,14 +132,15 @@ def _check(name: str, verify: Callable[[], object]) -> Check:
     return Check(name, passed=True)
 
 
-def _spec(raw: bytes, found: Findings | None) -> StoredSpec:
+def _spec(path: Path, found: Findings | None) -> tuple[StoredSpec | None, Check]:
     """What the file says; one that is damaged is not reported as another version's."""
     try:
-        return StoredSpec.from_bytes(raw)
-    except JournalError:
+        raw = spec_bytes(path)
         if found is not None:
             check_digest(raw, found.ledger.foundation.spec)
-        raise
+        return StoredSpec.from_bytes(raw), Check("spec", passed=True)
+    except JournalError as error:
+        return None, Check("spec", passed=False, message=error.message)
 
 
 def _judge(path: Path, files: FileSystem, found: Findings | None, checks: list[Check]) -> str:

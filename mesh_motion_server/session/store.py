@@ -29,7 +29,7 @@ from mesh_motion_server.errors import ResourceError, SessionError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.session.journal.beside import Beside
 from mesh_motion_server.session.journal.durability import log_bytes
-from mesh_motion_server.session.journal.files import KEPT_COMMITS, MANIFEST, NEXT_MANIFEST, SLOTS
+from mesh_motion_server.session.journal.files import FIRST_MANIFEST, KEPT_COMMITS, MANIFEST, SLOTS
 from mesh_motion_server.session.journal.filesystem import (
     FileSystem,
     PosixFileSystem,
@@ -127,7 +127,7 @@ class SessionFolder:
         """Remove what a failed BUILD left, to free its space; with a manifest it may be whole, and stays."""
         with contextlib.suppress(OSError):
             if not self._files.exists(self.path / MANIFEST):
-                for name in (_MESH, *SLOTS, NEXT_MANIFEST):
+                for name in (_MESH, *SLOTS, FIRST_MANIFEST):
                     self._files.remove(self.path / name)
 
     def load(self) -> tuple[Journal, list[PartitionMesh]]:

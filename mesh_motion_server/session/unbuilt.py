@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
-from mesh_motion_server.session.journal.files import MANIFEST, SLOTS
+from mesh_motion_server.session.history.boundary import BOUNDARY
+from mesh_motion_server.session.history.events import FOLDER
+from mesh_motion_server.session.journal.files import MANIFEST, NEXT_MANIFEST, SLOTS
 from mesh_motion_server.session.journal.filesystem import FileSystem
 
 __all__ = ["UNBUILT", "mark_built", "never_built"]
@@ -15,20 +17,25 @@ _RECORD = 64
 
 
 def never_built(files: FileSystem, folder: Path) -> bool:
-    """Whether a session's folder is marked as unbuilt and nothing in it was committed, or is empty but for its lock.
+    """Whether a session's folder is marked as unbuilt and has nothing that BUILD or a commit made, or has only a lock.
 
-    The mark alone is no proof: an older backup may bring it back beside newer files.
+    The mark alone is no proof: an older backup may bring it back beside newer files. ``manifest.new`` is made after the
+    manifest; slots are blank, and the boundary is not in the history, until the first commit.
 
     Raises
     ------
     OSError
         If the folder cannot be read: then nothing is known.
     """
-    if files.exists(folder / MANIFEST):
+    if any(files.exists(folder / name) for name in (MANIFEST, NEXT_MANIFEST)):
         return False
     if files.exists(folder / UNBUILT):
-        return not any(_has_record(files, folder / name) for name in SLOTS)
+        return not (_has_history(files, folder) or any(_has_record(files, folder / name) for name in SLOTS))
     return set(files.names(folder)) <= {"lock"}
+
+
+def _has_history(files: FileSystem, folder: Path) -> bool:
+    return files.exists(folder / FOLDER) and any(name.startswith(BOUNDARY) for name in files.names(folder / FOLDER))
 
 
 def _has_record(files: FileSystem, slot: Path) -> bool:

@@ -43,6 +43,25 @@ def test_stored_sessions_are_judged(make_case, tmp_path: Path) -> None:
     assert inspect_folder(folder).damaged == [folder.name]
 
 
+def test_one_damaged_session_hides_no_other_and_is_named(make_case, tmp_path: Path) -> None:
+    state = tmp_path / "state"
+    with connect(state=state) as server:
+        for label in ("lost", "damaged", "whole"):
+            server.open(client_mesh(make_case().parent / "mesh.npz"), label=label).close("keep")
+    found = {s["label"]: s for s in inspect_folder(state).values["sessions"]}
+    lost, damaged = (Path(found[label]["folder"]) for label in ("lost", "damaged"))
+    (lost / "spec.json").unlink()
+    raw = (damaged / "spec.json").read_bytes()
+    (damaged / "spec.json").write_bytes(raw.replace(b'"dimension"', b'"dimensioo"'))
+    after = inspect_folder(state)
+    assert sorted(after.damaged) == sorted([lost.name, damaged.name])
+    assert [s["label"] for s in after.values["sessions"] if s["state"] == "whole"] == ["whole"]
+    for folder, reason in ((lost, "No such file"), (damaged, "does not match its digest")):
+        (check,) = (c for c in inspect_folder(folder).values["checks"] if not c["passed"])
+        assert check["name"] == "spec"
+        assert reason in check["message"]
+
+
 def test_any_other_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="neither a session's folder nor"):
         inspect_folder(tmp_path)

@@ -68,6 +68,25 @@ def test_a_built_session_without_its_manifest_is_lost_data_and_stays(
         assert inspect_session(folder).state == "damaged"
 
 
+@pytest.mark.parametrize("durability", ["full", "relaxed", "replay"])
+@pytest.mark.parametrize("steps", [0, 3])
+def test_an_older_backups_mark_beside_newer_files_removes_nothing(
+    store: SessionStore, durability: str, steps: int
+) -> None:
+    """A folder of before BUILD was copied over it, and the manifest was lost."""
+    folder = build(store, steps=steps, spec={"durability": durability})
+    (folder / UNBUILT).touch()
+    (folder / "manifest").unlink()
+    lost = [["slot-0", "slot-1"], ["mesh.bin"], ["manifest.new"]] if steps else [["slot-0", "slot-1"], ["mesh.bin"]]
+    for names in lost:  # one after the other: at last the history alone tells of the steps
+        for name in names:
+            (folder / name).unlink()
+        before = content(folder)
+        assert store.sweep() == []
+        assert content(folder) == before
+        assert [found.state for found in store.sessions()] == [State.FAILED]
+
+
 def test_what_was_never_built_is_removed(store: SessionStore) -> None:
     folder = store.create(make_spec())
     folder.release()
@@ -138,6 +157,7 @@ def test_an_error_of_the_disk_is_no_missing_file(store: SessionStore, name: str,
     folder = build(store)
     if name == UNBUILT:
         (folder / "manifest").unlink()
+        (folder / "manifest.new").unlink()
     build(store, OTHER)
     failing = SessionStore(store.root, files=Failing(name, error))
     before = content(folder)

@@ -14,6 +14,7 @@ from mesh_motion_server.session.journal.records import PAGE, Record, unpack_reco
 from mesh_motion_server.session.journal.recovery import Findings, SlotView, examine, read_chain, sum_up
 
 __all__ = [
+    "FIRST_MANIFEST",
     "KEPT_COMMITS",
     "MANIFEST",
     "NEXT_MANIFEST",
@@ -28,6 +29,7 @@ __all__ = [
 
 MANIFEST = "manifest"
 NEXT_MANIFEST = "manifest.new"
+FIRST_MANIFEST = "manifest.first"
 SLOTS = ("slot-0", "slot-1")
 
 #: Commits whose replies are kept, and therefore restored after a crash.

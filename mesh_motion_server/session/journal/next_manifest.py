@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.session.journal.files import KEPT_COMMITS, MANIFEST, NEXT_MANIFEST
+from mesh_motion_server.session.journal.files import FIRST_MANIFEST, KEPT_COMMITS, MANIFEST, NEXT_MANIFEST
 from mesh_motion_server.session.journal.filesystem import FileSystem, write_all
 from mesh_motion_server.session.journal.ledger import Foundation
 
@@ -28,9 +28,12 @@ def manifest_capacity(foundation: Foundation) -> int:
 
 
 def create_manifest(folder: Path, files: FileSystem, packed: bytes, size: int) -> None:
-    """The first manifest of a session, which starts with this record; durable under its name."""
-    write_new(files, folder / NEXT_MANIFEST, packed, size)
-    _name(folder, files)
+    """The first manifest of a session, which starts with this record; durable under its name.
+
+    It is written under another name than the next ones: ``manifest.new`` proves that there was a manifest.
+    """
+    write_new(files, folder / FIRST_MANIFEST, packed, size)
+    _name(folder, files, FIRST_MANIFEST)
 
 
 def replace_manifest(folder: Path, files: FileSystem, packed: bytes, size: int) -> None:
@@ -86,9 +89,9 @@ def _write_durably(files: FileSystem, handle: int, data: bytes) -> None:
         files.close(handle)
 
 
-def _name(folder: Path, files: FileSystem) -> None:
+def _name(folder: Path, files: FileSystem, written: str = NEXT_MANIFEST) -> None:
     """What is written becomes the manifest, durably."""
     failpoint("journal.create.unnamed")
-    files.rename(folder / NEXT_MANIFEST, folder / MANIFEST)
+    files.rename(folder / written, folder / MANIFEST)
     failpoint("journal.create.renamed")
     files.sync_folder(folder)

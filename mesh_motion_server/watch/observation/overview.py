@@ -6,8 +6,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from mesh_motion_server.session.listing import UNREADABLE
+from mesh_motion_server.session.state import State
 from mesh_motion_server.watch.observation.sessions import Sessions, SessionView
-from mesh_motion_server.watch.observation.verdict import Latest, Recent, verdict
+from mesh_motion_server.watch.observation.verdict import Latest, Recent, lost_files, verdict
 
 __all__ = ["Overview"]
 
@@ -58,7 +60,7 @@ class Overview:
         return [*new, *listed]
 
     def _entry(self, view: SessionView, live: list[Any] | None, unknown: str) -> dict[str, Any]:
-        recent = self._latest[view.session].read()
+        recent = Recent() if view.state == UNREADABLE else self._latest[view.session].read()
         worker = unknown or ("none" if view.held is False else "alive")
         state, step = view.state, view.step
         if live is not None:
@@ -66,6 +68,8 @@ class Overview:
             state, step = (live[2], max(step, live[3])) if worker == "alive" else (state, step)
         if worker == "none" and state in ("TRIAL", "COMMITTING"):
             state = "READY"  # a trial ends with its worker
+        told = recent.rests.get("event") == "failed"  # by the session itself, with its reason
+        lost = worker != "alive" and view.state in (UNREADABLE, State.FAILED) and not told
         minima = [None if math.isnan(commit.minimum) else round(commit.minimum, 6) for commit in recent.commits]
         return {
             "session": view.session,
@@ -89,7 +93,7 @@ class Overview:
             # compare every event, because a refusal changes neither state nor step
             "version": f"{view.changed_at:.6f}-{view.state}-{view.step}-{recent.events}",
             "changed_at": max(view.changed_at, recent.changed_at),
-            "verdict": asdict(verdict(recent, time.time(), worker=worker)),
+            "verdict": asdict(lost_files(state) if lost else verdict(recent, time.time(), worker=worker)),
         }
 
 

@@ -102,7 +102,7 @@ class Sessions:
             partitions=stored.partitions,
             durability=self._durability(folder),
             step=max(stored.step, told),
-            state=str(_STATES[event["event"]] if event else stored.state),
+            state=str(_STATES[event["event"]] if event and stored.state == State.READY else stored.state),
             held=is_held,
             changed_at=changed_at,
             recorded=(folder / FOLDER).is_dir(),

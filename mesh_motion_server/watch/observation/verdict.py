@@ -14,7 +14,7 @@ from typing import Any, Literal
 from mesh_motion_server.watch.observation.fold import number_of
 from mesh_motion_server.watch.observation.follow import EventTail
 
-__all__ = ["Latest", "Recent", "Verdict", "duration", "server_gone", "verdict"]
+__all__ = ["Latest", "Recent", "Verdict", "duration", "lost_files", "server_gone", "verdict"]
 
 Tone = Literal["good", "warn", "bad", ""]
 
@@ -192,6 +192,12 @@ def verdict(recent: Recent, now: float, *, worker: str = "alive") -> Verdict:
         or Verdict("running", "good", _stands(recent), recent.commits[-1].at if recent.commits else 0.0)
     )
     return replace(found, ends_at=recent.ends_at) if found.kind in _GOES_ON else found
+
+
+def lost_files(state: str) -> Verdict:
+    """The verdict for a session at rest whose files do not verify (FAILED), or cannot be read."""
+    what = "cannot be read" if state == "UNREADABLE" else "do not verify"
+    return Verdict("failed", "bad", f"its files {what}: mesh-motion inspect says which", 0.0)
 
 
 def server_gone(since: float) -> Verdict:

@@ -12,6 +12,7 @@ from mesh_motion_protocol.messages import Close, Commit, Rollback
 from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings
+from mesh_motion_server.watch.observation.overview import Overview
 from mesh_motion_server.watch.observation.sessions import Sessions
 from proofs.driver import Driver, make_driver, resume_driver
 from proofs.stand_in import grid_mesh
@@ -110,6 +111,10 @@ def test_a_damaged_session_is_shown(driver: Driver, tmp_path: Path) -> None:
     driver.host.close()
     folder = Path(Sessions(tmp_path).views()[0].folder)
     (folder / "manifest").write_bytes(b"nothing")
+    (view,) = Sessions(tmp_path).views()
+    assert view.state == "FAILED"  # whatever the last event was
+    (entry,) = Overview(tmp_path).listed()
+    assert entry["verdict"]["why"] == "its files do not verify: mesh-motion inspect says which"
     (folder / "history" / "events-00000000.jsonl").unlink()
     (view,) = Sessions(tmp_path).views()
     assert view.state == "FAILED"
