@@ -162,7 +162,9 @@ class Method:
         "correction grows from where a cell has lost a tenth of its shape or size at rest, without threshold and "
         "target, and layers of thin cells always move with their wall. The others correct a motion that is predicted "
         'below the threshold. Left out: `"smooth"`, unless a key asks for what only `"optimised"` has (a displacement '
-        "`\"relative\"`, another metric or target, a reduction, sub-steps always).",
+        "`\"relative\"`, another metric or target, a layer of "
+        "named thickness, a reduction, sub-steps always). A motion for which `\"smooth\"` finds no mesh is corrected as "
+        "`\"optimised\"` does, with a warning.",
         '`"smooth"` suits coupled runs: node velocities without jumps (geometric conservation), the same mesh for the '
         'same boundary after any number of steps. `"optimised"` frees trial nodes as needed and reaches most in one '
         'step; `"enrichment"` optimises the coefficients of few '
@@ -280,8 +282,9 @@ class Method:
 
     def _choose_what_is_left_out(self) -> None:
         """The kind of motion: a smooth one, unless a key is named that only another one has."""
-        others = {"quality_metric", "correction_target", "reduction", "sub_steps"}
+        others = ("quality_metric", "correction_target", "reduction", "sub_steps")
         asked = self.displacement == "relative" or any(getattr(self, name) != KEYS[name].default for name in others)
+        asked = asked or bool(self.boundary_layer_thickness)
         if self.correction is None:
             object.__setattr__(self, "correction", "optimised" if asked else "smooth")
         if self.displacement is None:

@@ -24,7 +24,7 @@ def test_a_life(driver: Any, store: Any) -> None:
     driver.upload()
     assert driver.host.state is State.OPENING
     (built,) = driver.all(Build)
-    assert built.settings["correction"] == "optimised"
+    assert built.settings["correction"] == "smooth"
     assert built.settings["support_radius"] == 1.0
     assert built.mesh["nodes"] == 25
     assert built.mesh["cells"] == {"triangle": 32}

@@ -34,7 +34,7 @@ def test_a_whole_session(folder: Path) -> None:
     assert (found.state, found.step, found.epoch, found.label, found.nodes) == ("whole", 2, 2, "wing", 25)
     assert [check.name for check in found.checks if check.passed] == ["journal", "spec", "mesh", "state"]
     assert found.digest == (folder.parents[1] / "digest").read_text()
-    assert found.settings["correction"] == "optimised"
+    assert found.settings["correction"] == "smooth"
     json.dumps(asdict(found))
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 

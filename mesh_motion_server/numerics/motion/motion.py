@@ -37,7 +37,7 @@ from mesh_motion_server.numerics.motion.boundary_layer_fallback import LayerAtte
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.motion_found import Motion
 from mesh_motion_server.numerics.motion.prepared_mesh import PreparedMesh
-from mesh_motion_server.numerics.motion.smooth_step import smooth_step, unconverged
+from mesh_motion_server.numerics.motion.smooth_step import NOT_SMOOTH, smooth_step, unconverged
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.motion.sub_steps import Leg, Walk, furthest_walk
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
@@ -151,12 +151,14 @@ class MotionModel(PreparedMesh):
 
     def _accept_or_lead(self, step: _Step) -> Motion:
         """Attempt the step at once; if that is refused, lead the mesh to its targets and correct it from there."""
+        if self.smooth is not None:
+            return self._smooth_or_optimised(step, self.smooth)
         refusal = None
-        if self.method.sub_steps != "always" or self.smooth is not None:
+        if self.method.sub_steps != "always":
             try:
                 return self._attempt(step)
             except NumericalError as error:
-                final = self.method.sub_steps == "never" or self.method.correction == "none" or self.smooth is not None
+                final = self.method.sub_steps == "never" or self.method.correction == "none"
                 if final or not _of_the_mesh(error):
                     raise
                 refusal = error
@@ -175,8 +177,6 @@ class MotionModel(PreparedMesh):
         A layer that the method requests gives way only where it must. A layer that is not requested moves with its wall
         only where interpolation or a correction may spoil it, and only if the mesh is about as good with it.
         """
-        if self.smooth is not None:
-            return self._smooth_attempt(step, self.smooth)
         watch, asked, plain = Stopwatch(), self.standard_motion.layer, None
         attempts = LayerAttempts(asked, self.method.quality_threshold)
         check_time()
@@ -200,6 +200,17 @@ class MotionModel(PreparedMesh):
                 attempts.accepted(motion)
         motion, left = attempts.answer
         return motion if asked is None else replace(motion, warnings=[*given_way(asked, left), *motion.warnings])
+
+    def _smooth_or_optimised(self, step: _Step, smooth: SmoothMotion) -> Motion:
+        """The smooth motion; where it finds no mesh, that of the correction which reaches most, with a warning."""
+        try:
+            return self._smooth_attempt(step, smooth)
+        except NumericalError as refusal:
+            if not _of_the_mesh(refusal):
+                raise
+        optimised = replace(self.with_method(correction="optimised"), smooth=None)
+        motion = optimised._accept_or_lead(step)
+        return replace(motion, warnings=[*motion.warnings, NOT_SMOOTH])
 
     def _smooth_attempt(self, step: _Step, smooth: SmoothMotion) -> Motion:
         """One step of the motion that is a smooth function of the boundary; layers move with their walls always."""
@@ -227,7 +238,10 @@ class MotionModel(PreparedMesh):
             iterations=followed.iterations,
             method=self.method.correction if found.freed else "none",
         )
-        motion = self._accept(predicted, correction, self._judge(predicted, correction, watch), watch)
+        quality = self._judge(predicted, correction, watch)
+        if not found.converged and quality.metric.min < self.method.quality_threshold:
+            raise NumericalError(unconverged(found))
+        motion = self._accept(predicted, correction, quality, watch)
         warnings = motion.warnings if found.converged else [*motion.warnings, unconverged(found)]
         return replace(motion, sub_steps=followed.legs, warnings=warnings)
 

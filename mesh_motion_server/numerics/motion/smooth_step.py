@@ -16,7 +16,12 @@ from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.correction.smooth_motion import Smoothed, SmoothMotion
 
-__all__ = ["Followed", "follow", "smooth_step", "unconverged"]
+__all__ = ["NOT_SMOOTH", "Followed", "follow", "smooth_step", "unconverged"]
+
+NOT_SMOOTH = (
+    "no mesh was found that is a smooth function of the boundary: this step is corrected by itself, and nodes may jump"
+)
+"""The warning of such a step."""
 
 _SHORTEST = 1 / 256  # part of a way
 _MOST_TRIES = 64  # of one way

@@ -89,7 +89,7 @@ def test_every_request_that_took_effect_is_told_once(store: SessionStore, level:
     assert [e["event"] for e in events] == ["built", "moved", "moved", "rolled_back", "moved", "committed", "closed"]
     built, first = events[:2]
     assert (built["nodes"], built["cells"], built["patches"]["left"]["role"]) == (25, {"triangle": 32}, "moving")
-    assert built["settings"]["correction"] == "optimised"
+    assert built["settings"]["correction"] == "smooth"
     assert built["version"]
     for name in ("step", "iteration", "quality", "correction", "caches", "seconds", "warnings"):
         assert first[name] == json.loads(json.dumps(getattr(moved, name))), name
