@@ -27,7 +27,7 @@ _FRONT_CASES = {
     "M1-T1-20": "slab in 2D, 723 nodes, 20 steps",
 }
 _FRONT_SYSTEMS = {
-    "**mesh-motion server**, default": ("ours",),
+    '**mesh-motion server**, `correction = "optimised"`': ("ours",),
     '**mesh-motion server**, `correction_target = "maximum"`': ("ours-maximum",),
     "plain RBF (dense numpy, all boundary nodes)": ("dense-rbf",),
     "OpenFOAM 1912 displacementLaplacian, converged": ("openfoam-converged",),
