@@ -174,7 +174,9 @@ def _settings() -> str:
 def _setting_type(key: Key) -> str:
     """Type and choices or range, as the conformance suite reads them."""
     if key.choices:
-        return "str: " + ", ".join(f'`"{choice}"`' for choice in key.choices) + (" or nil" if key.default is None else "")
+        return (
+            "str: " + ", ".join(f'`"{choice}"`' for choice in key.choices) + (" or nil" if key.default is None else "")
+        )
     text = key.kind.__name__
     if key.high is not None:
         text += f" {key.low:.15g} … {key.high:.15g}"

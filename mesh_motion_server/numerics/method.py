@@ -162,9 +162,9 @@ class Method:
         "correction grows from where a cell has lost a tenth of its shape or size at rest, without threshold and "
         "target, and layers of thin cells always move with their wall. The others correct a motion that is predicted "
         'below the threshold. Left out: `"smooth"`, unless a key asks for what only `"optimised"` has (a displacement '
-        "`\"relative\"`, another metric or target, a layer of "
-        "named thickness, a reduction, sub-steps always). A motion for which `\"smooth\"` finds no mesh is corrected as "
-        "`\"optimised\"` does, with a warning.",
+        '`"relative"`, another metric or target, a layer of '
+        'named thickness, a reduction, sub-steps always). A motion for which `"smooth"` finds no mesh is corrected as '
+        '`"optimised"` does, with a warning.',
         '`"smooth"` suits coupled runs: node velocities without jumps (geometric conservation), the same mesh for the '
         'same boundary after any number of steps. `"optimised"` frees trial nodes as needed and reaches most in one '
         'step; `"enrichment"` optimises the coefficients of few '

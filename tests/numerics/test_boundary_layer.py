@@ -198,7 +198,9 @@ def test_a_layer_that_meets_a_wall_gives_way_and_says_so() -> None:
     targets = model.points[model.roles.moving] + [0.3, 0.0]
     motion = model.move(model.points, targets)
     assert motion.warnings[0].startswith("the boundary layer gave way at ")
-    plain = model_of(boundary_layer_thickness=None, displacement="absolute", correction="optimised").move(model.points, targets)
+    plain = model_of(boundary_layer_thickness=None, displacement="absolute", correction="optimised").move(
+        model.points, targets
+    )
     assert np.array_equal(motion.points, plain.points)  # the whole layer is near the bad cells
 
 

@@ -1,10 +1,13 @@
 """The table of keys: its types, its ranges, and what it says of other tables."""
 
+from typing import Any
+
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.interpolation.kernels import BASES
 from mesh_motion_server.numerics.method import KEYS, Method
+from mesh_motion_server.settings import MethodSettings
 
 
 def test_nobody_has_to_choose_among_more_than_eighteen() -> None:
@@ -43,3 +46,31 @@ def test_what_is_refused(choices: dict[str, object], says: str) -> None:
         Method(**choices)  # type: ignore[arg-type]
     assert caught.value.code == "INVALID_ARGUMENT.SETTINGS"
     assert caught.value.details == {"setting": next(iter(choices))}
+
+
+@pytest.mark.parametrize(
+    ("named", "correction", "displacement"),
+    [
+        ({}, "smooth", "absolute"),
+        ({"quality_threshold": 0.3, "support_radius": 0.5}, "smooth", "absolute"),
+        ({"displacement": "absolute"}, "smooth", "absolute"),
+        ({"displacement": "reanchored"}, "smooth", "reanchored"),
+        ({"correction": "smooth"}, "smooth", "absolute"),
+        ({"boundary_layer_thickness": 0.0}, "smooth", "absolute"),
+        ({"displacement": "relative"}, "optimised", "relative"),
+        ({"correction": "none"}, "none", "relative"),
+        ({"correction": "optimised"}, "optimised", "relative"),
+        ({"correction_target": "maximum"}, "optimised", "relative"),
+        ({"quality_metric": "size-skew"}, "optimised", "relative"),
+        ({"boundary_layer_thickness": 0.1}, "optimised", "relative"),
+        ({"reduction": "greedy", "displacement": "absolute"}, "optimised", "absolute"),
+        ({"sub_steps": "always"}, "optimised", "relative"),
+    ],
+)
+def test_what_is_left_out_is_chosen(named: dict[str, Any], correction: str, displacement: str) -> None:
+    """A coupled run needs nothing; whoever names a key of another kind of motion gets that kind, as before."""
+    method = Method(**named)
+    assert (method.correction, method.displacement) == (correction, displacement)
+    settings = MethodSettings.from_mapping(named)
+    assert settings.to_method() == method
+    assert settings.model_dump()["correction"] == correction  # stored so: a later version computes the same

@@ -13,12 +13,13 @@ from scipy.sparse import bsr_matrix
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.files import read_mesh
 from mesh_motion_server.numerics.correction import smooth_motion
-from mesh_motion_server.numerics.correction.smooth_motion import Law, SmoothMotion
+from mesh_motion_server.numerics.correction.smooth_motion import Law, Smoothed, SmoothMotion
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.motion.motion_found import Motion
+from mesh_motion_server.numerics.motion.smooth_step import NOT_SMOOTH
 from mesh_motion_server.session.factors import FactorCache
 
 FLAG = Path(__file__).parents[2] / "examples" / "turek_hron_flag"
@@ -104,9 +105,7 @@ def test_nodes_do_not_jolt_at_any_time_step(steps: int, bound: float) -> None:
     model = block_model()
     targets = [turned(model, 60.0 * np.sin(2 * np.pi * k / steps)) for k in range(steps // 4 + 2)]
     corrected = [motion.points for motion in played(model, targets)]
-    plain = [
-        motion.points for motion in played(block_model(correction="none"), targets)
-    ]
+    plain = [motion.points for motion in played(block_model(correction="none"), targets)]
     assert second_difference(corrected) <= bound * second_difference(plain)
 
 
@@ -264,6 +263,17 @@ def test_who_stops_early_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(smooth_motion, "_ITERATIONS", 1)
     motion = model.move(model.points, turned(model, 50.0))
     assert any("stopped before its minimum" in warning for warning in motion.warnings)
+
+
+def test_where_it_finds_no_mesh_the_other_correction_does_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = block_model()
+    monkeypatch.setattr(SmoothMotion, "correct", lambda *_: Smoothed(model.points, 1, 0, False, np.inf))
+    targets = turned(model, 90.0)
+    motion = model.move(model.points, targets)
+    assert motion.warnings[-1] == NOT_SMOOTH
+    assert motion.correction.method == "optimised"
+    assert motion.corrected.metric.min >= 0.2
+    assert np.array_equal(motion.points[model.roles.moving], targets)
 
 
 def test_a_motion_that_is_impossible_is_refused_with_the_part_that_is_not() -> None:

@@ -75,7 +75,9 @@ def measured(name: str, metric: str) -> list[Cell]:
     """Plain and corrected minimum of the metric, then relative skew, size and size-skew, first edges, seconds."""
     make, turn = CASES[name]
     mesh = make()
-    model = MotionModel.build(mesh.points, mesh.cells, mesh.patches, Method(quality_metric=metric, correction="optimised"))
+    model = MotionModel.build(
+        mesh.points, mesh.cells, mesh.patches, Method(quality_metric=metric, correction="optimised")
+    )
     motion = model.move(mesh.points, turn(mesh.points[model.roles.moving]))
     quality = cell_quality(motion.points, mesh.cells, cells_at_rest(mesh.points, mesh.cells))
     low = _lowest_edge(mesh, motion.points)
