@@ -11,7 +11,7 @@ from mesh_motion_server.numerics.motion.motion import MotionModel
 
 
 def piston(role: str, kind: str = "quad", *, disjoint: bool = False) -> MotionModel:
-    """A box whose side x = 0 moves; the side y = 0, which it meets, has the role; its list may lack their common nodes."""
+    """A box whose side x = 0 moves; the side y = 0, which it meets, has the role, and may lack their common nodes."""
     points = (mesh := box_mesh(kind, 5)).points
     patches = {
         "piston": Patch("moving", np.flatnonzero(points[:, 0] == 0.0)),
