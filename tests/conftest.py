@@ -16,7 +16,7 @@ from proofs.failpoint_plan import PLAN
 
 #: Examples that hypothesis draws for a test: `make test` takes the first, `make test-all` the second.
 settings.register_profile("few", max_examples=25, deadline=None)
-settings.register_profile("many", max_examples=200, deadline=None)
+settings.register_profile("many", max_examples=100, deadline=None)
 settings.load_profile("few")
 
 # A shell that starts the tests in the background has them ignore Ctrl-C, and so would every process that they start.

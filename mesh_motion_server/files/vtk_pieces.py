@@ -17,7 +17,6 @@ import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.coincidence import first_at_place
 
 __all__ = ["PatchKey", "VtkPiece", "joined", "separated", "sources"]
 
@@ -108,6 +107,8 @@ def _numbering(path: Path, points: Floats, first: Integers) -> tuple[Integers, I
     if not finite.all():
         lost = int(np.searchsorted(first, np.argmin(finite), side="right"))
         raise InvalidInput(f"{path}: piece {lost} has a node without finite coordinates")
+    from mesh_motion_server.numerics.mesh.coincidence import first_at_place  # noqa: PLC0415 - needs scipy
+
     place = first_at_place(points, float(np.ptp(points, axis=0).max()))
     piece = np.repeat(np.arange(len(first) - 1), np.diff(first))
     pairs, counts = np.unique(np.column_stack([place, piece]), axis=0, return_counts=True)

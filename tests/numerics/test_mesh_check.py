@@ -262,3 +262,17 @@ def refined_half(dimension, n):
             places = (np.array(low) + (np.array(part) + corners) / split) / n
             rows.append([numbers.setdefault(tuple(place), len(numbers)) for place in places.tolist()])
     return np.array(list(numbers)), CellTable.from_arrays({name: np.array(rows)})
+
+
+def test_the_two_sides_of_an_interface_are_one_behind_fixed_nodes():
+    """The side towards the fixed wall is not held: its twin is joined to the moving one."""
+    low, high = box_mesh("quad", 4), box_mesh("quad", 4)
+    n = len(low.points)
+    points = np.vstack([low.points, high.points + np.array([0.0, np.ptp(low.points[:, 1])])])
+    (block,) = low.cells.blocks
+    cells = CellTable.from_arrays({"quad": np.vstack([block.nodes, n + block.nodes])})
+    ends = [np.flatnonzero(points[:, 1] == value) for value in (points[:, 1].min(), points[:, 1].max())]
+    patches = {"bottom": Patch("moving", ends[0]), "top": Patch("fixed", ends[1])}
+    checked = checked_mesh(points, cells, patches)
+    assert len(checked.coincident) == len(ends[0])
+    assert not len(checked.resting)

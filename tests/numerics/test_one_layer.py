@@ -152,3 +152,21 @@ def test_a_single_row_of_cells_is_a_plane_between_those_that_slide() -> None:
         layer = OneLayer.find(np.roll(points, axis, axis=1), cells, patches)
         assert layer is not None
         assert not layer.axes[:, (2 + axis) % 3].any()
+
+
+@pytest.mark.parametrize("role", ["fixed", "slip", "symmetry"])
+@pytest.mark.parametrize("split", [False, True])
+def test_sides_in_a_patch_of_a_plane_keep_its_role(role: str, split: bool) -> None:
+    """Whoever has all walls in one patch, or the sides with one plane: no side moves off its place."""
+    points, cells, patches = layered("quad", {"low": role, "high": role} if split else {"both": role})
+    outer = patches.pop("outer")
+    if split:
+        patches["low"] = Patch(role, np.union1d(patches["low"].nodes, outer.nodes))
+    model = motion_model(points, cells, patches, PLAIN)
+    assert isinstance(model, OneLayerMotion)
+    moving = np.unique(patches["body"].nodes)
+    moved = model.move(points, points[moving] + [*SHIFT, 0.0]).points - points
+    for axis in (0, 1):
+        ends = outer.nodes[np.isin(points[outer.nodes, axis], [points[:, axis].min(), points[:, axis].max()])]
+        assert np.abs(moved[ends, axis]).max() < 1e-12
+        assert role != "fixed" or not moved[ends].any()

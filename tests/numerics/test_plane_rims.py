@@ -10,12 +10,12 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.motion import MotionModel
 
 
-def piston(role: str, kind: str = "quad") -> MotionModel:
-    """A box whose side x = 0 moves; the side y = 0, which it meets, has the role."""
+def piston(role: str, kind: str = "quad", *, disjoint: bool = False) -> MotionModel:
+    """A box whose side x = 0 moves; the side y = 0, which it meets, has the role, and may lack their common nodes."""
     points = (mesh := box_mesh(kind, 5)).points
     patches = {
         "piston": Patch("moving", np.flatnonzero(points[:, 0] == 0.0)),
-        "wall": Patch(role, np.flatnonzero(points[:, 1] == 0.0)),
+        "wall": Patch(role, np.flatnonzero((points[:, 1] == 0.0) & ~(disjoint & (points[:, 0] == 0.0)))),
     }
     return MotionModel.build(points, mesh.cells, patches, Method(correction="none", allow_invalid=True))
 
@@ -24,9 +24,10 @@ def shifted(model: MotionModel, *shift: float) -> np.ndarray:
     return model.points[model.roles.moving] + np.resize([*shift, 0.0], model.points.shape[1])
 
 
+@pytest.mark.parametrize("disjoint", [False, True])
 @pytest.mark.parametrize("kind", ["quad", "tetra"])
-def test_a_symmetry_plane_that_is_left_is_named(kind: str) -> None:
-    model = piston("symmetry", kind)
+def test_a_symmetry_plane_that_is_left_is_named(kind: str, disjoint: bool) -> None:
+    model = piston("symmetry", kind, disjoint=disjoint)
     with pytest.raises(
         InvalidInput, match=r"moving node \d+ leaves the plane of the symmetry patch 'wall'.* 0\.1 off"
     ) as e:

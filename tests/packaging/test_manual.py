@@ -154,7 +154,8 @@ def test_every_example_works(shell: Shell) -> None:
     for line in dict.fromkeys(SHOWN):
         if line.split()[1] == "serve":
             # the default endpoint and state are in use
-            own = "" if "--endpoint" in line else " --endpoint tcp://127.0.0.1:0 --state other"
+            own = "" if "--endpoint" in line else " --endpoint tcp://127.0.0.1:0"
+            own += "" if "--state" in line else " --state other"
             shell.stop(shell.serve(line + own))
         else:
             complaints.append(shell.run(line))

@@ -268,7 +268,9 @@ template <int d>
     }
     double lengths = 1.0;
     for (int j = 0; j < d; ++j) lengths *= rest.lambda(j, j);
-    const double before = rest.determinant(), unit = 1.0 / before;
+    const double before = rest.determinant();
+    const bool flat = std::abs(before) <= flat_corner * std::sqrt(lengths);
+    const double unit = 1.0 / (flat ? 1.0 : before);  // no division by zero: OpenFOAM ends where there is one
     double square = 0.0;
     for (int i = 0; i < d; ++i)
         for (int j = 0; j < d; ++j) {
@@ -278,12 +280,13 @@ template <int d>
             square += entry * entry;
         }
     const double grown = at_least_smallest(std::abs(now.determinant() * unit));
+    square = at_least_smallest(square);
     double shape = d * grown / square;
     if constexpr (d == 3) {
         const double root = inverse_cube_root(grown);
         shape = d / (square * root * root);
     }
-    return std::abs(before) > flat_corner * std::sqrt(lengths) ? shape : 1.0;
+    return flat ? 1.0 : shape;
 }
 
 /// The relative shapes of the cells of one block.
@@ -304,17 +307,17 @@ void relate_rows(Matrix<const double> points, Matrix<const double> rest_points, 
             const auto before = from_points<Type>(rest_points, count, rows.cells<Type>(), rows.inside);
             Jacobians<d> moved, rest;
             alignas(64) double least[chunk];
+            std::fill(least, least + count, 1.0);  // and compared from the first corner on: what is not set may be NaN
             for (int k = 0; k < static_cast<int>(Type::corners.size()); ++k) {
                 now(k, moved);
                 before(k, rest);
                 for (Index s = 0; s < count; ++s) {
                     const double shape = kept_shape<d>(Corner<d>(moved, s), Corner<d>(rest, s));
-                    least[s] = k && least[s] < shape ? least[s] : shape;
+                    least[s] = least[s] < shape ? least[s] : shape;
                 }
             }
             for (Index s = 0; s < count; ++s) {  // 0 and −∞ of cells that are inverted in part or have no position
-                const double shape = least[s] < 1.0 ? least[s] : 1.0;
-                shapes[first + s] = skew[first + s] > 0.0 ? shape : skew[first + s];
+                shapes[first + s] = skew[first + s] > 0.0 ? least[s] : skew[first + s];
             }
         });
     }

@@ -39,7 +39,7 @@ class OneLayer:
     cells : CellTable
         Triangles and quads of nodes in front, with the numbers of the cells in space.
     patches : dict of str to Patch
-        Their nodes in front; without the patches of the two planes.
+        Their nodes in front; of a patch of the two planes those of its sides that no other patch has.
     """
 
     axes: Floats
@@ -86,7 +86,7 @@ class OneLayer:
         faces: CellTable,
         front: Integers | None,
         patches: Mapping[str, Patch],
-        planes: set[str] | None,
+        planes: dict[str, Integers] | None,
     ) -> OneLayer | None:
         """The plane with these faces, if its nodes are opposite and its two ``planes`` are whole."""
         if front is None:
@@ -95,10 +95,9 @@ class OneLayer:
         if apart > _OPPOSITE * np.ptp(points, axis=0).max() or planes is None:
             return None
         own = {
-            name: Patch(patch.role, np.unique(front[patch.nodes]))
-            for name, patch in patches.items()
-            if name not in planes
+            name: Patch(patch.role, np.unique(front[planes.get(name, patch.nodes)])) for name, patch in patches.items()
         }
+        own = {name: patch for name, patch in own.items() if len(patch.nodes)}
         return cls(axes, front, faces, own)
 
     def project(self, points: Floats) -> Floats:
@@ -190,8 +189,9 @@ def _partners(cells: CellTable, in_front: Marks) -> Integers | None:
 
 def _plane_patches(
     cells: CellTable, patches: Mapping[str, Patch], in_front: Marks, roles: tuple[str, ...]
-) -> set[str] | None:
-    """The patches with these roles that the two planes consist of; None if these leave a face of a plane out.
+) -> dict[str, Integers] | None:
+    """The patches with these roles that the two planes consist of, each with its nodes (k,) on sides that no other patch
+    has; None if they leave a face of a plane out.
 
     Such a patch has all nodes of a plane, or as many faces on the planes as on the sides. In a single row of cells the
     sides look like planes, too, but most of their faces are those of other patches.
@@ -199,14 +199,20 @@ def _plane_patches(
     rows = np.concatenate([widened(block, 4) for block in boundary_facets(cells).values()])
     side = np.where(rows >= 0, in_front[rows], in_front[rows[:, :1]])
     flat = (side == side[:, :1]).all(axis=1)
-    found, covered, taken = set(), np.zeros(len(rows), dtype=bool), np.zeros(len(rows), dtype=bool)
+    found: dict[str, Marks] = {}
+    covered, taken, sides = np.zeros((3, len(rows)), dtype=bool)
     for name, patch in patches.items():
         inside = np.zeros(len(in_front) + 1, dtype=bool)  # the last one for the -1 of a triangle
         inside[patch.nodes] = inside[-1] = True
         own, whole = inside[rows].all(axis=1), inside[:-1][in_front].all() or inside[:-1][~in_front].all()
         if patch.role not in roles:
             taken |= own & flat
+            sides |= own
         elif whole or (own & flat).sum() > (own & ~flat).sum():
             covered |= own
-            found.add(name)
-    return found if covered[flat].all() and 2 * taken.sum() < flat.sum() else None
+            found[name] = own & ~flat
+        else:
+            sides |= own
+    if not covered[flat].all() or 2 * taken.sum() >= flat.sum():
+        return None
+    return {name: np.setdiff1d(rows[own & ~sides], [-1]) for name, own in found.items()}

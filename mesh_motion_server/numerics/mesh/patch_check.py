@@ -89,10 +89,13 @@ def patch_warnings(boundary: Integers, patches: Mapping[str, Patch], resting: In
     return [*_inside(boundary, patches), *_uncovered(boundary, patches, resting), *_shared(patches)]
 
 
-def nodes_behind_fixed(n: int, cells: CellTable, boundary: Integers, patches: Mapping[str, Patch]) -> Integers:
+def nodes_behind_fixed(
+    n: int, cells: CellTable, boundary: Integers, patches: Mapping[str, Patch], coincident: Integers
+) -> Integers:
     """Boundary nodes (r,) in no patch that fixed nodes separate from all other patches: mostly nodes of halo cells.
 
-    Interpolation does not use the cells, so it would move these nodes although fixed nodes separate them.
+    Interpolation does not use the cells, so it would move these nodes although fixed nodes separate them. The two sides
+    of an interface, ``coincident`` nodes (c, 2), are joined.
     """
     floating = nodes_in_no_patch(boundary, patches)
     if not len(floating):
@@ -101,7 +104,7 @@ def nodes_behind_fixed(n: int, cells: CellTable, boundary: Integers, patches: Ma
     for patch in patches.values():
         (fixed if patch.role == "fixed" else other)[patch.nodes] = True
     fixed &= ~other
-    part = _parts(n, cells, ~fixed)
+    part = _parts(n, cells, ~fixed, coincident)
     meets = np.zeros(part.max() + 1, dtype=bool)  # whether each part touches a fixed node
     for block in cells:
         rows = block.nodes[fixed[block.nodes].any(axis=1)]
@@ -110,9 +113,9 @@ def nodes_behind_fixed(n: int, cells: CellTable, boundary: Integers, patches: Ma
     return floating[meets[part[floating]]]
 
 
-def _parts(n: int, cells: CellTable, joined: Marks) -> Integers:
+def _parts(n: int, cells: CellTable, joined: Marks, coincident: Integers) -> Integers:
     """(n,) number of the part of the mesh of each node, if only ``joined`` (n,) nodes connect cells."""
-    pairs = []
+    pairs = [coincident[joined[coincident].all(axis=1)].T]
     for block in cells:
         for a, b in combinations(block.nodes.T, 2):
             both = joined[a] & joined[b]

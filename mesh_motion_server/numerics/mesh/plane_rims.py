@@ -50,7 +50,7 @@ class PlaneRims:
         rims, facets = [], boundary_facets(cells)
         walls = {name: patch for name, patch in sorted(patches.items()) if patch.role in SLIDING_ROLES}
         for name, patch in walls.items():
-            for piece in smooth_pieces(points, facets, patch.nodes):
+            for piece in smooth_pieces(points, facets, _with_rim(patch.nodes, facets, moving, len(points))):
                 rows = np.flatnonzero(np.isin(moving, piece.nodes))
                 if piece.normal is not None and len(rows):
                     rims.append((name, patch.role, rows, piece.normal))
@@ -89,3 +89,14 @@ class PlaneRims:
             farthest = int(np.argmax(away))
             if away[farthest] > self.closest:
                 yield name, role, int(self.moving[rows[farthest]]), float(away[farthest])
+
+
+def _with_rim(nodes: Integers, facets: Mapping[str, Integers], moving: Integers, n_nodes: int) -> Integers:
+    """A wall's nodes, and the moving nodes at its rim: many codes list a node with one patch only."""
+    own, moves = np.zeros((2, n_nodes), dtype=bool)
+    own[nodes], moves[moving] = True, True
+    rim = [nodes]
+    for rows in facets.values():
+        mixed = rows[(own[rows] | moves[rows]).all(axis=1) & (own[rows] & ~moves[rows]).any(axis=1)]
+        rim.append(mixed[moves[mixed]])
+    return np.unique(np.concatenate(rim))

@@ -93,7 +93,7 @@ def checked_mesh(points: Floats, cells: CellTable, patches: Mapping[str, Patch])
     checked = np.union1d(boundary, np.concatenate([patch.nodes for patch in patches.values()]))
     pairs = coincident_nodes(points, checked)
     odd = [*read.warnings, *_coincident(pairs), *_orphans(len(points), cells)]
-    resting = nodes_behind_fixed(len(points), cells, boundary, patches)
+    resting = nodes_behind_fixed(len(points), cells, boundary, patches, pairs)
     return CheckedMesh(cells, sizes, [*odd, *patch_warnings(boundary, patches, resting)], resting, pairs)
 
 

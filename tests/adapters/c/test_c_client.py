@@ -173,8 +173,9 @@ def test_keys(compiler, tools, tmp_path, check_example):
 
         printed = tools["run"]([program, server.endpoint], env=os.environ | keys("alice"))
         assert "minimum quality" in printed
-        assert refused(**keys("mallory")).startswith("UNAUTHENTICATED")
-        assert refused().startswith("UNAUTHENTICATED")
+        # on a busy machine a line that the server is silent may be before
+        assert "\nUNAUTHENTICATED" in f"\n{refused(**keys('mallory'))}"
+        assert "\nUNAUTHENTICATED" in f"\n{refused()}"
         assert "both" in refused(MESH_MOTION_KEY="x")
         (tmp_path / "alice" / "alice.secret").chmod(0o644)
         assert "0644" in refused(**keys("alice"))

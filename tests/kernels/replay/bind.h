@@ -9,6 +9,7 @@
 #include <tuple>
 #include <vector>
 
+#include "quality/cell_quality.h"
 #include "view.h"
 
 namespace nanobind {
@@ -112,6 +113,13 @@ struct As<std::tuple<T...>> {
 template <class A, class B>
 struct As<std::pair<A, B>> : As<std::tuple<A, B>> {
     static std::pair<A, B> read(Value& value) { return {As<A>::read(value.parts[0]), As<B>::read(value.parts[1])}; }
+};
+
+template <>
+struct As<AtRest> : As<std::tuple<Vector<const double>, Matrix<const double>>> {
+    static AtRest read(Value& value) {
+        return {As<Vector<const double>>::read(value.parts[0]), As<Matrix<const double>>::read(value.parts[1])};
+    }
 };
 
 /// A form of a loop: whether arguments are its, and then whether it gives the result that is expected of them.
