@@ -190,8 +190,8 @@ def _partners(cells: CellTable, in_front: Marks) -> Integers | None:
 def _plane_patches(
     cells: CellTable, patches: Mapping[str, Patch], in_front: Marks, roles: tuple[str, ...]
 ) -> dict[str, Integers] | None:
-    """The patches with these roles that the two planes consist of, each with its nodes (k,) on sides that no other patch
-    has; None if they leave a face of a plane out.
+    """The patches with these roles that the two planes consist of, each with its nodes (k,) on sides of no other;
+    None if they leave a face of a plane out.
 
     Such a patch has all nodes of a plane, or as many faces on the planes as on the sides. In a single row of cells the
     sides look like planes, too, but most of their faces are those of other patches.
