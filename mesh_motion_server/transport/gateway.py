@@ -8,6 +8,7 @@ before it reports that it is bound (:mod:`.self_test`).
 """
 
 import contextlib
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from mesh_motion_protocol.shared_memory import FEATURE, SUPPORTED
 
 from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.failpoints import activate, failpoint
+from mesh_motion_server.operation.room import resident_bytes
 from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.security.allow_list import AllowList
 from mesh_motion_server.security.authorisation import Verdict, refusal
@@ -29,12 +31,7 @@ from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.transport.authenticator import Authenticator
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.endpoints import Endpoint, bind, router
-from mesh_motion_server.transport.processes import (
-    limit_address_space,
-    limit_descriptors,
-    resident_bytes,
-    return_memory,
-)
+from mesh_motion_server.transport.processes import limit_address_space, limit_descriptors, return_memory
 from mesh_motion_server.transport.protection import Protection, keep_secrets_out_of_core_files, user_of
 from mesh_motion_server.transport.replies import encoded, undecodable, unexpected
 from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
@@ -87,7 +84,7 @@ class Gateway:
         self._protection = protection
         self._access = Protection.access(protection)
         self._insecure_hellos = 0 if insecure else None
-        self._most_memory = resident_bytes() + _KEPT
+        self._most_memory = resident_bytes(os.getpid()) + _KEPT
 
     def run(self, authenticator: Authenticator | None = None) -> None:
         """Work until the supervisor closes the channel."""
@@ -114,7 +111,7 @@ class Gateway:
             self._send(order["peer"], [order["frame"]])
         else:
             tell_suppressed()
-            if resident_bytes() > self._most_memory:
+            if resident_bytes(os.getpid()) > self._most_memory:
                 return_memory()
             taken = TALLY.take()
             if not self._channel.offer({"event": "pong", "tally": taken}):

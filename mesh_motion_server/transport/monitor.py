@@ -31,7 +31,11 @@ _SECONDS = 5.0
 #: Longest request with its headers.
 _REQUEST_BYTES = 8192
 _TEXT = "text/plain; charset=utf-8"
-_REASONS = {200: "OK", 400: "Bad Request", 404: "Not Found", 405: "Method Not Allowed"} | {
+_REASONS = {
+    200: "OK",
+    400: "Bad Request",
+    404: "Not Found",
+    405: "Method Not Allowed",
     421: "Misdirected Request",
     503: "Service Unavailable",
 }

@@ -342,23 +342,13 @@ def limit_descriptors(count: int) -> None:
     resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit))
 
 
-def resident_bytes() -> int:
-    """Return the memory in use, 0 if the system does not report it."""
-    return _statm()[1] * resource.getpagesize()
-
-
 def _mapped_bytes() -> int:
     """Return the address space in use, 0 if the system does not report it."""
-    return _statm()[0] * resource.getpagesize()
-
-
-def _statm() -> tuple[int, int]:
     try:
         with open("/proc/self/statm", encoding="ascii") as statm:
-            mapped, resident = statm.read().split()[:2]
+            return int(statm.read().split()[0]) * resource.getpagesize()
     except OSError:
-        return 0, 0
-    return int(mapped), int(resident)
+        return 0
 
 
 def wake_on_signals(*signals: signal.Signals) -> socket.socket:

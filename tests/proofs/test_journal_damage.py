@@ -23,6 +23,7 @@ def test_every_kth_byte_of_each_file(level: str) -> None:
 
 
 @pytest.mark.nightly
+@pytest.mark.timeout(1200)  # on a slow machine
 def test_the_whole_row() -> None:
     result = CHECK.run(1, Budget(1))
     assert result.passed

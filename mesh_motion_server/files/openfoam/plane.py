@@ -68,9 +68,9 @@ def plane_axes(mesh: FaceMesh) -> tuple[int, ...]:
             f"of a coordinate plane, got {', '.join(repr(patch.name) for patch in wedges)}",
             hint="turn the mesh about its axis, or give all faces of a side to one wedge patch",
         )
-    areas = np.abs(np.where(np.abs(areas) > _NO_COMPONENT * np.abs(areas).max(), areas, 0.0))
+    areas = np.abs(areas)
     for patch in mesh.patches:
-        if patch.kind == "empty" and patch.count:
+        if patch.kind == "empty":
             areas += np.abs(mesh.areas_and_centres[0][mesh.boundary_faces(patch)]).sum(axis=0)
     total = float(np.linalg.norm(areas))
     axes = tuple(int(a) for a in range(3) if total == 0.0 or areas[a] / total <= _NO_COMPONENT)

@@ -207,12 +207,11 @@ def _plane_patches(
         own, whole = inside[rows].all(axis=1), inside[:-1][in_front].all() or inside[:-1][~in_front].all()
         if patch.role not in roles:
             taken |= own & flat
-            sides |= own
         elif whole or (own & flat).sum() > (own & ~flat).sum():
             covered |= own
             found[name] = own & ~flat
-        else:
-            sides |= own
+            continue
+        sides |= own
     if not covered[flat].all() or 2 * taken.sum() >= flat.sum():
         return None
     return {name: np.setdiff1d(rows[own & ~sides], [-1]) for name, own in found.items()}

@@ -31,6 +31,7 @@ def test_without_tutorials_it_says_what_to_install(tutorials, tmp_path, monkeypa
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("moveDynamicMesh") is None, reason="OpenFOAM is not installed (Debian: openfoam)")
+@pytest.mark.timeout(1200)
 def test_the_row_of_the_moving_cone(tutorials, tmp_path):
     if not tutorials.TUTORIALS.is_dir():
         pytest.skip("its tutorials are not installed (Debian: openfoam-examples)")
