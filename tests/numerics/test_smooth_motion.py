@@ -1,5 +1,6 @@
 """The motion that is a smooth function of the boundary: one result on every way, exact at rest, no jumps, all cells."""
 
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -8,7 +9,9 @@ import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
 from correction_cases import BodyMesh, rigid, stored
+from periodic_meshes import periodic_box
 from scipy.sparse import bsr_matrix
+from sliding_meshes import Mesh, duct
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.files import read_mesh
@@ -80,6 +83,22 @@ def test_six_ways_end_at_the_same_mesh(goal: tuple[float, ...]) -> None:
         assert not any("stopped before" in warning for motion in motions for warning in motion.warnings)
         ends.append(motions[-1].points)
     assert max(np.abs(end - ends[0]).max() for end in ends) < 1e-9
+
+
+@pytest.mark.parametrize("mesh", [duct("quad"), duct("quad + triangle"), periodic_box("quad", ends="slip")])
+def test_nodes_of_plane_and_periodic_walls_are_free_along_them(mesh: Mesh) -> None:
+    model = MotionModel.build(*mesh, Method())
+    rest, shift = model.points[model.roles.moving], np.array([-0.1, 0.35])
+    direct, led = (played(model, [rest + shift * k / n for k in range(1, n + 1)]) for n in (1, 4))
+    assert direct[-1].correction.method == "smooth"
+    assert np.abs(direct[-1].points - led[-1].points).max() < 1e-9
+    sliding, periodic = model.standard_motion.sliding, model.standard_motion.periodic
+    places = direct[-1].points[sliding.nodes]
+    assert np.array_equal(sliding.project(places), places)
+    if periodic is not None:
+        assert np.array_equal(periodic.tied(direct[-1].points, model.roles.moving), direct[-1].points)
+    held = replace(model, smooth=SmoothMotion.build(model.points, model.cells, model.held, None))
+    assert direct[-1].corrected.metric.min > 1.02 * played(held, [rest + shift])[-1].corrected.metric.min
 
 
 @pytest.mark.parametrize("amplitude", [60.0, 10.0, 1.0])
@@ -157,10 +176,10 @@ def test_the_flag_that_bends_and_returns() -> None:
 @pytest.mark.parametrize("kind", [*CELL_KINDS, "line"])
 def test_gradient_and_hessian_are_those_of_the_energy(kind: str) -> None:
     motion, region, points, rest = shaken(kind)
-    n, law = region.free.n_free, motion.law
-    _, distortion = motion._energy(points, rest, region, law)
-    assert np.count_nonzero(distortion > law.onset) > 5
-    gradient, hessian = motion._model(points, rest, region, law, distortion, exact=True)
+    n = region.free.n_free
+    _, distortion = motion._energy(points, rest, region)
+    assert np.count_nonzero(distortion > motion.law.onset) > 5
+    gradient, hessian = motion._model(points, rest, region, distortion, exact=True)
     pattern = region.free.adjacency
     matrix = bsr_matrix((hessian, pattern.columns, pattern.row_starts)).toarray()
     rng = np.random.default_rng(2)
@@ -169,12 +188,10 @@ def test_gradient_and_hessian_are_those_of_the_energy(kind: str) -> None:
         direction[:n] = rng.normal(size=gradient.shape)
         size = 1e-6 * np.ptp(points, axis=0).max()
         ahead, behind = (points + sign * size * direction for sign in (1.0, -1.0))
-        slope = (motion._energy(ahead, rest, region, law)[0] - motion._energy(behind, rest, region, law)[0]) / (
-            2 * size
-        )
+        slope = (motion._energy(ahead, rest, region)[0] - motion._energy(behind, rest, region)[0]) / (2 * size)
         assert slope == pytest.approx(np.vdot(gradient, direction[:n]), rel=1e-6)
         after, before = (
-            motion._model(where, rest, region, law, motion._distortions(where, region), exact=True)[0]
+            motion._model(where, rest, region, motion._distortions(where, region), exact=True)[0]
             for where in (ahead, behind)
         )
         change = matrix @ direction[:n].ravel()

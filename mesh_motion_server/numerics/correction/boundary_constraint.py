@@ -8,7 +8,7 @@ Periodic nodes are one unknown per orbit, so the mesh is improved across a perio
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_server.numerics.mesh.roles import SLIDING_ROLES, Patch
 from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
+from mesh_motion_server.numerics.mesh.surface_constraints import OnPlanes
 
 __all__ = ["BoundaryConstraint", "RegionConstraint"]
 
@@ -75,6 +76,19 @@ class BoundaryConstraint:
         chosen = None if sliding is None else sliding.of(released[sliding.nodes])
         facets = OutwardFacets.of_pieces(points, () if sliding is None else sliding.pieces)
         return cls(released, chosen, periodic, facets)
+
+    def smooth(self) -> BoundaryConstraint | None:
+        """That of the nodes whose directions are the same everywhere: on planes, and periodic; None without any."""
+        released, sliding = self.released.copy(), self.sliding
+        if sliding is not None:
+            plane = np.zeros(len(sliding.nodes), dtype=bool)
+            for rows, surface in sliding.groups:
+                plane[rows] = isinstance(surface, OnPlanes)
+            released[sliding.nodes[~plane]] = False
+            sliding = sliding.of(plane)
+        if self.periodic is not None:
+            released &= ~_torn(released, self.periodic)
+        return replace(self, released=released, sliding=sliding) if released.any() else None
 
     def closed(self, marked: Marks) -> Marks:
         """The marked (n,) nodes and their periodic images."""
@@ -140,13 +154,18 @@ class RegionConstraint:
 
     def retract(self, points: Floats, trial: Floats) -> Floats | None:
         """The trial points (l, d) put back onto the surfaces, images alike; None if a facet turned over."""
-        if self.sliding is not None:
-            rows = self.local[self.sliding.nodes]
-            trial[rows] = self.sliding.project(trial[rows])
-        if self.orbits is not None:
-            trial[self.local[self.orbits.members]] = self.orbits.images(trial[self.local[self.orbits.roots]])
+        trial = self.placed(trial)
         turned = self.facets.outward(points) & ~self.facets.outward(trial)
         return None if turned.any() else trial
+
+    def placed(self, points: Floats) -> Floats:
+        """The points (l, d) put back onto the surfaces in place, images alike."""
+        if self.sliding is not None:
+            rows = self.local[self.sliding.nodes]
+            points[rows] = self.sliding.project(points[rows])
+        if self.orbits is not None:
+            points[self.local[self.orbits.members]] = self.orbits.images(points[self.local[self.orbits.roots]])
+        return points
 
 
 def _torn(released: Marks, periodic: PeriodicNodes) -> Marks:

@@ -8,13 +8,19 @@ takes every jump for a mesh velocity. Here the corrected mesh is a minimum that 
 f_c is the distortion of a corner simplex against the cell at rest (:mod:`.distortion`), with its barrier; w_c is one
 over the number of a cell's corners, h_c the cell's size at rest. Cells do not resist until f_c exceeds the onset::
 
-    ψ(f) = (exp(k s) − 1 − k s − (k s)²/2) / k²,      s = max(f − onset, 0)
+    ψ'' = (1 + k s / K)^K − 1,      ψ(onset) = ψ'(onset) = 0,      s = max(f − onset, 0)
 
 σ is 1 at the cells that resist in the plain mesh, spreads over a fixed number of rings as averages, and is exactly 0
 beyond: there v has infinite mass, so the nodes stay in their plain positions. ψ and σ have two continuous derivatives,
 so y is a continuously differentiable function of the boundary; where no cell of the plain mesh is beyond the onset,
 y = y_plain exactly, at the cost of the plain motion. Nothing depends on the way or on the number of steps: a start only
 changes the time.
+
+A power resists as an exponential does where s is small. Further away it grows less: where a whole gap is squeezed, an
+exponential makes cells that hardly differ resist 1e16 times as much as others, and the minimum is not determined.
+
+Nodes on plane slip and symmetry walls and periodic nodes are free as well, along the wall and alike. Nodes on curved
+walls keep their plain positions: a polygon's tangents are not a smooth function of the boundary.
 
 Newton's iterations are exact near the minimum; further away, and where the function is not convex, every corner's
 Hessian loses its negative part. They end where the step is below :data:`_TOLERANCE`, or report that they did not.
@@ -33,6 +39,7 @@ from scipy.sparse import bsr_matrix, coo_matrix, csr_matrix
 from scipy.sparse.linalg import splu
 
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
+from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint, RegionConstraint
 from mesh_motion_server.numerics.correction.distortion import (
     CornerSimplices,
     PNorm,
@@ -40,7 +47,7 @@ from mesh_motion_server.numerics.correction.distortion import (
     corner_simplices,
     distortion_gradient,
 )
-from mesh_motion_server.numerics.correction.free_region import FreeRegion, free_region
+from mesh_motion_server.numerics.correction.free_region import FreeRegion, NodeAdjacency, free_region
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import CellsAtRest, cells_at_rest
 from mesh_motion_server.numerics.stopwatch import check_time
@@ -51,11 +58,11 @@ PENALTY = 4.0  # a
 LENGTH = 10.0  # l, in cells
 RINGS = 8
 _RAMP = 0.6  # … of f, over which a cell of the plain mesh becomes active
+_FAR = 1e3  # of f: further does not count
 _START = -math.log(0.9)  # distortion at which a cell resists and is active in the plain mesh …
 _PINNED = 1e-8  # σ below which a node keeps its plain position
 _TOLERANCE = 1e-9  # largest Newton step of a node, as a share of the mesh's extent
-_ITERATIONS = 60
-_STAGE = 25.0  # largest exponent k s at which a descent may begin
+_ITERATIONS = 40
 _ARMIJO, _HALVINGS = 1e-4, 40
 _DIRECT_UNKNOWNS = {1: 100_000, 2: 100_000, 3: 6_000}  # a larger factorization is slower than conjugate gradients
 _CG = 1e-3, 600
@@ -69,24 +76,30 @@ class Law:
     ----------
     onset : float
         Distortion at which a cell begins to resist.
-    stiffness : float
-        k.
+    stiffness, power : float
+        k and K.
     norm : PNorm
         Weight and sharpness of the size in f.
     """
 
     onset: float = _START
-    stiffness: float = 24.0
+    stiffness: float = 40.0
+    power: float = 8.0
     norm: PNorm = field(default_factory=lambda: PNorm(1.0, 16.0))
 
     def resistance(self, distortion: Floats) -> tuple[Floats, Floats, Floats]:
         """ψ, ψ′ and ψ″ of (c,) distortions; ψ is inf where the distortion is."""
-        x = self.stiffness * np.maximum(distortion - self.onset, 0.0)
-        with np.errstate(over="ignore", invalid="ignore"):
-            grown = np.expm1(np.minimum(x, 600.0))
-            small = x < 1e-3  # the differences below would have no digit left
-            value = np.where(small, x**3 / 6 * (1 + x / 4), grown - x - x * x / 2) / self.stiffness**2
-            slope = np.where(small, x * x / 2 * (1 + x / 3), grown - x) / self.stiffness
+        k, n = self.stiffness, self.power
+        x = k * np.clip(distortion - self.onset, 0.0, _FAR)
+        grown, bent, bulged = (np.expm1((n + i) * np.log1p(x / n)) for i in range(3))
+        bend, small = (n - 1) / n, x < 1e-3  # the differences below would have no digit left
+        value = (
+            np.where(
+                small, x**3 / 6 * (1 + bend * x / 4), n * n / ((n + 1) * (n + 2)) * bulged - n / (n + 1) * x - x * x / 2
+            )
+            / k**2
+        )
+        slope = np.where(small, x * x / 2 * (1 + bend * x / 3), n / (n + 1) * bent - x) / k
         return np.where(np.isfinite(distortion), value, np.inf), slope, grown
 
 
@@ -155,6 +168,8 @@ class _Region:
     Attributes
     ----------
     free : FreeRegion
+    constraint : RegionConstraint or None
+        Of its free nodes that slide or move alike.
     corners : _Corners
         In its local numbers.
     gradient : (b,) array, 1 / length²
@@ -163,13 +178,14 @@ class _Region:
     """
 
     free: FreeRegion
+    constraint: RegionConstraint | None
     corners: _Corners
     gradient: Floats
     mass: Floats
     penalty: Floats = field(default_factory=lambda: np.empty(0))
 
     @classmethod
-    def build(cls, free: FreeRegion, reference: Floats) -> _Region:
+    def build(cls, free: FreeRegion, constraint: RegionConstraint | None, reference: Floats) -> _Region:
         """Of a region of the mesh with its nodes at ``reference`` (n, d) at rest."""
         corners = _Corners.of(free.simplices, reference[free.nodes], _corner_weights(free))
         adjacency, d = free.adjacency, free.simplices.dimension
@@ -179,13 +195,17 @@ class _Region:
         gradient = _sums(adjacency.slots[here], rows, len(adjacency.columns))
         node = np.repeat(np.arange(free.n_free), np.diff(adjacency.starts))
         mass = _sums(node, corners.mass[corner], free.n_free)
-        return cls(free, corners, gradient, mass)
+        return cls(free, constraint, corners, gradient, mass)
 
     def with_activation(self, sigma: Floats) -> _Region:
         """The same with the penalty for σ (n,) of all nodes."""
         penalty = self.gradient.copy()
         penalty[self.free.adjacency.row_starts[:-1]] += self.mass / sigma[self.free.free]
         return replace(self, penalty=PENALTY * penalty)
+
+    def admitted(self, points: Floats) -> Floats:
+        """The local positions (l, d) put back onto walls, images alike: rounding does not add up."""
+        return points if self.constraint is None else self.constraint.placed(points)
 
     @cached_property
     def blocks(self) -> Floats:
@@ -221,13 +241,24 @@ class SmoothMotion:
         Nodes of the reference mesh.
     held : (n,) bool array
         Nodes that keep their plain positions.
+    constraint : BoundaryConstraint, optional
+        Of the nodes that are not held but slide along planes or move alike.
     """
 
     reference: Floats
     cells: CellTable
     held: Marks
     law: Law = field(default_factory=Law)
+    constraint: BoundaryConstraint | None = None
     _last: tuple[bytes, _Region] | None = None  # of the latest free nodes: the next step's are often the same
+
+    @classmethod
+    def build(
+        cls, reference: Floats, cells: CellTable, held: Marks, constraint: BoundaryConstraint | None
+    ) -> SmoothMotion:
+        """That of a mesh whose ``held`` (n,) nodes may move as the ``constraint`` admits."""
+        smooth = None if constraint is None else constraint.smooth()
+        return cls(reference, cells, held if smooth is None else held & ~smooth.released, constraint=smooth)
 
     @cached_property
     def _at_rest(self) -> CellsAtRest:
@@ -263,8 +294,9 @@ class SmoothMotion:
         rest = plain[nodes]
         found = None
         for begin in (rest,) if start is None else (np.concatenate([start[nodes[:n]], rest[n:]]), rest):
+            begin = region.admitted(begin)
             if np.isfinite(self._distortions(begin, region).max()):
-                found = self._settle(begin, rest, region)
+                found = self._descend(begin, rest, region)
                 break
         if found is None:
             return Smoothed(plain, n, 0, False, math.inf)
@@ -277,7 +309,7 @@ class SmoothMotion:
     def _region(self, plain: Floats) -> _Region | None:
         """The free nodes with their penalty; None if no cell of the plain mesh resists."""
         distortion = corner_distortions(plain, self._all, self.law.norm)
-        x = np.clip((np.where(np.isfinite(distortion), distortion, 1e3) - _START) / _RAMP, 0.0, 1.0)
+        x = np.clip((np.minimum(distortion, _FAR) - _START) / _RAMP, 0.0, 1.0)
         active = np.flatnonzero(x)
         if not len(active):
             return None
@@ -288,23 +320,31 @@ class SmoothMotion:
         key = np.packbits(marked).tobytes()
         if self._last is None or self._last[0] != key:
             free = free_region(self.reference, self.cells, self._at_rest, marked)
-            self._last = key, _Region.build(free, self.reference)
+            constraint = None if self.constraint is None else self.constraint.of(free)
+            self._last = key, _Region.build(free, constraint, self.reference)
         return self._last[1].with_activation(sigma)
 
     def _activation(self, active: Integers, x: Floats, n_nodes: int) -> Floats:
         """σ (n,) from the active corners' x in (0, 1]."""
-        corners = self._all.nodes[active]
+        corners = self._alike[self._all.nodes[active]]
         calm = np.ones(n_nodes)
         np.multiply.at(calm, corners, (1.0 - x**3 * (10.0 + x * (6.0 * x - 15.0)))[:, None])
         sigma = 1.0 - calm
         for _ in range(RINGS):
             sigma += (1.0 - sigma) * (self._averages @ sigma)
-        return sigma
+        return sigma[self._alike]
+
+    @cached_property
+    def _alike(self) -> Integers:
+        """(n,) the node whose activation each has: periodic images are one node."""
+        own = np.arange(len(self.reference))
+        periodic = self.constraint and self.constraint.periodic
+        return own if periodic is None else periodic.root_of(own)
 
     @cached_property
     def _averages(self) -> csr_matrix:
         """(n, n): the mean over a node's neighbours, as often as they share a corner."""
-        nodes, n = self._all.nodes, len(self.reference)
+        nodes, n = self._alike[self._all.nodes], len(self.reference)
         k = nodes.shape[1]
         first, second = (np.repeat(nodes, k, axis=1).ravel(), np.tile(nodes, (1, k)).ravel())
         apart = first != second
@@ -314,40 +354,27 @@ class SmoothMotion:
 
     # --- minimum -----------------------------------------------------------------------------------------------------
 
-    def _settle(self, begin: Floats, rest: Floats, region: _Region) -> Smoothed:
-        """The minimum, from local positions (l, d); the stiffness grows from where it is bearable."""
-        worst = float(self._distortions(begin, region).max()) - self.law.onset
-        stiffness = min(self.law.stiffness, _STAGE / max(worst, 1e-9))
-        points, iterations = begin, 0
-        while stiffness < 0.7 * self.law.stiffness:
-            law = replace(self.law, stiffness=stiffness)
-            part = self._descend(points, rest, region, law, most=4)
-            points, iterations = part.points, iterations + part.iterations
-            worst = float(self._distortions(points, region).max()) - self.law.onset
-            stiffness = max(1.7 * stiffness, _STAGE / max(worst, 1e-9))
-        found = self._descend(points, rest, region, self.law, most=_ITERATIONS)
-        return replace(found, iterations=iterations + found.iterations)
-
-    def _descend(self, points: Floats, rest: Floats, region: _Region, law: Law, most: int) -> Smoothed:
+    def _descend(self, points: Floats, rest: Floats, region: _Region) -> Smoothed:
         """Newton's iterations."""
         n, tolerance = region.free.n_free, _TOLERANCE * self._extent
-        energy, distortion = self._energy(points, rest, region, law)
+        energy, distortion = self._energy(points, rest, region)
         exact, residual = True, math.inf
-        for done in range(most):
+        for done in range(_ITERATIONS):
             check_time()
-            gradient, hessian = self._model(points, rest, region, law, distortion, exact=exact)
-            step = self._solve(region, hessian, -gradient)
+            gradient, hessian = self._model(points, rest, region, distortion, exact=exact)
+            step = self._solve(region, points, hessian, -gradient)
             slope = float(np.vdot(gradient, step))
             if exact and not slope < 0.0 and np.any(gradient):
-                gradient, hessian = self._model(points, rest, region, law, distortion, exact=False)
-                step, exact = self._solve(region, hessian, -gradient), False
+                gradient, hessian = self._model(points, rest, region, distortion, exact=False)
+                step, exact = self._solve(region, points, hessian, -gradient), False
                 slope = float(np.vdot(gradient, step))
             residual = float(np.abs(step).max())
             length = 1.0
             for _ in range(_HALVINGS):
                 trial = points.copy()
                 trial[:n] += length * step
-                lower, after = self._energy(trial, rest, region, law)
+                trial = region.admitted(trial)
+                lower, after = self._energy(trial, rest, region)
                 if lower <= energy + _ARMIJO * length * slope + 1e-14 * abs(energy):
                     break
                 length *= 0.5
@@ -360,54 +387,60 @@ class SmoothMotion:
             if residual < tolerance and (exact or residual < 1e-3 * tolerance):
                 return Smoothed(points, n, done + 1, True, residual)
             exact = length == 1.0 and -slope < 0.5 * max(energy, 1e-12)
-        return Smoothed(points, n, most, False, residual)
+        return Smoothed(points, n, _ITERATIONS, False, residual)
 
     def _distortions(self, points: Floats, region: _Region) -> Floats:
         """f (c,) of the region's corners with local positions (l, d)."""
         return corner_distortions(points, region.free.simplices, self.law.norm)
 
-    def _energy(self, points: Floats, rest: Floats, region: _Region, law: Law) -> tuple[float, Floats]:
+    def _energy(self, points: Floats, rest: Floats, region: _Region) -> tuple[float, Floats]:
         """The function to minimise at the local positions (l, d), and the corners' distortions."""
         distortion, n = self._distortions(points, region), region.free.n_free
         if not np.isfinite(distortion).all():
             return math.inf, distortion
-        resistance = float(region.corners.weights @ law.resistance(distortion)[0])
+        resistance = float(region.corners.weights @ self.law.resistance(distortion)[0])
         return resistance + region.pull(points[:n] - rest[:n])[0], distortion
 
     def _model(
-        self, points: Floats, rest: Floats, region: _Region, law: Law, distortion: Floats, *, exact: bool
+        self, points: Floats, rest: Floats, region: _Region, distortion: Floats, *, exact: bool
     ) -> tuple[Floats, Floats]:
         """Gradient (f, d) and Hessian (b, d, d) in the region's pattern."""
         n, d, adjacency = region.free.n_free, points.shape[1], region.free.adjacency
-        active = np.flatnonzero(distortion > law.onset)
-        _, slope, bend = law.resistance(distortion[active])
+        active = np.flatnonzero(distortion > self.law.onset)
+        _, slope, bend = self.law.resistance(distortion[active])
         weights = region.corners.weights[active]
         simplices = _chosen(region.free.simplices, active)
         shares = np.zeros((len(distortion), d + 1, d))
-        shares[active] = distortion_gradient(points, simplices, weights * slope, law.norm)
+        shares[active] = distortion_gradient(points, simplices, weights * slope, self.law.norm)
         gradient = adjacency.gather(shares) + region.pull(points[:n] - rest[:n])[1]
         blocks = np.empty((len(active), d * d, d * d))
         arrays = points, simplices.nodes, simplices.ideal, weights * slope, weights * bend
-        kernels.corner_hessians(*arrays, law.norm.m, law.norm.size_weight, exact, blocks)
+        kernels.corner_hessians(*arrays, self.law.norm.m, self.law.norm.size_weight, exact, blocks)
         rows = np.full(len(distortion), -1, dtype=np.int32)
         rows[active] = np.arange(len(active))
         hessian = region.blocks.copy()
         kernels.add_corners(adjacency.starts, adjacency.entries, adjacency.slots, rows, blocks, hessian)
         return gradient, hessian
 
-    def _solve(self, region: _Region, hessian: Floats, right: Floats) -> Floats:
-        """The step (f, d) of H (b, d, d) dx = right (f, d)."""
-        adjacency = region.free.adjacency
-        if right.size <= _DIRECT_UNKNOWNS[right.shape[1]]:
-            matrix = bsr_matrix((hessian, adjacency.columns, adjacency.row_starts), shape=(right.size, right.size))
-            factor = splu(
-                matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-            )
-            return np.asarray(factor.solve(right.ravel())).reshape(right.shape)
-        step = np.empty_like(right)
-        pattern = adjacency.row_starts, adjacency.columns
-        kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *_CG, step)
-        return step
+    def _solve(self, region: _Region, points: Floats, hessian: Floats, right: Floats) -> Floats:
+        """The step (f, d) of H (b, d, d) dx = right (f, d) that nodes at local positions (l, d) can take."""
+        if region.constraint is None:
+            return _solved(region.free.adjacency, hessian, right)
+        return region.constraint.step(points, hessian, right, _solved)
+
+
+def _solved(adjacency: NodeAdjacency, hessian: Floats, right: Floats) -> Floats:
+    """The step (f, d) of H (b, d, d) dx = right (f, d)."""
+    if right.size <= _DIRECT_UNKNOWNS[right.shape[1]]:
+        matrix = bsr_matrix((hessian, adjacency.columns, adjacency.row_starts), shape=(right.size, right.size))
+        factor = splu(
+            matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+        return np.asarray(factor.solve(right.ravel())).reshape(right.shape)
+    step = np.empty_like(right)
+    pattern = adjacency.row_starts, adjacency.columns
+    kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *_CG, step)
+    return step
 
 
 def _chosen(simplices: CornerSimplices, rows: Integers) -> CornerSimplices:

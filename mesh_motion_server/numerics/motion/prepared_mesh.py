@@ -103,9 +103,9 @@ class PreparedMesh:
         motion = StandardMotion.build(points, cells, patches, method)
         if motion.layer is None and method.boundary_layer_thickness:
             warnings = [*warnings, f"boundary_layer_thickness = {method.boundary_layer_thickness:.4g} holds no node"]
-        smooth = None
+        constraint, smooth = BoundaryConstraint.build(points, cells, patches, motion.sliding, motion.periodic), None
         if method.correction == "smooth":
-            smooth = SmoothMotion(points, cells, held_with(held, motion.layer))
+            smooth = SmoothMotion.build(points, cells, held_with(held, motion.layer), constraint)
         layered = None
         if method.boundary_layer_thickness is None and motion.periodic is None:
             layered = LayeredWalls.build(points, cells, patches, motion.sliding)
@@ -117,7 +117,7 @@ class PreparedMesh:
             at_rest,
             held,
             motion,
-            BoundaryConstraint.build(points, cells, patches, motion.sliding, motion.periodic),
+            constraint,
             coincident,
             PlaneRims.build(points, cells, patches, roles.moving),
             tuple(warnings),

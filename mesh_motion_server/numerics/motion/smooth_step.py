@@ -23,8 +23,8 @@ NOT_SMOOTH = (
 )
 """The warning of such a step."""
 
-_SHORTEST = 1 / 256  # part of a way
-_MOST_TRIES = 64  # of one way
+_SHORTEST = 1 / 64  # part of a way
+_MOST_ITERATIONS = 300  # of a step that is led
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +57,12 @@ def smooth_step(
     at_once = correction.correct(plain, committed + (plain - plain_before))
     if at_once.converged:
         return Followed(at_once, 1.0, 1, at_once.iterations)
-    furthest = 0.0
+    furthest, left = 0.0, _MOST_ITERATIONS
     for way in ways:
-        followed = follow(correction, committed, plain_before, way)
+        followed = follow(correction, committed, plain_before, way, left)
         if followed.fraction == 1.0:
             return followed
-        furthest = max(furthest, followed.fraction)
+        furthest, left = max(furthest, followed.fraction), left - followed.iterations
     if np.isfinite(at_once.residual):
         return Followed(at_once, 1.0, 1, at_once.iterations)
     raise NumericalError(f"no valid mesh found: in sub-steps the mesh was kept valid for {furthest:.3g} of the way")
@@ -71,11 +71,14 @@ def smooth_step(
 PlainWay = Callable[[float], Floats]
 
 
-def follow(correction: SmoothMotion, committed: Floats, plain_before: Floats, way: PlainWay) -> Followed:
-    """Lead the committed mesh along a way; a part is halved where the iterations cannot begin or do not end soon."""
+def follow(correction: SmoothMotion, committed: Floats, plain_before: Floats, way: PlainWay, most: int) -> Followed:
+    """Lead the committed mesh along a way, in about as many iterations at ``most``.
+
+    A part is halved where the iterations cannot begin or do not end soon.
+    """
     fraction, length, points, before = 0.0, 0.5, committed, plain_before
     found, legs, iterations = Smoothed(committed), 0, 0
-    for _ in range(_MOST_TRIES):
+    while fraction < 1.0 and length >= _SHORTEST and iterations < most:
         length = min(length, 1.0 - fraction)  # sums of powers of two: exact
         plain = way(fraction + length)
         leg = correction.correct(plain, points + (plain - before))
@@ -85,8 +88,6 @@ def follow(correction: SmoothMotion, committed: Floats, plain_before: Floats, wa
             length *= 2.0
         else:
             length *= 0.5
-        if fraction == 1.0 or length < _SHORTEST:
-            break
     return Followed(found, fraction, legs, iterations)
 
 
