@@ -144,7 +144,7 @@ def recut(mesh: Mesh, height: float) -> tuple[Mesh, np.ndarray]:
 
 @pytest.mark.parametrize(("correction", "tolerance"), [("none", 1e-12), ("optimised", 2e-3), ("smooth", 1e-9)])
 def test_the_motion_does_not_depend_on_where_the_row_is_cut(correction: str, tolerance: float) -> None:
-    """So the mesh is as good across a periodic side as inside; the optimised one's descent stops where little is gained."""
+    """So the mesh is as good across a periodic side as inside; the optimised motion stops where little is gained."""
     mesh = periodic_box("quad", 10, ends="slip")
     other, origin = recut(mesh, 0.2)
     most = {} if correction == "smooth" else {"correction_target": "maximum"}

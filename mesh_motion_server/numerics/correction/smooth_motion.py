@@ -292,14 +292,11 @@ class SmoothMotion:
             return Smoothed(plain)
         nodes, n = region.free.nodes, region.free.n_free
         rest = plain[nodes]
-        found = None
-        for begin in (rest,) if start is None else (np.concatenate([start[nodes[:n]], rest[n:]]), rest):
-            begin = region.admitted(begin)
-            if np.isfinite(self._distortions(begin, region).max()):
-                found = self._descend(begin, rest, region)
-                break
-        if found is None:
+        starts = [rest] if start is None else [region.admitted(np.concatenate([start[nodes[:n]], rest[n:]])), rest]
+        begin = next((points for points in starts if np.isfinite(self._distortions(points, region).max())), None)
+        if begin is None:
             return Smoothed(plain, n, 0, False, math.inf)
+        found = self._descend(begin, rest, region)
         points = plain.copy()
         points[nodes[:n]] = found.points[:n]
         return replace(found, points=points)
@@ -338,7 +335,7 @@ class SmoothMotion:
     def _alike(self) -> Integers:
         """(n,) the node whose activation each has: periodic images are one node."""
         own = np.arange(len(self.reference))
-        periodic = self.constraint and self.constraint.periodic
+        periodic = None if self.constraint is None else self.constraint.periodic
         return own if periodic is None else periodic.root_of(own)
 
     @cached_property
