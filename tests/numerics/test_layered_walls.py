@@ -25,8 +25,8 @@ def narrow(kind: str) -> Grid:
     return grid._replace(cells={"triangle": np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])})
 
 
-def model_of(grid: Grid) -> MotionModel:
-    return MotionModel.build(grid.points, CellTable.from_arrays(grid.cells), grid.patches, Method())
+def model_of(grid: Grid, **choices: object) -> MotionModel:
+    return MotionModel.build(grid.points, CellTable.from_arrays(grid.cells), grid.patches, Method(**choices))
 
 
 def pitched(points: np.ndarray, degrees: float, plunge: float) -> np.ndarray:
@@ -59,7 +59,7 @@ def test_first_cells_keep_their_height_through_a_pitch_of_20_degrees_and_a_plung
 
 def test_what_is_not_spoiled_is_left_to_the_interpolation() -> None:
     grid = o_grid("blunt", first=1e-5, far=1000.0)
-    model = model_of(grid)
+    model = model_of(grid, correction="optimised")
     targets = pitched(grid.points[model.roles.moving], 5.0, 0.1)
     alone = replace(model, layered=None)
     np.testing.assert_array_equal(
@@ -81,8 +81,7 @@ def test_a_thickness_of_0_leaves_every_layer_to_the_interpolation() -> None:
     assert model.standard_motion.layer is None
     assert not any("boundary_layer_thickness" in warning for warning in model.warnings)
     targets = pitched(grid.points[model.roles.moving], 20.0, 0.5)
-    usual = replace(model_of(grid), layered=None)
-    alone = replace(usual, method=replace(usual.method, correction="none", allow_invalid=True))
+    alone = replace(model_of(grid, correction="none", allow_invalid=True), layered=None)
     np.testing.assert_array_equal(
         model.move(grid.points, targets).points, alone.move(grid.points, targets).points, strict=True
     )

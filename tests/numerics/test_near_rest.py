@@ -47,7 +47,7 @@ def extremes(model: MotionModel, points: np.ndarray) -> tuple[float, float]:
 def test_a_mesh_above_the_threshold_is_left_as_it_was_interpolated() -> None:
     targets = pitched(model_of(), 15.0, 0.1)
     other_metric = {"quality_metric": "size-skew", "quality_threshold": 0.02}
-    for choices in ({}, other_metric, {"correction_target": "threshold"}):
+    for choices in ({"displacement": "relative"}, other_metric, {"correction_target": "threshold"}):
         model = model_of(**choices)
         plain = model_of(**choices, correction="none").move(model.points, targets)
         assert plain.reached

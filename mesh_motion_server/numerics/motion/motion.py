@@ -151,7 +151,7 @@ class MotionModel(PreparedMesh):
 
     def _accept_or_lead(self, step: _Step) -> Motion:
         """Attempt the step at once; if that is refused, lead the mesh to its targets and correct it from there."""
-        if self.smooth is not None:
+        if self.smooth is not None and self.method.correction == "smooth":
             return self._smooth_or_optimised(step, self.smooth)
         refusal = None
         if self.method.sub_steps != "always":
@@ -208,8 +208,7 @@ class MotionModel(PreparedMesh):
         except NumericalError as refusal:
             if not _of_the_mesh(refusal):
                 raise
-        optimised = replace(self.with_method(correction="optimised"), smooth=None)
-        motion = optimised._accept_or_lead(step)
+        motion = self.with_method(correction="optimised")._accept_or_lead(step)
         return replace(motion, warnings=[*motion.warnings, NOT_SMOOTH])
 
     def _smooth_attempt(self, step: _Step, smooth: SmoothMotion) -> Motion:
@@ -256,7 +255,7 @@ class MotionModel(PreparedMesh):
         if self._overshoots(step, predicted.trial):
             absolute = replace(motion, method=replace(motion.method, displacement="absolute"))
             predicted = max(predicted, self._predict(absolute, step, watch), key=lambda found: found.quality.metric.min)
-        if self.smooth is None and motion.sliding is not None and predicted.quality.metric.min < _GOOD:
+        if self.method.correction != "smooth" and motion.sliding is not None and predicted.quality.metric.min < _GOOD:
             held = self._predict(replace(motion, sliding=motion.sliding.held()), step, watch)
             gained = held.quality.metric.min - predicted.quality.metric.min
             if gained > (0.0 if predicted.quality.inverted else _WORSE):
@@ -416,10 +415,10 @@ class MotionModel(PreparedMesh):
         method = self.method
         direct = self if method.sub_steps == "always" else self.with_method(sub_steps="never")
         plain = self.with_method(sub_steps="never", correction="none")
-        plain = replace(plain.without_distributions(), smooth=None, layered=None)
+        plain = replace(plain.without_distributions(), layered=None)
         # a correction of one valid mesh leaves it as it is where it finds no better one
         certain = not method.refuse_below_threshold and self.standard_motion.layer is None
-        certain = certain and method.sub_steps != "always" and self.smooth is None
+        certain = certain and method.sub_steps != "always" and self.method.correction != "smooth"
         return largest_accepted(
             lambda fraction: accepts(direct, fraction),
             lambda fraction: accepts(plain, fraction),
