@@ -2,6 +2,7 @@
 
 #include <limits>
 #include <numeric>
+#include <tuple>
 
 #include "correction/corner.h"
 #include "parallel.h"
@@ -18,12 +19,14 @@ struct Corners {
     Matrix<const double> points;
     Matrix<const std::int32_t> nodes;
     Cube<const double> ideals;
+    Vector<const double> angles{};
 
     void check(Index n) const {
         const Index d = points.shape(1);
         require(nodes.shape(1) == d + 1, "corners: expected shape (c, d + 1)");
         require(ideals.shape() == std::array{nodes.shape(0), d, d}, "ideals: expected shape (c, d, d)");
         require(n == nodes.shape(0), "expected one number a corner");
+        require(angles.size() == 0 || angles.size() == n, "angles: expected one number a corner, or none");
     }
     Index size() const { return nodes.shape(0); }
 
@@ -32,12 +35,18 @@ struct Corners {
         require_below(nodes.rows(first, last), points.shape(0), "corners: expected numbers of points");
     }
 
-    /// J and P of the corners that `at` has for the lanes.
+    /// J, P and A of the corners that `at` has for the lanes.
     template <int d>
-    std::pair<Small<d>, Small<d>> jacobians(const std::array<Index, lanes>& at) const {
+    std::tuple<Small<d>, Small<d>, Small<d>> jacobians(const std::array<Index, lanes>& at) const {
         const Small<d> p = ideals_of<d>(ideals, [&](int l) { return at[l]; });
         const auto node = [&](int l, int place) { return nodes.data()[at[l] * (d + 1) + place]; };
-        return {product<d>(edges<d>(points, node), p), p};
+        const Small<d> a = edges<d>(points, node);
+        return {product<d>(a, p), p, a};
+    }
+
+    /// The weights of the angles of those corners.
+    Pack angle(const std::array<Index, lanes>& at) const {
+        return angles.size() ? gathered([&](int l) { return angles[at[l]]; }) : Pack{};
     }
 };
 
@@ -78,11 +87,47 @@ std::pair<Pack, Pack> slopes(Pack tau, const SizeLaw& law) {
             (b + law.a) * tau / (s * s * s) + 2.0 * law.a * (1.0 - tau * tau) / (square * square)};
 }
 
+/// |a_k|² of the columns.
+template <int d>
+std::array<Pack, d> squares(const Small<d>& a) {
+    std::array<Pack, d> q{};
+    for (int k = 0; k < d; ++k)
+        for (int i = 0; i < d; ++i) q[k] += a[i][k] * a[i][k];
+    return q;
+}
+
+/// The gradient of ℓ at the edges (columns of A), from its derivative h1 with respect to τ without the angles' part.
+template <int d>
+Small<d> slope(const Small<d>& j, const Small<d>& p, const Small<d>& a, Pack h1, Pack tau, Pack angle) {
+    const Small<d> cof = cofactor<d>(j);
+    const Pack twice = 2.0 * inverse_square<d>(j);
+    if (any(angle > 0.0)) h1 -= angle / tau;
+    Small<d> pull;
+    for (int i = 0; i < d; ++i)
+        for (int k = 0; k < d; ++k) pull[i][k] = twice * j[i][k] + h1 * cof[i][k];
+    pull = product_transposed<d>(pull, p);
+    if (any(angle > 0.0)) {
+        const auto q = squares<d>(a);
+        for (int i = 0; i < d; ++i)
+            for (int k = 0; k < d; ++k) pull[i][k] += angle * a[i][k] / q[k];
+    }
+    return pull;
+}
+
+/// Σ log |a_k| − log τ.
+template <int d>
+Pack obliqueness(const Small<d>& a, Pack tau) {
+    Pack product = all(1.0);
+    for (Pack q : squares<d>(a)) product *= q;
+    return 0.5 * each(logarithm, product) - each(logarithm, tau);
+}
+
 }  // namespace
 
 void distortions(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
-                 Vector<const double> offset, double m, double epsilon, double a, Vector<double> values) {
-    const Corners mesh{points, corners, ideals};
+                 Vector<const double> angles, Vector<const double> offset, double m, double epsilon, double a,
+                 Vector<double> values) {
+    const Corners mesh{points, corners, ideals, angles};
     mesh.check(values.size());
     require(offset.size() == 0 || offset.size() == values.size(), "offset: expected one number a corner, or none");
     with_dimension(points.shape(1), [&](auto dimension) {
@@ -90,8 +135,12 @@ void distortions(Matrix<const double> points, Matrix<const std::int32_t> corners
         for_ranges(mesh.size(), corners_of_task, [&](Index first, Index last) {
             mesh.check(first, last);
             for (Index c = first; c < last; c += lanes) {
-                const auto [j, p] = mesh.jacobians<d>(from(c, last));
-                const Pack value = distortion<d>(determinant<d>(j), square<d>(j), {m, epsilon, a});
+                const auto at = from(c, last);
+                const auto [j, p, edges] = mesh.jacobians<d>(at);
+                const Pack tau = determinant<d>(j), angle = mesh.angle(at);
+                Pack value = distortion<d>(tau, square<d>(j), {m, epsilon, a});
+                if (any(angle > 0.0))
+                    value += (angle > 0.0) & (tau > 0.0) ? angle * obliqueness<d>(edges, tau) : all(0.0);
                 for (Index l = 0; l < std::min(lanes, last - c); ++l)
                     values[c + l] = offset.size() ? value[l] + offset[c + l] : value[l];
             }
@@ -122,8 +171,9 @@ double p_mean(Vector<double> values, double p) {
 }
 
 void distortion_gradients(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
-                          Vector<const double> weights, double m, double epsilon, double a, Cube<double> shares) {
-    const Corners mesh{points, corners, ideals};
+                          Vector<const double> angles, Vector<const double> weights, double m, double epsilon,
+                          double a, Cube<double> shares) {
+    const Corners mesh{points, corners, ideals, angles};
     mesh.check(weights.size());
     require(shares.shape() == std::array{mesh.size(), points.shape(1) + 1, points.shape(1)},
             "shares: expected shape (c, d + 1, d)");
@@ -137,14 +187,9 @@ void distortion_gradients(Matrix<const double> points, Matrix<const std::int32_t
                 const Pack weight = gathered([&](int l) { return weights[at[l]]; });
                 std::array<std::array<Pack, d>, d + 1> share{};
                 if (any(weight >= least)) {
-                    const auto [j, p] = mesh.jacobians<d>(at);
-                    const auto [h1, h2] = slopes<d>(determinant<d>(j), {m, epsilon, a});
-                    const Small<d> cof = cofactor<d>(j);
-                    const Pack twice = 2.0 * inverse_square<d>(j);
-                    Small<d> pull;
-                    for (int i = 0; i < d; ++i)
-                        for (int k = 0; k < d; ++k) pull[i][k] = twice * j[i][k] + h1 * cof[i][k];
-                    pull = product_transposed<d>(pull, p);
+                    const auto [j, p, edges] = mesh.jacobians<d>(at);
+                    const Pack tau = determinant<d>(j);
+                    const auto pull = slope<d>(j, p, edges, slopes<d>(tau, {m, epsilon, a}).first, tau, mesh.angle(at));
                     for (int i = 0; i < d; ++i)
                         for (int k = 0; k < d; ++k) {
                             const Pack x = weight >= least ? weight * pull[i][k] : all(0.0);
@@ -169,7 +214,7 @@ void determinants(Matrix<const double> points, Matrix<const std::int32_t> corner
         for_ranges(mesh.size(), corners_of_task, [&](Index first, Index last) {
             mesh.check(first, last);
             for (Index c = first; c < last; c += lanes) {
-                const Pack tau = determinant<d>(mesh.jacobians<d>(from(c, last)).first);
+                const Pack tau = determinant<d>(std::get<0>(mesh.jacobians<d>(from(c, last))));
                 for (Index l = 0; l < std::min(lanes, last - c); ++l) taus[c + l] = tau[l];
             }
         });
@@ -177,9 +222,9 @@ void determinants(Matrix<const double> points, Matrix<const std::int32_t> corner
 }
 
 void corner_hessians(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
-                     Vector<const double> first, Vector<const double> second, double m, double a, bool exact,
-                     Cube<double> blocks) {
-    const Corners mesh{points, corners, ideals};
+                     Vector<const double> angles, Vector<const double> first, Vector<const double> second, double m,
+                     double a, bool exact, Cube<double> blocks) {
+    const Corners mesh{points, corners, ideals, angles};
     mesh.check(first.size());
     mesh.check(second.size());
     const Index size = points.shape(1) * points.shape(1);
@@ -190,14 +235,25 @@ void corner_hessians(Matrix<const double> points, Matrix<const std::int32_t> cor
             mesh.check(begin, end);
             for (Index c = begin; c < end; c += lanes) {
                 const auto at = from(c, end);
-                const auto [j, ideal] = mesh.jacobians<d>(at);
-                const auto [h1, h2] = slopes<d>(determinant<d>(j), {m, 0.0, a});
+                const auto [j, ideal, edges] = mesh.jacobians<d>(at);
+                const Pack tau = determinant<d>(j), angle = mesh.angle(at);
+                const auto [h1, h2] = slopes<d>(tau, {m, 0.0, a});
                 const Pack weight = gathered([&](int l) { return first[at[l]]; });
-                const Pack p = gathered([&](int l) { return first[at[l]] > 0.0 ? second[at[l]] / first[at[l]] : 0.0; });
-                const Terms terms{all(1.0), h1, h2, p, h1};
+                const Pack bend = gathered([&](int l) { return second[at[l]]; });
+                const Terms terms{all(1.0), h1 - angle / tau, h2 + angle / (tau * tau), Pack{}, h1};
                 Curvature<d> total;
                 if (exact) curvature<d, true>(j, inverse_square<d>(j), ideal, terms, weight, total);
                 else curvature<d>(j, inverse_square<d>(j), ideal, terms, weight, total);
+                const auto pull = slope<d>(j, ideal, edges, h1, tau, angle);
+                const auto q = squares<d>(edges);
+                for (int r = 0; r < d * d; ++r)
+                    for (int s = 0; s <= r; ++s) {
+                        const int k = r / d, x = r % d, y = s % d;
+                        total[r][s] += bend * pull[x][k] * pull[y][s / d];
+                        if (k != s / d) continue;  // log |a_k|
+                        const Pack along = (exact ? 2.0 : 1.0) * edges[x][k] * edges[y][k] / q[k];
+                        total[r][s] += weight * angle * ((x == y ? 1.0 : 0.0) - along) / q[k];
+                    }
                 for (Index l = 0; l < std::min(lanes, end - c); ++l) {
                     double* block = &blocks(c + l, 0, 0);
                     for (int r = 0; r < d * d; ++r)
@@ -227,7 +283,7 @@ void corner_blocks(Matrix<const double> points, Matrix<const std::int32_t> corne
             Index count = 0;
             const auto update = [&] {  // the corners of at, the last of them again in lanes that are left
                 for (Index l = count; l < lanes; ++l) at[l] = at[count - 1];
-                const auto [j, ideal] = mesh.jacobians<d>(at);
+                const auto [j, ideal, edges] = mesh.jacobians<d>(at);
                 const Pack tau = determinant<d>(j);
                 const auto [h1, h2] = slopes<d>(tau, {m, epsilon, a});
                 const Pack weight = gathered([&](int l) { return weights[at[l]]; }) + floor;

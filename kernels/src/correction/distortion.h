@@ -5,7 +5,9 @@
 //   ℓ   = log q − log d − (2/d) log τ + (a/m) log cosh(m log τ)               ε = 0, τ > 0
 //   ℓ_ε = log q − log d − (2/d + a) log χ + a log((1 + τ²)/2)                 untangling, χ = (τ + √(τ² + ε²))/2
 //
-// In 1D the first three terms cancel. points (n, d), corners (c, d + 1): the nodes of each corner, ideals (c, d, d): P.
+// and, of a corner with a weight b of its angles (0 without any), b (Σ_k log |a_k| − log τ) with the edges a_k of A: 0 for
+// orthogonal edges up to a constant. In 1D the first three terms cancel. points (n, d), corners (c, d + 1): the nodes of
+// each corner, ideals (c, d, d): P, angles (c, or 0 without): b.
 #pragma once
 
 #include "view.h"
@@ -14,7 +16,8 @@ namespace mesh_motion {
 
 /// values (c) = ℓ, and offset (c, or 0 where there is none) added to it; inf where it is no number or τ violates ε = 0.
 void distortions(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
-                 Vector<const double> offset, double m, double epsilon, double a, Vector<double> values);
+                 Vector<const double> angles, Vector<const double> offset, double m, double epsilon, double a,
+                 Vector<double> values);
 
 /// E = max ℓ + (1/p) log mean exp(p (ℓ − max ℓ)) of values ℓ, which become the weights softmax(p ℓ). inf, and the
 /// values as they are, where one is not finite.
@@ -22,17 +25,18 @@ double p_mean(Vector<double> values, double p);
 
 /// shares (c, d + 1, d) = w dℓ/dx of the nodes of each corner; 0 where w is next to nothing.
 void distortion_gradients(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
-                          Vector<const double> weights, double m, double epsilon, double a, Cube<double> shares);
+                          Vector<const double> angles, Vector<const double> weights, double m, double epsilon,
+                          double a, Cube<double> shares);
 
 /// τ (c).
 void determinants(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
                   Vector<double> taus);
 
 /// blocks (c, d², d²) = w₁ ∇∇ℓ + w₂ ∇ℓ ∇ℓᵀ with the weights first and second (c): the Hessian of a function of ℓ with
-/// these derivatives, exact or its positive part in J; the order is that of corner_blocks.
+/// these derivatives, exact or with the positive part of ∇∇ℓ; the order is that of corner_blocks.
 void corner_hessians(Matrix<const double> points, Matrix<const std::int32_t> corners, Cube<const double> ideals,
-                     Vector<const double> first, Vector<const double> second, double m, double a, bool exact,
-                     Cube<double> blocks);
+                     Vector<const double> angles, Vector<const double> first, Vector<const double> second, double m,
+                     double a, bool exact, Cube<double> blocks);
 
 /// blocks (c, d², d²) = (w + floor) times the positive part of the Hessian of ℓ and of the p-mean's rank-one term, of
 /// the corners that weigh at least least_weight: [j d + k, a d + b] couples the coordinate a of edge j with b of edge

@@ -9,7 +9,11 @@ A corner simplex with the edges ``A`` (columns) has the Jacobian ``J = A P`` fro
 
 With the size's weight a = ½, ℓ is log(1/size-skew) of a simplex except for the smoothing of |log τ| (m → ∞ removes it);
 other weights stand for other metrics. In 1D there is no shape: the first three terms cancel and only the size
-counts. ℓ_ε is finite for inverted cells. The mesh's distortion is the p-mean, a smooth maximum ::
+counts. On top of that a corner may have a weight b of its angles::
+
+    b (Σ_k log |a_k| − log τ) + constant,     0 at rest
+
+with the edges a_k. The shape takes a squeezed rectangle for as bad as a rhombus; a finite-volume solver does not. ℓ_ε is finite for inverted cells. The mesh's distortion is the p-mean, a smooth maximum ::
 
     E = max ℓ + (1/p) log mean exp(p (ℓ − max ℓ)),      w = softmax(p ℓ)
 
@@ -23,13 +27,15 @@ J. M. Escobar et al., Simultaneous untangling and smoothing of tetrahedral meshe
 V. Garanzha et al., Foldover-free maps in 50 lines of code, ACM Trans. Graph. 40 (2021).
 """
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
 
 import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.arrays import Floats, Marks
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.cells import CellTable, CellType
 from mesh_motion_server.numerics.quality.metrics import AtRest, sizes_of, skews_of
 
@@ -37,6 +43,7 @@ __all__ = [
     "FLOOR",
     "CornerSimplices",
     "PNorm",
+    "angles_of",
     "corner_blocks",
     "corner_distortions",
     "corner_simplices",
@@ -90,11 +97,14 @@ class CornerSimplices:
         P: the Jacobian from the ideal simplex is ``[x_a − x_k, …] P``, of determinant 1 where the size is unchanged.
     offset : (c,) array or None
         Added to the distortions: the logarithm of the skew at rest, if they are relative to it.
+    angles : (c,) array or None
+        b: weight of the angle between the edges, on top of the shape.
     """
 
     nodes: NDArray[np.int32]
     ideal: Floats
     offset: Floats | None = None
+    angles: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.nodes)
@@ -103,6 +113,23 @@ class CornerSimplices:
     def dimension(self) -> int:
         """1, 2 or 3."""
         return int(self.nodes.shape[1]) - 1
+
+    def of(self, rows: Integers) -> CornerSimplices:
+        """Some of the corners (k,)."""
+        offset, angles = (None if values is None else values[rows] for values in (self.offset, self.angles))
+        return CornerSimplices(self.nodes[rows], self.ideal[rows], offset, angles)
+
+    def with_angles(self, reference: Floats, angles: Floats, norm: PNorm) -> CornerSimplices:
+        """The same with weights b (c,); at rest, at ``reference`` (n, d), nothing changes.
+
+        A corner that is degenerate at rest gets no weight.
+        """
+        before = corner_distortions(reference, self, norm)
+        after = corner_distortions(reference, replace(self, angles=angles), norm)
+        known = np.isfinite(before) & np.isfinite(after)
+        excess = np.subtract(after, before, where=known, out=np.zeros(len(self)))
+        offset = -excess if self.offset is None else self.offset - excess
+        return replace(self, offset=offset, angles=np.where(known, angles, 0.0))
 
 
 def corner_simplices(reference: Floats, cells: CellTable, reference_sizes: AtRest) -> CornerSimplices:
@@ -172,14 +199,15 @@ def mean_distortion(points: Floats, simplices: CornerSimplices, norm: PNorm) -> 
 def corner_distortions(points: Floats, simplices: CornerSimplices, norm: PNorm) -> Floats:
     """ℓ (c,) of every corner at the points (n, d); ``inf`` where the barrier is violated."""
     measure, offset = np.empty(len(simplices)), np.empty(0) if simplices.offset is None else simplices.offset
-    kernels.distortions(*_arrays(points, simplices), offset, *_law(norm), measure)
+    kernels.distortions(*_arrays(points, simplices), angles_of(simplices), offset, *_law(norm), measure)
     return measure
 
 
 def distortion_gradient(points: Floats, simplices: CornerSimplices, weights: Floats, norm: PNorm) -> Floats:
     """Gradient of E by corner: (c, d + 1, d), the corner's share of dE/dx of each of its nodes."""
     gradient = np.empty((*simplices.nodes.shape, simplices.dimension))
-    kernels.distortion_gradients(*_arrays(points, simplices), weights, *_law(norm), gradient)
+    arrays = *_arrays(points, simplices), angles_of(simplices)
+    kernels.distortion_gradients(*arrays, weights, *_law(norm), gradient)
     return gradient
 
 
@@ -209,6 +237,11 @@ def determinants(points: Floats, simplices: CornerSimplices) -> Floats:
     out = np.empty(len(simplices))
     kernels.determinants(*_arrays(points, simplices), out)
     return out
+
+
+def angles_of(simplices: CornerSimplices) -> Floats:
+    """b (c,) as the kernels take it: empty without weights."""
+    return np.empty(0) if simplices.angles is None else simplices.angles
 
 
 def _arrays(points: Floats, simplices: CornerSimplices) -> tuple[Floats, NDArray[np.int32], Floats]:

@@ -5,8 +5,8 @@ takes every jump for a mesh velocity. Here the corrected mesh is a minimum that 
 
     y = argmin  Σ_c w_c ψ(f_c(y)) + a/2 Σ_c w_c [ |∇v|²_F + mean_k |v_k|² / ((l h_c)² σ_k) ],      v = y − y_plain
 
-f_c is the distortion of a corner simplex against the cell at rest (:mod:`.distortion`), with its barrier; w_c is one
-over the number of a cell's corners, h_c the cell's size at rest. Cells do not resist until f_c exceeds the onset::
+f_c is the distortion of a corner simplex against the cell at rest (:mod:`.distortion`), with its barrier and, of cells
+that are no simplices, with a weight of its angle: a squeezed gap keeps its angles. w_c is one over the number of a cell's corners, h_c the cell's size at rest. Cells do not resist until f_c exceeds the onset::
 
     ψ'' = (1 + k s / K)^K − 1,      ψ(onset) = ψ'(onset) = 0,      s = max(f − onset, 0)
 
@@ -43,6 +43,7 @@ from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryC
 from mesh_motion_server.numerics.correction.distortion import (
     CornerSimplices,
     PNorm,
+    angles_of,
     corner_distortions,
     corner_simplices,
     distortion_gradient,
@@ -60,6 +61,7 @@ RINGS = 8
 _RAMP = 0.6  # … of f, over which a cell of the plain mesh becomes active
 _FAR = 1e3  # of f: further does not count
 _START = -math.log(0.9)  # distortion at which a cell resists and is active in the plain mesh …
+_ANGLE = 0.5  # b; more keeps the angles of quads better and makes the smallest size-skew lower, by 0.03 at 1
 _PINNED = 1e-8  # σ below which a node keeps its plain position
 _TOLERANCE = 1e-9  # largest Newton step of a node, as a share of the mesh's extent
 _ITERATIONS = 40
@@ -266,7 +268,15 @@ class SmoothMotion:
 
     @cached_property
     def _all(self) -> CornerSimplices:
-        return corner_simplices(self.reference, self.cells, self._at_rest)
+        return self._with_angles(
+            corner_simplices(self.reference, self.cells, self._at_rest), self.cells, self.reference
+        )
+
+    def _with_angles(self, simplices: CornerSimplices, cells: CellTable, reference: Floats) -> CornerSimplices:
+        """The corners of some cells; of those that are no simplices, angles count on top of the shape."""
+        counts = [(len(block) * len(block.type.corners), block.type.is_simplex) for block in cells]
+        angles = np.concatenate([np.full(count, 0.0 if simplex else _ANGLE) for count, simplex in counts])
+        return simplices.with_angles(reference, angles, self.law.norm)
 
     @cached_property
     def _extent(self) -> float:
@@ -317,8 +327,9 @@ class SmoothMotion:
         key = np.packbits(marked).tobytes()
         if self._last is None or self._last[0] != key:
             free = free_region(self.reference, self.cells, self._at_rest, marked)
+            simplices = self._with_angles(free.simplices, free.cells, self.reference[free.nodes])
             constraint = None if self.constraint is None else self.constraint.of(free)
-            self._last = key, _Region.build(free, constraint, self.reference)
+            self._last = key, _Region.build(replace(free, simplices=simplices), constraint, self.reference)
         return self._last[1].with_activation(sigma)
 
     def _activation(self, active: Integers, x: Floats, n_nodes: int) -> Floats:
@@ -406,12 +417,12 @@ class SmoothMotion:
         active = np.flatnonzero(distortion > self.law.onset)
         _, slope, bend = self.law.resistance(distortion[active])
         weights = region.corners.weights[active]
-        simplices = _chosen(region.free.simplices, active)
+        simplices = region.free.simplices.of(active)
         shares = np.zeros((len(distortion), d + 1, d))
         shares[active] = distortion_gradient(points, simplices, weights * slope, self.law.norm)
         gradient = adjacency.gather(shares) + region.pull(points[:n] - rest[:n])[1]
         blocks = np.empty((len(active), d * d, d * d))
-        arrays = points, simplices.nodes, simplices.ideal, weights * slope, weights * bend
+        arrays = points, simplices.nodes, simplices.ideal, angles_of(simplices), weights * slope, weights * bend
         kernels.corner_hessians(*arrays, self.law.norm.m, self.law.norm.size_weight, exact, blocks)
         rows = np.full(len(distortion), -1, dtype=np.int32)
         rows[active] = np.arange(len(active))
@@ -438,9 +449,3 @@ def _solved(adjacency: NodeAdjacency, hessian: Floats, right: Floats) -> Floats:
     pattern = adjacency.row_starts, adjacency.columns
     kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *_CG, step)
     return step
-
-
-def _chosen(simplices: CornerSimplices, rows: Integers) -> CornerSimplices:
-    """Some of the simplices (k,)."""
-    offset = None if simplices.offset is None else simplices.offset[rows]
-    return CornerSimplices(simplices.nodes[rows], simplices.ideal[rows], offset)
