@@ -9,11 +9,12 @@ A corner simplex with the edges ``A`` (columns) has the Jacobian ``J = A P`` fro
 
 With the size's weight a = ½, ℓ is log(1/size-skew) of a simplex except for the smoothing of |log τ| (m → ∞ removes it);
 other weights stand for other metrics. In 1D there is no shape: the first three terms cancel and only the size
-counts. On top of that a corner may have a weight b of its angles::
+counts. ℓ_ε is finite for inverted cells. ℓ may contain, with a weight b, the angles between the edges a_k as well ::
 
     b (Σ_k log |a_k| − log τ) + constant,     0 at rest
 
-with the edges a_k. The shape takes a squeezed rectangle for as bad as a rhombus; a finite-volume solver does not. ℓ_ε is finite for inverted cells. The mesh's distortion is the p-mean, a smooth maximum ::
+since the shape takes a squeezed rectangle for as bad as a rhombus, and a finite-volume solver does not. The mesh's
+distortion is the p-mean, a smooth maximum ::
 
     E = max ℓ + (1/p) log mean exp(p (ℓ − max ℓ)),      w = softmax(p ℓ)
 
