@@ -105,3 +105,35 @@ def test_nothing_happens_beyond_the_barrier() -> None:
     result = newton(points, region, PNorm(2, 1))
     assert result.iterations == 0
     assert np.array_equal(result.points, points)
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_the_block_factorization_solves_what_is_positive_definite_and_refuses_the_rest(d: int) -> None:
+    grid, rng = grid_laplacian(17), np.random.default_rng(d)
+    starts, columns = grid.indptr.astype(np.int64), grid.indices.astype(np.int32)
+    n, rows = len(starts) - 1, np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    blocks = rng.normal(size=(len(columns), d, d))
+    blocks[starts[:-1]] += 12.0 * d * np.eye(d)
+    whole = np.zeros((n, d, n, d))
+    whole[rows, :, columns] = blocks
+    whole += whole.transpose(2, 3, 0, 1)
+    blocks = np.ascontiguousarray(whole[rows, :, columns])
+    order, ends, below = kernels.elimination(starts, columns, rng.normal(size=(n, 2)))
+    assert np.array_equal(np.sort(order), np.arange(n))
+    right, found = rng.normal(size=(n, d)), np.full((n, d), np.nan)
+    assert kernels.block_cholesky_solve(starts, columns, blocks, order, ends, below, right, found)
+    expected = np.linalg.solve(whole.reshape(n * d, n * d), right.ravel())
+    np.testing.assert_allclose(found.ravel(), expected, atol=1e-12 * np.abs(expected).max())
+    blocks[starts[n // 2]] -= 200.0 * np.eye(d)
+    kept = found.copy()
+    assert not kernels.block_cholesky_solve(starts, columns, blocks, order, ends, below, right, found)
+    assert np.array_equal(found, kept)
+
+
+def test_nested_dissection_has_little_fill() -> None:
+    n = 60
+    grid, places = grid_laplacian(n), np.argwhere(np.ones((n, n))).astype(float, order="C")
+    *_, below = kernels.elimination(grid.indptr.astype(np.int64), grid.indices.astype(np.int32), places)
+    assert (
+        len(below) < 10 * n**2 * np.log2(n) / 2
+    )  # George's bound for a square is 31/4 n² log₂ n; a band would have n³

@@ -1,4 +1,5 @@
 #include "bind.h"
+#include "correction/block_cholesky.h"
 #include "correction/cells.h"
 #include "correction/distortion.h"
 #include "correction/newton.h"
@@ -11,6 +12,7 @@ void bind_correction(nanobind::module_& m) {
     bind(m, "add_corners", add_corners);
     bind(m, "add_linked_blocks", add_linked_blocks);
     bind(m, "assemble_corners", assemble_corners);
+    bind(m, "block_cholesky_solve", block_cholesky_solve);
     bind(m, "block_conjugate_gradients", block_conjugate_gradients);
     bind(m, "block_product", block_product);
     bind(m, "cell_adjacency", cell_adjacency);
@@ -22,6 +24,7 @@ void bind_correction(nanobind::module_& m) {
     bind(m, "determinants", determinants);
     bind(m, "distortion_gradients", distortion_gradients);
     bind(m, "distortions", distortions);
+    bind(m, "elimination", elimination);
     bind(m, "gather_shares", gather_shares);
     bind(m, "linked_pattern", linked_pattern);
     bind(m, "node_adjacency", node_adjacency);

@@ -36,8 +36,7 @@ from functools import cached_property
 import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bsr_matrix, coo_matrix, csr_matrix
-from scipy.sparse.linalg import splu
+from scipy.sparse import coo_matrix, csr_matrix
 
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint, RegionConstraint
@@ -173,6 +172,8 @@ class _Region:
     free : FreeRegion
     constraint : RegionConstraint or None
         Of its free nodes that slide or move alike.
+    elimination : tuple of three arrays, or None
+        Order and pattern of the Newton systems' factor; None where conjugate gradients are faster.
     corners : _Corners
         In its local numbers.
     gradient : (b,) array, 1 / length²
@@ -182,6 +183,7 @@ class _Region:
 
     free: FreeRegion
     constraint: RegionConstraint | None
+    elimination: tuple[Integers, Integers, Integers] | None
     corners: _Corners
     gradient: Floats
     mass: Floats
@@ -198,13 +200,38 @@ class _Region:
         gradient = _sums(adjacency.slots[here], rows, len(adjacency.columns))
         node = np.repeat(np.arange(free.n_free), np.diff(adjacency.starts))
         mass = _sums(node, corners.mass[corner], free.n_free)
-        return cls(free, constraint, corners, gradient, mass)
+        unknowns, places = adjacency, reference[free.free]
+        if constraint is not None:
+            unknowns, places = constraint.links.adjacency, places[constraint.links.roots]
+        direct = places.size <= _DIRECT_UNKNOWNS[d]
+        elimination = kernels.elimination(unknowns.row_starts, unknowns.columns, places) if direct else None
+        return cls(free, constraint, elimination, corners, gradient, mass)
 
     def with_activation(self, sigma: Floats) -> _Region:
         """The same with the penalty for σ (n,) of all nodes."""
         penalty = self.gradient.copy()
         penalty[self.free.adjacency.row_starts[:-1]] += self.mass / sigma[self.free.free]
         return replace(self, penalty=PENALTY * penalty)
+
+    def step(self, points: Floats, hessian: Floats, right: Floats) -> Floats:
+        """The step (f, d) of H (b, d, d) dx = right (f, d) that nodes at local positions (l, d) can take.
+
+        Raises
+        ------
+        ArithmeticError
+            If H is factorized and not positive definite.
+        """
+        if self.constraint is None:
+            return self._solved(self.free.adjacency, hessian, right)
+        return self.constraint.step(points, hessian, right, self._solved)
+
+    def _solved(self, adjacency: NodeAdjacency, hessian: Floats, right: Floats) -> Floats:
+        step, pattern = np.empty_like(right), (adjacency.row_starts, adjacency.columns)
+        if self.elimination is None:
+            kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *_CG, step)
+        elif not kernels.block_cholesky_solve(*pattern, hessian, *self.elimination, right, step):
+            raise ArithmeticError("the matrix is not positive definite")
+        return step
 
     def admitted(self, points: Floats) -> Floats:
         """The local positions (l, d) put back onto walls, images alike: rounding does not add up."""
@@ -367,16 +394,13 @@ class SmoothMotion:
         """Newton's iterations."""
         n, tolerance = region.free.n_free, _TOLERANCE * self._extent
         energy, distortion = self._energy(points, rest, region)
-        exact, residual = True, math.inf
+        exact, residual, last = True, math.inf, math.inf  # last: the step before, if it was an exact one
         for done in range(_ITERATIONS):
             check_time()
-            gradient, hessian = self._model(points, rest, region, distortion, exact=exact)
-            step = self._solve(region, points, hessian, -gradient)
-            slope = float(np.vdot(gradient, step))
-            if exact and not slope < 0.0 and np.any(gradient):
-                gradient, hessian = self._model(points, rest, region, distortion, exact=False)
-                step, exact = self._solve(region, points, hessian, -gradient), False
-                slope = float(np.vdot(gradient, step))
+            try:
+                step, slope, exact = self._step(points, rest, region, distortion, exact=exact)
+            except ArithmeticError:
+                return Smoothed(points, n, done, False, residual)
             residual = float(np.abs(step).max())
             length = 1.0
             for _ in range(_HALVINGS):
@@ -393,10 +417,30 @@ class SmoothMotion:
                 exact = False
                 continue
             points, energy, distortion = trial, lower, after
-            if residual < tolerance and (exact or residual < 1e-3 * tolerance):
+            whole = exact and length == 1.0
+            next_step = residual**3 / last**2 if whole and last < math.inf else math.inf  # as they shrink quadratically
+            if (residual < tolerance and (exact or residual < 1e-3 * tolerance)) or next_step < 1e-2 * tolerance:
                 return Smoothed(points, n, done + 1, True, residual)
+            last = residual if whole else math.inf
             exact = length == 1.0 and -slope < 0.5 * max(energy, 1e-12)
         return Smoothed(points, n, _ITERATIONS, False, residual)
+
+    def _step(
+        self, points: Floats, rest: Floats, region: _Region, distortion: Floats, *, exact: bool
+    ) -> tuple[Floats, float, bool]:
+        """Newton's step (f, d), the slope along it, and whether the exact Hessian leads down and gave it."""
+        for kind in (True, False) if exact else (False,):
+            gradient, hessian = self._model(points, rest, region, distortion, exact=kind)
+            try:
+                step = region.step(points, hessian, -gradient)
+            except ArithmeticError:
+                if not kind:
+                    raise
+                continue
+            slope = float(np.vdot(gradient, step))
+            if slope < 0.0:
+                break
+        return step, slope, kind
 
     def _distortions(self, points: Floats, region: _Region) -> Floats:
         """f (c,) of the region's corners with local positions (l, d)."""
@@ -407,7 +451,8 @@ class SmoothMotion:
         distortion, n = self._distortions(points, region), region.free.n_free
         if not np.isfinite(distortion).all():
             return math.inf, distortion
-        resistance = float(region.corners.weights @ self.law.resistance(distortion)[0])
+        active = np.flatnonzero(distortion > self.law.onset)
+        resistance = float(region.corners.weights[active] @ self.law.resistance(distortion[active])[0])
         return resistance + region.pull(points[:n] - rest[:n])[0], distortion
 
     def _model(
@@ -430,23 +475,3 @@ class SmoothMotion:
         hessian = region.blocks.copy()
         kernels.add_corners(adjacency.starts, adjacency.entries, adjacency.slots, rows, blocks, hessian)
         return gradient, hessian
-
-    def _solve(self, region: _Region, points: Floats, hessian: Floats, right: Floats) -> Floats:
-        """The step (f, d) of H (b, d, d) dx = right (f, d) that nodes at local positions (l, d) can take."""
-        if region.constraint is None:
-            return _solved(region.free.adjacency, hessian, right)
-        return region.constraint.step(points, hessian, right, _solved)
-
-
-def _solved(adjacency: NodeAdjacency, hessian: Floats, right: Floats) -> Floats:
-    """The step (f, d) of H (b, d, d) dx = right (f, d)."""
-    if right.size <= _DIRECT_UNKNOWNS[right.shape[1]]:
-        matrix = bsr_matrix((hessian, adjacency.columns, adjacency.row_starts), shape=(right.size, right.size))
-        factor = splu(
-            matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
-        return np.asarray(factor.solve(right.ravel())).reshape(right.shape)
-    step = np.empty_like(right)
-    pattern = adjacency.row_starts, adjacency.columns
-    kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *_CG, step)
-    return step
