@@ -40,10 +40,10 @@ def play(server, case, stub):
 def direct(server, square, script):
     """What the client gives for the converged displacements at these fractions of each window, window by window."""
 
-    def run(iterations, frame="reference", fractions=(1.0,), **more):
+    def run(iterations, frame="reference", fractions=(1.0,), displacement="absolute", **more):
         partner = Script(script(iterations, **more))
         history = []
-        with server.open(square, {"support_radius": 0.8}) as session:
+        with server.open(square, {"support_radius": 0.8, "displacement": displacement}) as session:
             places = square.points[session.moving_nodes]
             for window in range(len(iterations)):
                 for fraction in fractions:
@@ -80,10 +80,10 @@ def test_converged_windows_are_those_of_the_client(iterations, explicit, play, d
 
 
 def couple_steps_within_windows(case, play, direct):
-    """Three steps a window, the second window twice, against what the client gives."""
-    iterations = [1, 2]
-    windows, precice, final = play(iterations, file=case("time_step = 0.04"))
-    expected, points = direct(iterations, fractions=(1 / 3, 2 / 3, 1.0))
+    """Three steps a window, the second window twice, against what the client gives; relative: commits are seen."""
+    iterations, file = [1, 2], case("time_step = 0.04", method='displacement = "relative"')
+    windows, precice, final = play(iterations, file=file)
+    expected, points = direct(iterations, fractions=(1 / 3, 2 / 3, 1.0), displacement="relative")
     assert [round(3 * fraction) for _, _, fraction, _ in precice.history[:3]] == [1, 2, 3]
     np.testing.assert_allclose(converged(precice), expected, atol=1e-15)  # 0.1 / 3 three times is not 0.1
     np.testing.assert_allclose(final, points, atol=1e-15)
