@@ -81,13 +81,13 @@ class Case:
         """The same without waiting for its end."""
         return subprocess.Popen(command, cwd=self.folder, env=self.environment, stdout=log, stderr=log)
 
-    def check_ranks(self, time, expected, ranks=2):
+    def check_ranks(self, time, expected, ranks=2, atol=1e-10):
         """The points that the ranks have written are those of the mesh as a whole."""
         met = np.zeros(len(expected), dtype=int)
         for rank in range(ranks):
             address = self.numbers(f"processor{rank}/constant/polyMesh/pointProcAddressing", 1)[:, 0].astype(int)
             points = self.numbers(f"processor{rank}/{time}/polyMesh/points", 3)
-            np.testing.assert_allclose(points, expected[address], rtol=0, atol=1e-10)
+            np.testing.assert_allclose(points, expected[address], rtol=0, atol=atol)
             met[address] += 1
         assert met.min() == 1
         assert met.max() == 2

@@ -141,7 +141,8 @@ def test_a_cell_that_its_centre_does_not_see_as_a_whole_is_divided_otherwise(mak
     plan.write_text(plan.read_text().partition("method ")[0] + 'method manual; manualCoeffs { dataFile "ranks"; }\n')
     parallel.run("decomposePar")
     parallel.run("moveDynamicMesh", ranks=2)
-    parallel.check_ranks("0.1", serial.points("0.1"))
+    # other corners of the divided cells count, in the penalty of nodes that hardly move
+    parallel.check_ranks("0.1", serial.points("0.1"), atol=1e-8)
 
 
 def test_a_cell_that_no_point_of_it_sees_as_a_whole(make_space_case):
