@@ -60,14 +60,15 @@ LENGTH = 10.0  # l, in cells
 RINGS = 8
 _RAMP = 0.6  # … of f, over which a cell of the plain mesh becomes active
 _FAR = 1e3  # of f: further does not count
-_START = -math.log(0.9)  # distortion at which a cell resists and is active in the plain mesh …
+_ONSET = 0.9  # quality at which a cell resists …
+_LARGE, _LATE_ONSET = 30_000, 0.7  # … and in a mesh of more nodes: fewer are free there, or a step takes seconds
 _ANGLE = 0.5  # b; more keeps the angles of quads better and makes the smallest size-skew lower, by 0.03 at 1
 _PINNED = 1e-8  # σ below which a node keeps its plain position
 _TOLERANCE = 1e-9  # largest Newton step of a node, as a share of the mesh's extent
 _ITERATIONS = 40
 _ARMIJO, _HALVINGS = 1e-4, 40
 _DIRECT_UNKNOWNS = {1: 100_000, 2: 100_000, 3: 6_000}  # a larger factorization is slower than conjugate gradients
-_CG = 1e-3, 600
+_CG = 0.03, 600
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ class Law:
         Weight and sharpness of the size in f.
     """
 
-    onset: float = _START
+    onset: float = -math.log(_ONSET)
     stiffness: float = 40.0
     power: float = 8.0
     norm: PNorm = field(default_factory=lambda: PNorm(1.0, 16.0))
@@ -288,7 +289,8 @@ class SmoothMotion:
     ) -> SmoothMotion:
         """That of a mesh whose ``held`` (n,) nodes may move as the ``constraint`` admits."""
         smooth = None if constraint is None else constraint.smooth()
-        return cls(reference, cells, held if smooth is None else held & ~smooth.released, constraint=smooth)
+        law = Law(onset=-math.log(_ONSET if len(reference) <= _LARGE else _LATE_ONSET))
+        return cls(reference, cells, held if smooth is None else held & ~smooth.released, law, smooth)
 
     @cached_property
     def _at_rest(self) -> CellsAtRest:
@@ -344,7 +346,7 @@ class SmoothMotion:
     def _region(self, plain: Floats) -> _Region | None:
         """The free nodes with their penalty; None if no cell of the plain mesh resists."""
         distortion = corner_distortions(plain, self._all, self.law.norm)
-        x = np.clip((np.minimum(distortion, _FAR) - _START) / _RAMP, 0.0, 1.0)
+        x = np.clip((np.minimum(distortion, _FAR) - self.law.onset) / _RAMP, 0.0, 1.0)
         active = np.flatnonzero(x)
         if not len(active):
             return None
