@@ -9,7 +9,7 @@ from docs.studies.study import Study
 
 __all__ = ["PAGES", "names", "study"]
 
-PAGES = ("thesis", "beyond", "explained", "choosing")
+PAGES = ("thesis", "beyond", "run", "explained", "choosing")
 """Sub-packages; ``docs/<page>.md`` shows their studies."""
 
 

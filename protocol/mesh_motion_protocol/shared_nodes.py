@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 __all__ = ["AGREEMENT", "Torn", "united"]
 
 #: Largest difference of a component between the values for one node, as a share of the longest side of the bounding
-#: box of the mesh. A larger one would tear the mesh.
-AGREEMENT = 1e-9
+#: box of the mesh: what single precision rounds. A larger one would tear the mesh.
+AGREEMENT = 1e-7
 
 
 class Torn(ValueError):

@@ -40,3 +40,9 @@ def test_the_tolerance_follows_the_mesh(size):
 
 def test_no_rows_are_no_error():
     assert united([np.empty((0, 3))], [np.empty(0, dtype=np.int64)], 0, 1.0).shape == (0, 3)
+
+
+def test_single_precision_is_rounding():
+    exact = np.random.default_rng(0).uniform(-EXTENT, EXTENT, size=(1000, 3))
+    at = np.arange(1000)
+    united([exact, exact.astype(np.float32).astype(np.float64)], [at, at], 1000, EXTENT)

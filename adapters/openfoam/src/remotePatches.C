@@ -233,7 +233,7 @@ Foam::tmp<Foam::vectorField> Foam::remotePatches::moved
         {
             highest[pointi] = Zero;
         }
-        else if (cmptMax(highest[pointi] - lowest[pointi]) > 1e-9*extent)
+        else if (cmptMax(highest[pointi] - lowest[pointi]) > 1e-7*extent)
         {
             FatalErrorInFunction
                 << "point " << pointi << " lies on moving patches that move it "

@@ -1,0 +1,142 @@
+"""Ten periods of a motion in small steps: what is left of the mesh, how its nodes move, what it costs."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from docs.studies.beyond.smooth_in_time import PERIOD, Case, flag, turning
+from docs.studies.study import Cell, Outcome, Picture, Study, Table
+from mesh_motion_server.session.factors import FactorCache
+
+Floats = NDArray[np.float64]
+
+PERIODS = 10
+KINDS: dict[str, dict[str, Any]] = {
+    "default": {},
+    "relative": {"displacement": "relative"},
+    "plain": {"displacement": "absolute", "correction": "none", "allow_invalid": True},
+}
+CASES = {
+    "Turek–Hron flag, ± 80 mm": flag,
+    "block ± 60°": lambda: turning("thesis_block", 60.0),
+    "quads ± 60°": lambda: turning("grid of quads", 60.0),
+    "tetrahedra ± 30°": lambda: turning("correction_box", 30.0),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """Some periods of a motion.
+
+    Attributes
+    ----------
+    qualities : (steps,) list of float
+        The smallest of each step's mesh.
+    rest : list of float
+        Largest distance of a node from its place at rest after each period, as a share of the boundary's amplitude.
+    step, second : float
+        Largest step of a node over the largest of a boundary node; largest second difference of a node's positions,
+        mesh length unit.
+    seconds : float
+        CPU time of a step.
+    """
+
+    qualities: list[float]
+    rest: list[float]
+    step: float
+    second: float
+    seconds: float
+
+
+def play(case: Case, choices: dict[str, Any], periods: int) -> Played:
+    """Play a case, each step committed before the next."""
+    model = case.mesh.model(**{"quality_metric": "relative-size-skew", **choices})
+    moving, factors, points = model.roles.moving, FactorCache(1 << 28), model.points
+    places, qualities, seconds = [points], [], 0.0
+    for targets in case.targets * periods:
+        begin = time.process_time()
+        motion = model.move(points, targets, factors)
+        seconds += time.process_time() - begin
+        points = motion.points
+        places.append(points)
+        qualities.append(motion.corrected.metric.min)
+    amplitude = max(_largest(targets - model.points[moving]) for targets in case.targets)
+    steps = [after - before for before, after in pairwise(places)]
+    return Played(
+        qualities,
+        [_largest(places[(k + 1) * len(case.targets)] - model.points) / amplitude for k in range(periods)],
+        max(_largest(step) / _largest(step[moving]) for step in steps),
+        max(_largest(after - before) for before, after in pairwise(steps)),
+        seconds / len(steps),
+    )
+
+
+def _largest(vectors: Floats) -> float:
+    return float(np.linalg.norm(vectors, axis=1).max())
+
+
+def run(quick: bool) -> Outcome:
+    periods, rows, drawn = 2 if quick else PERIODS, [], {}
+    for name, make in CASES.items():
+        if quick and name != "block ± 60°":
+            continue
+        case = make()
+        played = {kind: play(case, choices, periods) for kind, choices in KINDS.items()}
+        drawn[name], plain = played, played["plain"]
+        for kind, found in played.items():
+            first, last = (min(found.qualities[k * PERIOD :][:PERIOD]) for k in (0, periods - 1))
+            row: list[Cell] = [name, kind, first, last, found.rest[-1], found.step, found.second / plain.second]
+            rows.append([*row, found.seconds / plain.seconds])
+    columns = ("motion", "method", "first period", "last", "at rest", "step", "second difference", "cost")
+    return Outcome(
+        (Table(columns, rows, _TABLE, digits=3),), (Picture(lambda f: _draw(f, drawn), _PICTURE, (9.0, 3.4)),)
+    )
+
+
+_TABLE = (
+    f"{PERIODS} periods of {PERIOD} steps, each step committed. Smallest quality of the first and of the last period "
+    "(negative: cells are inside out); after the last period, with the boundary at rest, the distance of the farthest "
+    "node from its place, as a share of the boundary's amplitude; largest step of a node over the largest of a "
+    "boundary node; largest second difference of a node's positions, and CPU time of a step, both over those of the "
+    "plain motion."
+)
+_PICTURE = f"Smallest quality, step by step, {PERIODS} periods."
+
+
+def _draw(figure: Any, drawn: dict[str, dict[str, Played]]) -> None:
+    shown = list(drawn)[:2]
+    for ax, name in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
+        for kind, found in drawn[name].items():
+            ax.plot(np.arange(1, len(found.qualities) + 1) / PERIOD, found.qualities, label=kind, lw=1.0)
+        ax.set(title=name, xlabel="period", ylabel="smallest quality", ylim=(-0.05, 1.05))
+        ax.legend(fontsize=8, loc="upper right")
+
+
+def claims(outcome: Outcome) -> None:
+    rows: dict[Any, Any] = {(row[0], row[1]): row[2:] for row in outcome.tables[0].rows}
+    for (name, kind), (first, last, rest, step, second, _) in rows.items():
+        if kind == "default":
+            assert last == first, name
+            assert rest <= 1e-12, name
+            assert step <= 2.0, name
+            assert second <= 4.0, name
+            assert first >= rows[name, "plain"][0], name
+    assert rows["block ± 60°", "relative"][2] > 0.01
+
+
+STUDY = Study(
+    "What is left of a mesh after ten periods, with nothing set?",
+    "Open: a run, not a step",
+    run,
+    claims,
+    (
+        "mesh_motion_server.numerics.correction.smooth_motion.SmoothMotion",
+        "mesh_motion_server.numerics.motion.motion.MotionModel",
+    ),
+)
