@@ -54,7 +54,7 @@ def test_two_patches_may_differ_by_a_rounding_where_they_meet(client, mesh):
         rows = session.move({"low": low, "high": high}).displacement[session.moving_nodes]
         assert rows.tobytes() == session.move({"high": high, "low": low}).displacement[session.moving_nodes].tobytes()
         assert rows.tolist() == [[0.3, 0.4], [np.nextafter(0.1, 1), 0.2], [0.7, 0.8], [0.5, 0.6]]
-        high[1, 0] = 0.1 + 0.8e-9  # the mesh is 0.75 wide
+        high[1, 0] = 0.1 + 0.8e-7  # the mesh is 0.75 wide
         words = r"node 4 lies on the patches 'low' and 'high', which move it to different places: by \[0.1, 0.2\] and "
         with pytest.raises(InvalidInput, match=words):
             session.move({"low": low, "high": high})
