@@ -61,8 +61,9 @@ RINGS = 8
 _RAMP = 0.6  # … of f, over which a cell of the plain mesh becomes active
 _FAR = 1e3  # of f: further does not count
 _ONSET = 0.9  # quality at which a cell resists …
-_LARGE, _LATE_ONSET = 30_000, 0.7  # … and in a mesh of more nodes: fewer are free there, or a step takes seconds
+_LARGE, _LATE_ONSET = 30_000, 0.5  # … and in a mesh of more nodes: fewer are free there, or a step takes seconds
 _ANGLE = 0.5  # b; more keeps the angles of quads better and makes the smallest size-skew lower, by 0.03 at 1
+_CHUNK = 1 << 19  # corners whose neighbours are counted together: a few hundred megabytes
 _PINNED = 1e-8  # σ below which a node keeps its plain position
 _TOLERANCE = 1e-9  # largest Newton step of a node, as a share of the mesh's extent
 _ITERATIONS = 40
@@ -382,11 +383,15 @@ class SmoothMotion:
     @cached_property
     def _averages(self) -> csr_matrix:
         """(n, n): the mean over a node's neighbours, as often as they share a corner."""
-        nodes, n = self._alike[self._all.nodes], len(self.reference)
-        k = nodes.shape[1]
-        first, second = (np.repeat(nodes, k, axis=1).ravel(), np.tile(nodes, (1, k)).ravel())
-        apart = first != second
-        pairs = coo_matrix((np.ones(np.count_nonzero(apart)), (first[apart], second[apart])), shape=(n, n)).tocsr()
+        n = len(self.reference)
+        pairs = csr_matrix((n, n))
+        for first in range(0, len(self._all), _CHUNK):
+            nodes = self._alike[self._all.nodes[first : first + _CHUNK]].astype(np.int32)
+            k = nodes.shape[1]
+            one, other = np.repeat(nodes, k, axis=1).ravel(), np.tile(nodes, (1, k)).ravel()
+            apart = one != other
+            ones = np.ones(np.count_nonzero(apart))
+            pairs = pairs + coo_matrix((ones, (one[apart], other[apart])), shape=(n, n)).tocsr()
         pairs.data /= np.repeat(np.asarray(pairs.sum(axis=1)).ravel(), np.diff(pairs.indptr))
         return pairs
 
