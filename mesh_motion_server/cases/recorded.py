@@ -11,7 +11,7 @@ from mesh_motion_server.session.history.events import read_events
 from mesh_motion_server.session.journal.files import read_ledger, read_stored_state
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal.ledger import Ledger
-from mesh_motion_server.session.journal.mesh_store import read_mesh
+from mesh_motion_server.session.journal.mesh_store import MESH, read_mesh
 from mesh_motion_server.session.partitions.merging import merge
 from mesh_motion_server.session.partitions.numbering import UploadView, upload_view
 from mesh_motion_server.session.spec import StoredSpec, spec_bytes
@@ -82,7 +82,7 @@ def read_recorded(folder: Path) -> Recorded:
     return Recorded(
         folder=folder,
         spec=spec,
-        mesh=upload_view(merge(read_mesh(folder / "mesh.bin", files, ledger.foundation.mesh))),
+        mesh=upload_view(merge(read_mesh(folder / MESH, files, ledger.foundation.mesh))),
         log=log,
         columns=columns,
         digests=digests,

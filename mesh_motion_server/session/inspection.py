@@ -13,7 +13,7 @@ from mesh_motion_server.absence import is_missing
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.journal.files import MANIFEST, NEXT_MANIFEST, SLOTS, read_journal, verify_state
 from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileSystem
-from mesh_motion_server.session.journal.mesh_store import read_mesh
+from mesh_motion_server.session.journal.mesh_store import MESH, read_mesh
 from mesh_motion_server.session.journal.recovery import Findings
 from mesh_motion_server.session.spec import SPEC, StoredSpec, check_digest, spec_bytes
 from mesh_motion_server.session.unbuilt import UNBUILT, never_built
@@ -85,7 +85,7 @@ def inspect_session(folder: Path | str) -> Inspection:
     if found is not None:
         foundation = found.ledger.foundation
         checks += [
-            _check("mesh", lambda: read_mesh(path / "mesh.bin", files, foundation.mesh)),
+            _check("mesh", lambda: read_mesh(path / MESH, files, foundation.mesh)),
             _check("state", lambda: verify_state(path, files, found.ledger)),
         ]
     last = found.ledger.commits[-1] if found is not None and found.ledger.commits else None

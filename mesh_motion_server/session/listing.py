@@ -12,9 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
+from mesh_motion_server.absence import is_missing
 from mesh_motion_server.errors import JournalError, MeshMotionError
-from mesh_motion_server.session.journal.files import MANIFEST, read_ledger
+from mesh_motion_server.session.journal.files import MANIFEST, SLOTS, read_ledger
 from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, unreadable
+from mesh_motion_server.session.journal.mesh_store import MESH
 from mesh_motion_server.session.spec import SPEC, StoredSpec, check_digest
 from mesh_motion_server.session.state import State
 
@@ -159,12 +161,23 @@ class Listing:
             return ""
         return "" if isinstance(spec, JournalError) else spec.owner
 
+    def _require_files(self, folder: Path) -> None:
+        """Raise if a file that every session has is not there; what it contains is for RESUME and inspect."""
+        for name in (MESH, *SLOTS):
+            try:
+                lost = is_missing(folder / name)
+            except OSError as error:
+                raise unreadable(name, error) from error
+            if lost:
+                raise JournalError(f"{name} is missing", hint="restore the session's folder from a backup")
+
     def describe(self, folder: Path) -> StoredSession:
-        """Describe a session at rest; of its journal only the manifest's chain is read, and only once."""
+        """Describe a session at rest; of its files only the manifest's chain is read, and only once."""
         owner = self.owner(folder)
         try:
             step, digest = self._journal(folder)
             spec = self._checked_spec(folder, digest)
+            self._require_files(folder)
         except MeshMotionError as error:
             state = UNREADABLE if error.code == "RESOURCE_EXHAUSTED.DISK" else State.FAILED
             return StoredSession(folder.name, "", 0, 0, 0, state, owner)

@@ -39,14 +39,14 @@ from mesh_motion_server.session.journal.filesystem import (
 )
 from mesh_motion_server.session.journal.journal import Journal, record_area
 from mesh_motion_server.session.journal.ledger import Foundation
-from mesh_motion_server.session.journal.mesh_store import read_mesh, write_mesh
+from mesh_motion_server.session.journal.mesh_store import MESH, read_mesh, write_mesh
 from mesh_motion_server.session.listing import UNREADABLE, Listing, Remembered, StoredSession
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from mesh_motion_server.session.spec import SPEC, SessionSpec, StoredSpec, check_digest
 from mesh_motion_server.session.unbuilt import UNBUILT, mark_built, never_built
 
 __all__ = ["SessionFolder", "SessionStore", "StoredSession"]
-_MESH, _LOCK = "mesh.bin", "lock"
+_LOCK = "lock"
 #: A mesh with at least this many bytes of coordinates is written in a thread.
 _LARGE_MESH = 4 << 20
 _SESSION_ID = re.compile(r"[0-9a-f]{32}")
@@ -70,7 +70,7 @@ class SessionFolder:
         if sum(partition.points.nbytes for partition in partitions) < _LARGE_MESH:
             yield
             return
-        self._mesh = Beside(partial(write_mesh, self.path / _MESH, self._files, partitions))
+        self._mesh = Beside(partial(write_mesh, self.path / MESH, self._files, partitions))
         try:
             yield
         except BaseException:
@@ -103,7 +103,7 @@ class SessionFolder:
             foundation = Foundation(
                 session=self.spec.session,
                 spec=hashlib.sha256(self._raw_spec).digest(),
-                mesh=mesh.result() if mesh else write_mesh(self.path / _MESH, self._files, partitions),
+                mesh=mesh.result() if mesh else write_mesh(self.path / MESH, self._files, partitions),
                 nodes=nodes,
                 dimension=dimension,
                 record_area=record_area(len(partitions), KEPT_COMMITS if level == "relaxed" else 1),
@@ -127,7 +127,7 @@ class SessionFolder:
         """Remove what a failed BUILD left, to free its space; with a manifest it may be whole, and stays."""
         with contextlib.suppress(OSError):
             if not self._files.exists(self.path / MANIFEST):
-                for name in (_MESH, *SLOTS, FIRST_MANIFEST):
+                for name in (MESH, *SLOTS, FIRST_MANIFEST):
                     self._files.remove(self.path / name)
 
     def load(self) -> tuple[Journal, list[PartitionMesh]]:
@@ -142,7 +142,7 @@ class SessionFolder:
         foundation = journal.ledger.foundation
         try:
             check_digest(self._raw_spec, foundation.spec)
-            mesh = read_mesh(self.path / _MESH, self._files, foundation.mesh)
+            mesh = read_mesh(self.path / MESH, self._files, foundation.mesh)
             mark_built(self._files, self.path)  # a crash may have kept BUILD from it
             return journal, mesh
         except OSError as error:

@@ -134,6 +134,13 @@ def test_what_has_changed_is_read_again(five: SessionStore, reads: list[str], mo
     assert reads == ["f" * 32]
 
 
+@pytest.mark.parametrize("name", ["mesh.bin", "slot-0", "slot-1"])
+def test_a_session_that_lost_a_file_is_not_ready(five: SessionStore, name: str) -> None:
+    (five.root / "sessions" / SESSION / name).unlink()
+    states = {found.session: found.state for found in five.sessions()}
+    assert states == dict.fromkeys(OTHERS, "READY") | {SESSION: "FAILED"}
+
+
 def test_what_may_still_change_unseen_is_not_remembered(five: SessionStore, reads: list[str]) -> None:
     """Within the tick of a file system's clock two changes bear the same time."""
     five.sessions()

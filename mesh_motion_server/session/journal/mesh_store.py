@@ -26,7 +26,10 @@ from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.journal.filesystem import FileSystem, unreadable, write_all
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 
-__all__ = ["read_mesh", "write_mesh"]
+__all__ = ["MESH", "read_mesh", "write_mesh"]
+
+MESH = "mesh.bin"
+"""The file's name in a session's folder."""
 
 _MAGIC = b"MMMESH\x01\n"
 _LENGTH = struct.Struct("<Q")

@@ -6,6 +6,7 @@ from pathlib import Path
 import matplotlib.figure  # noqa: F401  (loaded with this module, so that the time of a picture is the drawing's)
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.session.journal.mesh_store import MESH
 from mesh_motion_server.watch.pictures.before_after import draw_after
 from mesh_motion_server.watch.pictures.meshes import read_pair
 from mesh_motion_server.watch.pictures.page import Page, styled
@@ -28,7 +29,7 @@ def draw(session_folder: Path, *, dark: bool) -> bytes:
     JournalError
         If the files do not verify.
     """
-    mesh = session_folder / "mesh.bin"
+    mesh = session_folder / MESH
     if mesh.exists() and mesh.stat().st_size > _MESH_BYTES:
         raise InvalidInput("the mesh is too large to be drawn here")
     page, file = Page(_WIDTH_MM, theme=DARK if dark else LIGHT, dpi=_DPI), BytesIO()

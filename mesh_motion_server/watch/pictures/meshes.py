@@ -16,6 +16,7 @@ from mesh_motion_server.numerics.quality.metrics import cell_quality
 from mesh_motion_server.numerics.quality.orientation import oriented_at_rest
 from mesh_motion_server.session.journal.files import read_ledger, read_stored_state
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
+from mesh_motion_server.session.journal.mesh_store import MESH
 from mesh_motion_server.session.journal.mesh_store import read_mesh as read_stored_mesh
 from mesh_motion_server.session.partitions.merging import merge
 from mesh_motion_server.session.spec import StoredSpec, spec_bytes
@@ -103,7 +104,7 @@ def _recorded_pair(folder: Path, metric: str | None, first: int | None, last: in
     """The uploaded mesh of a stored session, and its last stored state; other steps are not stored."""
     spec, files = StoredSpec.from_bytes(spec_bytes(folder)), PosixFileSystem()
     spec.require_cells()
-    mesh = merge(read_stored_mesh(folder / "mesh.bin", files, read_ledger(folder, files).foundation.mesh))
+    mesh = merge(read_stored_mesh(folder / MESH, files, read_ledger(folder, files).foundation.mesh))
     step, points = 0, mesh.points.copy()
     if (stored := _stored_state(folder, files)) is not None:
         step, points[mesh.id_order] = stored
