@@ -17,6 +17,7 @@ from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.files import read_mesh
 from mesh_motion_server.numerics.correction import smooth_motion
 from mesh_motion_server.numerics.correction.smooth_motion import Law, Smoothed, SmoothMotion
+from mesh_motion_server.numerics.correction.smooth_region import SmoothRegion
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
@@ -198,7 +199,7 @@ def test_gradient_and_hessian_are_those_of_the_energy(kind: str) -> None:
         np.testing.assert_allclose((after - before).ravel() / (2 * size), change, atol=1e-5 * np.abs(change).max())
 
 
-def shaken(kind: str) -> tuple[SmoothMotion, smooth_motion._Region, np.ndarray, np.ndarray]:
+def shaken(kind: str) -> tuple[SmoothMotion, SmoothRegion, np.ndarray, np.ndarray]:
     """A mesh with all of its interior free, its region, and local positions (l, d): shaken ones and plain ones."""
     mesh = line_mesh() if kind == "line" else box_mesh(kind, 5)
     law = Law(onset=0.02, stiffness=6.0)  # the function is so steep that differences of it would say little

@@ -35,11 +35,10 @@ from functools import cached_property
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint, RegionConstraint
+from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint
 from mesh_motion_server.numerics.correction.distortion import (
     CornerSimplices,
     PNorm,
@@ -48,15 +47,14 @@ from mesh_motion_server.numerics.correction.distortion import (
     corner_simplices,
     distortion_gradient,
 )
-from mesh_motion_server.numerics.correction.free_region import FreeRegion, NodeAdjacency, free_region
+from mesh_motion_server.numerics.correction.free_region import free_region
+from mesh_motion_server.numerics.correction.smooth_region import SmoothRegion
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import CellsAtRest, cells_at_rest
 from mesh_motion_server.numerics.stopwatch import check_time
 
 __all__ = ["Law", "SmoothMotion", "Smoothed"]
 
-PENALTY = 4.0  # a
-LENGTH = 10.0  # l, in cells
 RINGS = 8
 _RAMP = 0.6  # … of f, over which a cell of the plain mesh becomes active
 _FAR = 1e3  # of f: further does not count
@@ -68,8 +66,6 @@ _PINNED = 1e-8  # σ below which a node keeps its plain position
 _TOLERANCE = 1e-9  # largest Newton step of a node, as a share of the mesh's extent
 _ITERATIONS = 40
 _ARMIJO, _HALVINGS = 1e-4, 40
-_DIRECT_UNKNOWNS = {1: 100_000, 2: 100_000, 3: 6_000}  # a larger factorization is slower than conjugate gradients
-_CG = 0.03, 600
 
 
 @dataclass(frozen=True)
@@ -130,140 +126,6 @@ class Smoothed:
 
 
 @dataclass(eq=False)
-class _Corners:
-    """The corners of some cells, with what the penalty needs of them.
-
-    Attributes
-    ----------
-    simplices : CornerSimplices
-        As f measures them.
-    weights : (c,) array
-        w_c.
-    gradient : (c, d + 1, d + 1) array, 1 / length²
-        w_c times the products of the nodes' shape functions' gradients in the reference mesh.
-    mass : (c,) array, 1 / length²
-        w_c / ((d + 1) (l h_c)²): a node's share.
-    """
-
-    simplices: CornerSimplices
-    weights: Floats
-    gradient: Floats
-    mass: Floats
-
-    @classmethod
-    def of(cls, simplices: CornerSimplices, reference: Floats, weights: Floats) -> _Corners:
-        """Of simplices with their nodes at ``reference`` (n, d) at rest."""
-        edges = reference[simplices.nodes[:, 1:]] - reference[simplices.nodes[:, :1]]
-        inverse = np.swapaxes(np.linalg.inv(edges), 1, 2)  # (c, d, d): rows are the gradients of the edges' nodes
-        gradients = np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
-        size = np.abs(np.linalg.det(edges)) ** (2 / simplices.dimension)
-        return cls(
-            simplices,
-            weights,
-            np.einsum("c,cai,cbi->cab", weights, gradients, gradients),
-            weights / (size * LENGTH**2 * (simplices.dimension + 1)),
-        )
-
-
-@dataclass(eq=False)
-class _Region:
-    """Free nodes, and the penalty's matrix K, one number for each block of the Hessian's pattern.
-
-    Attributes
-    ----------
-    free : FreeRegion
-    constraint : RegionConstraint or None
-        Of its free nodes that slide or move alike.
-    elimination : tuple of three arrays, or None
-        Order and pattern of the Newton systems' factor; None where conjugate gradients are faster.
-    corners : _Corners
-        In its local numbers.
-    gradient : (b,) array, 1 / length²
-    mass : (f,) array, 1 / length²
-        Of the free nodes, for σ = 1.
-    """
-
-    free: FreeRegion
-    constraint: RegionConstraint | None
-    elimination: tuple[Integers, Integers, Integers] | None
-    corners: _Corners
-    gradient: Floats
-    mass: Floats
-    penalty: Floats = field(default_factory=lambda: np.empty(0))
-
-    @classmethod
-    def build(cls, free: FreeRegion, constraint: RegionConstraint | None, reference: Floats) -> _Region:
-        """Of a region of the mesh with its nodes at ``reference`` (n, d) at rest."""
-        corners = _Corners.of(free.simplices, reference[free.nodes], _corner_weights(free))
-        adjacency, d = free.adjacency, free.simplices.dimension
-        corner, place = np.divmod(adjacency.entries, d + 1)
-        here = adjacency.slots >= 0
-        rows = corners.gradient[corner, place][here]
-        gradient = _sums(adjacency.slots[here], rows, len(adjacency.columns))
-        node = np.repeat(np.arange(free.n_free), np.diff(adjacency.starts))
-        mass = _sums(node, corners.mass[corner], free.n_free)
-        unknowns, places = adjacency, reference[free.free]
-        if constraint is not None:
-            unknowns, places = constraint.links.adjacency, places[constraint.links.roots]
-        direct = places.size <= _DIRECT_UNKNOWNS[d]
-        elimination = kernels.elimination(unknowns.row_starts, unknowns.columns, places) if direct else None
-        return cls(free, constraint, elimination, corners, gradient, mass)
-
-    def with_activation(self, sigma: Floats) -> _Region:
-        """The same with the penalty for σ (n,) of all nodes."""
-        penalty = self.gradient.copy()
-        penalty[self.free.adjacency.row_starts[:-1]] += self.mass / sigma[self.free.free]
-        return replace(self, penalty=PENALTY * penalty)
-
-    def step(self, points: Floats, hessian: Floats, right: Floats) -> Floats:
-        """The step (f, d) of H (b, d, d) dx = right (f, d) that nodes at local positions (l, d) can take.
-
-        Raises
-        ------
-        ArithmeticError
-            If H is factorized and not positive definite.
-        """
-        if self.constraint is None:
-            return self._solved(self.free.adjacency, hessian, right)
-        return self.constraint.step(points, hessian, right, self._solved)
-
-    def _solved(self, adjacency: NodeAdjacency, hessian: Floats, right: Floats) -> Floats:
-        step, pattern = np.empty_like(right), (adjacency.row_starts, adjacency.columns)
-        if self.elimination is None:
-            kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *_CG, step)
-        elif not kernels.block_cholesky_solve(*pattern, hessian, *self.elimination, right, step):
-            raise ArithmeticError("the matrix is not positive definite")
-        return step
-
-    def admitted(self, points: Floats) -> Floats:
-        """The local positions (l, d) put back onto walls, images alike: rounding does not add up."""
-        return points if self.constraint is None else self.constraint.placed(points)
-
-    @cached_property
-    def blocks(self) -> Floats:
-        """K (b, d, d)."""
-        d = self.free.simplices.dimension
-        return np.ascontiguousarray(self.penalty[:, None, None] * np.eye(d))
-
-    def pull(self, offset: Floats) -> tuple[float, Floats]:
-        """½ vᵀ K v and K v (f, d) of the free nodes' v (f, d)."""
-        product = np.empty_like(offset)
-        pattern = self.free.adjacency.row_starts, self.free.adjacency.columns
-        return 0.5 * kernels.block_product(*pattern, self.blocks, np.ascontiguousarray(offset), product), product
-
-
-def _sums(places: NDArray[np.integer], values: Floats, count: int) -> Floats:
-    """The sum (count,) of the values (e,) at each of their places (e,)."""
-    return np.bincount(places, weights=values, minlength=count).astype(np.float64, copy=False)
-
-
-def _corner_weights(free: FreeRegion) -> Floats:
-    """w_c of the corners of a region's cells."""
-    counts = [(len(block), len(block.type.corners)) for block in free.cells]
-    return np.concatenate([np.full(cells * corners, 1.0 / corners) for cells, corners in counts])
-
-
-@dataclass(eq=False)
 class SmoothMotion:
     """The correction of one mesh; its result depends on the plain motion only.
 
@@ -282,7 +144,7 @@ class SmoothMotion:
     held: Marks
     law: Law = field(default_factory=Law)
     constraint: BoundaryConstraint | None = None
-    _last: tuple[bytes, _Region] | None = None  # of the latest free nodes: the next step's are often the same
+    _last: tuple[bytes, SmoothRegion] | None = None  # of the latest free nodes: the next step's are often the same
 
     @classmethod
     def build(
@@ -344,7 +206,7 @@ class SmoothMotion:
 
     # --- region ------------------------------------------------------------------------------------------------------
 
-    def _region(self, plain: Floats) -> _Region | None:
+    def _region(self, plain: Floats) -> SmoothRegion | None:
         """The free nodes with their penalty; None if no cell of the plain mesh resists."""
         distortion = corner_distortions(plain, self._all, self.law.norm)
         x = np.clip((np.minimum(distortion, _FAR) - self.law.onset) / _RAMP, 0.0, 1.0)
@@ -360,7 +222,7 @@ class SmoothMotion:
             free = free_region(self.reference, self.cells, self._at_rest, marked)
             simplices = self._with_angles(free.simplices, free.cells, self.reference[free.nodes])
             constraint = None if self.constraint is None else self.constraint.of(free)
-            self._last = key, _Region.build(replace(free, simplices=simplices), constraint, self.reference)
+            self._last = key, SmoothRegion.build(replace(free, simplices=simplices), constraint, self.reference)
         return self._last[1].with_activation(sigma)
 
     def _activation(self, active: Integers, x: Floats, n_nodes: int) -> Floats:
@@ -397,7 +259,7 @@ class SmoothMotion:
 
     # --- minimum -----------------------------------------------------------------------------------------------------
 
-    def _descend(self, points: Floats, rest: Floats, region: _Region) -> Smoothed:
+    def _descend(self, points: Floats, rest: Floats, region: SmoothRegion) -> Smoothed:
         """Newton's iterations."""
         n, tolerance = region.free.n_free, _TOLERANCE * self._extent
         energy, distortion = self._energy(points, rest, region)
@@ -433,7 +295,7 @@ class SmoothMotion:
         return Smoothed(points, n, _ITERATIONS, False, residual)
 
     def _step(
-        self, points: Floats, rest: Floats, region: _Region, distortion: Floats, *, exact: bool
+        self, points: Floats, rest: Floats, region: SmoothRegion, distortion: Floats, *, exact: bool
     ) -> tuple[Floats, float, bool]:
         """Newton's step (f, d), the slope along it, and whether the exact Hessian leads down and gave it."""
         for kind in (True, False) if exact else (False,):
@@ -449,11 +311,11 @@ class SmoothMotion:
                 break
         return step, slope, kind
 
-    def _distortions(self, points: Floats, region: _Region) -> Floats:
+    def _distortions(self, points: Floats, region: SmoothRegion) -> Floats:
         """f (c,) of the region's corners with local positions (l, d)."""
         return corner_distortions(points, region.free.simplices, self.law.norm)
 
-    def _energy(self, points: Floats, rest: Floats, region: _Region) -> tuple[float, Floats]:
+    def _energy(self, points: Floats, rest: Floats, region: SmoothRegion) -> tuple[float, Floats]:
         """The function to minimise at the local positions (l, d), and the corners' distortions."""
         distortion, n = self._distortions(points, region), region.free.n_free
         if not np.isfinite(distortion).all():
@@ -463,7 +325,7 @@ class SmoothMotion:
         return resistance + region.pull(points[:n] - rest[:n])[0], distortion
 
     def _model(
-        self, points: Floats, rest: Floats, region: _Region, distortion: Floats, *, exact: bool
+        self, points: Floats, rest: Floats, region: SmoothRegion, distortion: Floats, *, exact: bool
     ) -> tuple[Floats, Floats]:
         """Gradient (f, d) and Hessian (b, d, d) in the region's pattern."""
         n, d, adjacency = region.free.n_free, points.shape[1], region.free.adjacency

@@ -1,0 +1,159 @@
+"""The free nodes of a smooth motion: what its penalty needs of them, and the solution of their Newton systems.
+
+The function that is minimised is in :mod:`.smooth_motion`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.correction.boundary_constraint import RegionConstraint
+from mesh_motion_server.numerics.correction.distortion import CornerSimplices
+from mesh_motion_server.numerics.correction.free_region import FreeRegion, NodeAdjacency
+
+__all__ = ["SmoothRegion"]
+
+PENALTY = 4.0  # a
+LENGTH = 10.0  # l, in cells
+_DIRECT_UNKNOWNS = {1: 100_000, 2: 100_000, 3: 6_000}  # a larger factorization is slower than conjugate gradients
+_CG = 0.03, 600
+
+
+@dataclass(eq=False)
+class _Corners:
+    """The corners of some cells, with what the penalty needs of them.
+
+    Attributes
+    ----------
+    simplices : CornerSimplices
+        As f measures them.
+    weights : (c,) array
+        w_c.
+    gradient : (c, d + 1, d + 1) array, 1 / length²
+        w_c times the products of the nodes' shape functions' gradients in the reference mesh.
+    mass : (c,) array, 1 / length²
+        w_c / ((d + 1) (l h_c)²): a node's share.
+    """
+
+    simplices: CornerSimplices
+    weights: Floats
+    gradient: Floats
+    mass: Floats
+
+    @classmethod
+    def of(cls, simplices: CornerSimplices, reference: Floats, weights: Floats) -> _Corners:
+        """Of simplices with their nodes at ``reference`` (n, d) at rest."""
+        edges = reference[simplices.nodes[:, 1:]] - reference[simplices.nodes[:, :1]]
+        inverse = np.swapaxes(np.linalg.inv(edges), 1, 2)  # (c, d, d): rows are the gradients of the edges' nodes
+        gradients = np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
+        size = np.abs(np.linalg.det(edges)) ** (2 / simplices.dimension)
+        return cls(
+            simplices,
+            weights,
+            np.einsum("c,cai,cbi->cab", weights, gradients, gradients),
+            weights / (size * LENGTH**2 * (simplices.dimension + 1)),
+        )
+
+
+@dataclass(eq=False)
+class SmoothRegion:
+    """Free nodes, and the penalty's matrix K, one number for each block of the Hessian's pattern.
+
+    Attributes
+    ----------
+    free : FreeRegion
+    constraint : RegionConstraint or None
+        Of its free nodes that slide or move alike.
+    elimination : tuple of three arrays, or None
+        Order and pattern of the Newton systems' factor; None where conjugate gradients are faster.
+    corners : _Corners
+        In its local numbers.
+    gradient : (b,) array, 1 / length²
+    mass : (f,) array, 1 / length²
+        Of the free nodes, for σ = 1.
+    """
+
+    free: FreeRegion
+    constraint: RegionConstraint | None
+    elimination: tuple[Integers, Integers, Integers] | None
+    corners: _Corners
+    gradient: Floats
+    mass: Floats
+    penalty: Floats = field(default_factory=lambda: np.empty(0))
+
+    @classmethod
+    def build(cls, free: FreeRegion, constraint: RegionConstraint | None, reference: Floats) -> SmoothRegion:
+        """Of a region of the mesh with its nodes at ``reference`` (n, d) at rest."""
+        corners = _Corners.of(free.simplices, reference[free.nodes], _corner_weights(free))
+        adjacency, d = free.adjacency, free.simplices.dimension
+        corner, place = np.divmod(adjacency.entries, d + 1)
+        here = adjacency.slots >= 0
+        rows = corners.gradient[corner, place][here]
+        gradient = _sums(adjacency.slots[here], rows, len(adjacency.columns))
+        node = np.repeat(np.arange(free.n_free), np.diff(adjacency.starts))
+        mass = _sums(node, corners.mass[corner], free.n_free)
+        unknowns, places = adjacency, reference[free.free]
+        if constraint is not None:
+            unknowns, places = constraint.links.adjacency, places[constraint.links.roots]
+        direct = places.size <= _DIRECT_UNKNOWNS[d]
+        elimination = kernels.elimination(unknowns.row_starts, unknowns.columns, places) if direct else None
+        return cls(free, constraint, elimination, corners, gradient, mass)
+
+    def with_activation(self, sigma: Floats) -> SmoothRegion:
+        """The same with the penalty for σ (n,) of all nodes."""
+        penalty = self.gradient.copy()
+        penalty[self.free.adjacency.row_starts[:-1]] += self.mass / sigma[self.free.free]
+        return replace(self, penalty=PENALTY * penalty)
+
+    def step(self, points: Floats, hessian: Floats, right: Floats) -> Floats:
+        """The step (f, d) of H (b, d, d) dx = right (f, d) that nodes at local positions (l, d) can take.
+
+        Raises
+        ------
+        ArithmeticError
+            If H is factorized and not positive definite.
+        """
+        if self.constraint is None:
+            return self._solved(self.free.adjacency, hessian, right)
+        return self.constraint.step(points, hessian, right, self._solved)
+
+    def _solved(self, adjacency: NodeAdjacency, hessian: Floats, right: Floats) -> Floats:
+        step, pattern = np.empty_like(right), (adjacency.row_starts, adjacency.columns)
+        if self.elimination is None:
+            kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *_CG, step)
+        elif not kernels.block_cholesky_solve(*pattern, hessian, *self.elimination, right, step):
+            raise ArithmeticError("the matrix is not positive definite")
+        return step
+
+    def admitted(self, points: Floats) -> Floats:
+        """The local positions (l, d) put back onto walls, images alike: rounding does not add up."""
+        return points if self.constraint is None else self.constraint.placed(points)
+
+    @cached_property
+    def blocks(self) -> Floats:
+        """K (b, d, d)."""
+        d = self.free.simplices.dimension
+        return np.ascontiguousarray(self.penalty[:, None, None] * np.eye(d))
+
+    def pull(self, offset: Floats) -> tuple[float, Floats]:
+        """½ vᵀ K v and K v (f, d) of the free nodes' v (f, d)."""
+        product = np.empty_like(offset)
+        pattern = self.free.adjacency.row_starts, self.free.adjacency.columns
+        return 0.5 * kernels.block_product(*pattern, self.blocks, np.ascontiguousarray(offset), product), product
+
+
+def _sums(places: NDArray[np.integer], values: Floats, count: int) -> Floats:
+    """The sum (count,) of the values (e,) at each of their places (e,)."""
+    return np.bincount(places, weights=values, minlength=count).astype(np.float64, copy=False)
+
+
+def _corner_weights(free: FreeRegion) -> Floats:
+    """w_c of the corners of a region's cells."""
+    counts = [(len(block), len(block.type.corners)) for block in free.cells]
+    return np.concatenate([np.full(cells * corners, 1.0 / corners) for cells, corners in counts])
