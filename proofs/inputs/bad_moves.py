@@ -116,7 +116,7 @@ def _crossed(_: Draft) -> Any:
 def _disagreeing(draft: Draft, rng: Rng) -> Names:
     """The second partition moves a node that both have a little further."""
     row = int(rng.integers(len(draft.displacement[1].values)))
-    draft.displacement[1].values[row, 1] += 1e-9
+    draft.displacement[1].values[row, 1] += 1e-7
     return {"global_id": (5, 10, 15, 20)[row], "partitions": [0, 1]}
 
 
