@@ -321,7 +321,7 @@ class SmoothMotion:
         if not np.isfinite(distortion).all():
             return math.inf, distortion
         active = np.flatnonzero(distortion > self.law.onset)
-        resistance = float(region.corners.weights[active] @ self.law.resistance(distortion[active])[0])
+        resistance = float(region.weights[active] @ self.law.resistance(distortion[active])[0])
         return resistance + region.pull(points[:n] - rest[:n])[0], distortion
 
     def _model(
@@ -331,7 +331,7 @@ class SmoothMotion:
         n, d, adjacency = region.free.n_free, points.shape[1], region.free.adjacency
         active = np.flatnonzero(distortion > self.law.onset)
         _, slope, bend = self.law.resistance(distortion[active])
-        weights = region.corners.weights[active]
+        weights = region.weights[active]
         simplices = region.free.simplices.of(active)
         shares = np.zeros((len(distortion), d + 1, d))
         shares[active] = distortion_gradient(points, simplices, weights * slope, self.law.norm)

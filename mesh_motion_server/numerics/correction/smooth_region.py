@@ -26,42 +26,6 @@ _CG = 0.03, 600
 
 
 @dataclass(eq=False)
-class _Corners:
-    """The corners of some cells, with what the penalty needs of them.
-
-    Attributes
-    ----------
-    simplices : CornerSimplices
-        As f measures them.
-    weights : (c,) array
-        w_c.
-    gradient : (c, d + 1, d + 1) array, 1 / length²
-        w_c times the products of the nodes' shape functions' gradients in the reference mesh.
-    mass : (c,) array, 1 / length²
-        w_c / ((d + 1) (l h_c)²): a node's share.
-    """
-
-    simplices: CornerSimplices
-    weights: Floats
-    gradient: Floats
-    mass: Floats
-
-    @classmethod
-    def of(cls, simplices: CornerSimplices, reference: Floats, weights: Floats) -> _Corners:
-        """Of simplices with their nodes at ``reference`` (n, d) at rest."""
-        edges = reference[simplices.nodes[:, 1:]] - reference[simplices.nodes[:, :1]]
-        inverse = np.swapaxes(np.linalg.inv(edges), 1, 2)  # (c, d, d): rows are the gradients of the edges' nodes
-        gradients = np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
-        size = np.abs(np.linalg.det(edges)) ** (2 / simplices.dimension)
-        return cls(
-            simplices,
-            weights,
-            np.einsum("c,cai,cbi->cab", weights, gradients, gradients),
-            weights / (size * LENGTH**2 * (simplices.dimension + 1)),
-        )
-
-
-@dataclass(eq=False)
 class SmoothRegion:
     """Free nodes, and the penalty's matrix K, one number for each block of the Hessian's pattern.
 
@@ -72,8 +36,8 @@ class SmoothRegion:
         Of its free nodes that slide or move alike.
     elimination : tuple of three arrays, or None
         Order and pattern of the Newton systems' factor; None where conjugate gradients are faster.
-    corners : _Corners
-        In its local numbers.
+    weights : (c,) array
+        w_c of its corners.
     gradient : (b,) array, 1 / length²
     mass : (f,) array, 1 / length²
         Of the free nodes, for σ = 1.
@@ -82,7 +46,7 @@ class SmoothRegion:
     free: FreeRegion
     constraint: RegionConstraint | None
     elimination: tuple[Integers, Integers, Integers] | None
-    corners: _Corners
+    weights: Floats
     gradient: Floats
     mass: Floats
     penalty: Floats = field(default_factory=lambda: np.empty(0))
@@ -90,20 +54,21 @@ class SmoothRegion:
     @classmethod
     def build(cls, free: FreeRegion, constraint: RegionConstraint | None, reference: Floats) -> SmoothRegion:
         """Of a region of the mesh with its nodes at ``reference`` (n, d) at rest."""
-        corners = _Corners.of(free.simplices, reference[free.nodes], _corner_weights(free))
+        weights = _corner_weights(free)
+        of_corners, shares = _penalty_of(free.simplices, reference[free.nodes], weights)
         adjacency, d = free.adjacency, free.simplices.dimension
         corner, place = np.divmod(adjacency.entries, d + 1)
         here = adjacency.slots >= 0
-        rows = corners.gradient[corner, place][here]
+        rows = of_corners[corner, place][here]
         gradient = _sums(adjacency.slots[here], rows, len(adjacency.columns))
         node = np.repeat(np.arange(free.n_free), np.diff(adjacency.starts))
-        mass = _sums(node, corners.mass[corner], free.n_free)
+        mass = _sums(node, shares[corner], free.n_free)
         unknowns, places = adjacency, reference[free.free]
         if constraint is not None:
             unknowns, places = constraint.links.adjacency, places[constraint.links.roots]
         direct = places.size <= _DIRECT_UNKNOWNS[d]
         elimination = kernels.elimination(unknowns.row_starts, unknowns.columns, places) if direct else None
-        return cls(free, constraint, elimination, corners, gradient, mass)
+        return cls(free, constraint, elimination, weights, gradient, mass)
 
     def with_activation(self, sigma: Floats) -> SmoothRegion:
         """The same with the penalty for σ (n,) of all nodes."""
@@ -151,6 +116,20 @@ class SmoothRegion:
 def _sums(places: NDArray[np.integer], values: Floats, count: int) -> Floats:
     """The sum (count,) of the values (e,) at each of their places (e,)."""
     return np.bincount(places, weights=values, minlength=count).astype(np.float64, copy=False)
+
+
+def _penalty_of(simplices: CornerSimplices, reference: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """The corners' parts of the penalty's matrix, 1 / length², with their nodes at ``reference`` (n, d) at rest.
+
+    w_c times the products of the nodes' shape functions' gradients (c, d + 1, d + 1), and each node's share
+    w_c / ((d + 1) (l h_c)²) of the mass (c,).
+    """
+    edges = reference[simplices.nodes[:, 1:]] - reference[simplices.nodes[:, :1]]
+    inverse = np.swapaxes(np.linalg.inv(edges), 1, 2)  # (c, d, d): rows are the gradients of the edges' nodes
+    gradients = np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
+    size = np.abs(np.linalg.det(edges)) ** (2 / simplices.dimension)
+    matrices = np.einsum("c,cai,cbi->cab", weights, gradients, gradients)
+    return matrices, weights / (size * LENGTH**2 * (simplices.dimension + 1))
 
 
 def _corner_weights(free: FreeRegion) -> Floats:

@@ -72,7 +72,7 @@ PlainWay = Callable[[float], Floats]
 
 
 def follow(correction: SmoothMotion, committed: Floats, plain_before: Floats, way: PlainWay, most: int) -> Followed:
-    """Lead the committed mesh along a way, in about as many iterations at ``most``.
+    """Lead the committed mesh along a way, in hardly more than ``most`` iterations.
 
     A part is halved where the iterations cannot begin or do not end soon.
     """
