@@ -36,8 +36,6 @@ def kratos_case(time_step: float) -> Case:
     return Case(
         no_slip=("walls", "cylinder"), slip=(), inflow=((rising, (0.0, _RAMP)), (parabola, (_RAMP, "End"))),
         time_step=time_step, tolerance=3e-5, scheme="bossak",  # with newmark accelerations alternate, until it fails
-        # a correction that sets in from one step to the next is a blow: the mesh's velocity is the fluid's at the flag
-        method={"displacement": "absolute", "correction": "smooth"},
     )  # fmt: skip
 
 
