@@ -30,6 +30,7 @@ Hessian loses its negative part. They end where the step is below :data:`_TOLERA
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -175,15 +176,16 @@ class SmoothMotion:
     def _extent(self) -> float:
         return float(np.ptp(self.reference, axis=0).max())
 
-    def correct(self, plain: Floats, start: Floats | None = None) -> Smoothed:
+    def correct(self, plain: Floats, start: Callable[[], Floats] | None = None) -> Smoothed:
         """The corrected motion.
 
         Parameters
         ----------
         plain : (n, d) array, mesh length unit
             y_plain.
-        start : (n, d) array, mesh length unit, optional
-            A mesh near the result, with the held nodes of ``plain``: the iterations begin there if it is better.
+        start : callable, optional
+            Makes a mesh (n, d) near the result, with the held nodes of ``plain``, if some cell resists: the iterations
+            begin there unless it is tangled.
 
         Returns
         -------
@@ -195,7 +197,7 @@ class SmoothMotion:
             return Smoothed(plain)
         nodes, n = region.free.nodes, region.free.n_free
         rest = plain[nodes]
-        starts = [rest] if start is None else [region.admitted(np.concatenate([start[nodes[:n]], rest[n:]])), rest]
+        starts = [rest] if start is None else [region.admitted(np.concatenate([start()[nodes[:n]], rest[n:]])), rest]
         begin = next((points for points in starts if np.isfinite(self._distortions(points, region).max())), None)
         if begin is None:
             return Smoothed(plain, n, 0, False, math.inf)

@@ -11,7 +11,7 @@ moves before a motion is accepted: an unacceptable motion raises an error with t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from mesh_motion_server.numerics.motion.boundary_layer_fallback import LayerAtte
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.motion_found import Motion
 from mesh_motion_server.numerics.motion.prepared_mesh import PreparedMesh
-from mesh_motion_server.numerics.motion.smooth_step import NOT_SMOOTH, smooth_step, unconverged
+from mesh_motion_server.numerics.motion.smooth_step import NOT_SMOOTH, LatestPlain, smooth_step, unconverged
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.motion.sub_steps import Leg, Walk, furthest_walk
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
@@ -93,6 +93,8 @@ class _Predicted:
 @dataclass(frozen=True, eq=False)
 class MotionModel(PreparedMesh):
     """A mesh that can be moved: :class:`PreparedMesh` and its motions."""
+
+    _latest: LatestPlain = field(default_factory=LatestPlain)
 
     def move(
         self,
@@ -181,7 +183,7 @@ class MotionModel(PreparedMesh):
         attempts = LayerAttempts(asked, self.method.quality_threshold)
         check_time()
         if asked is None:
-            plain = self._interpolate(step, None, watch)
+            plain = self._interpolate(step, self.motion_with(None), watch)
             attempts.layer = self._layer_for(plain)
             attempts.least = min(self.method.quality_threshold, _AS_GOOD * plain.quality.metric.min)
         if attempts.layer is not None:
@@ -190,7 +192,7 @@ class MotionModel(PreparedMesh):
         while not attempts.over:
             known = plain if attempts.layer is None else None
             try:
-                predicted = known or self._interpolate(step, attempts.layer, watch)  # and judged
+                predicted = known or self._interpolate(step, self.motion_with(attempts.layer), watch)  # and judged
                 correction = self._correct(step, predicted, watch)
                 quality = self._judge(predicted, correction, watch)
                 motion = self._accept(predicted, correction, quality, watch)
@@ -213,22 +215,21 @@ class MotionModel(PreparedMesh):
 
     def _smooth_attempt(self, step: _Step, smooth: SmoothMotion) -> Motion:
         """One step of the motion that is a smooth function of the boundary; layers move with their walls always."""
-        watch, layer = Stopwatch(), self.standard_motion.layer
+        watch = Stopwatch()
         check_time()
-        if layer is None and self.layered is not None:
-            layer = self.layered.layer
-        predicted = self._interpolate(step, layer, watch)
+        predicted = self._interpolate(step, self.carrying_layers, watch)
         plain, moving = predicted.trial.points, step.committed[self.roles.moving]
 
         def plain_at(targets: Floats) -> Floats:
             return predicted.motion.trial(step.committed, targets, predicted.factors, Stopwatch()).points
 
+        self._latest.at(step.targets, lambda: plain)
         with watch.phase("correct"), one_blas_thread():
-            resting = np.array_equal(step.committed, self.points)
-            before = self.points if resting else plain_at(moving)
             ways = (lambda t, path=path: plain_at(path.at(t)) for path in self._ways(moving, step.targets))
             lead = ways if self.method.sub_steps != "never" else ()
-            followed = smooth_step(smooth, step.committed, before, plain, lead)
+            followed = smooth_step(
+                smooth, step.committed, lambda: self._latest.at(moving, lambda: plain_at(moving)), plain, lead
+            )
         found = followed.found
         correction = Correction(
             found.points,
@@ -246,11 +247,10 @@ class MotionModel(PreparedMesh):
 
     # --- its parts ---------------------------------------------------------------------------------------------------
 
-    def _interpolate(self, step: _Step, layer: BoundaryLayer | None, watch: Stopwatch) -> _Predicted:
+    def _interpolate(self, step: _Step, motion: StandardMotion, watch: Stopwatch) -> _Predicted:
         """Interpolate and judge."""
         if len(self.coincident) and not self.method.allow_invalid:
             self.boundary.refuse_passing(step.committed, step.targets)
-        motion = self.motion_with(layer)
         predicted = self._predict(motion, step, watch)
         if self._overshoots(step, predicted.trial):
             absolute = replace(motion, method=replace(motion.method, displacement="absolute"))

@@ -151,6 +151,13 @@ class PreparedMesh:
         judged = mesh_summary if self.distributions else lowest_quality
         return judged(points, self.cells, self.reference_sizes, metric=metric)
 
+    @cached_property
+    def carrying_layers(self) -> StandardMotion:
+        """The standard motion with the layer that the method requests, or else with that of the layered walls."""
+        if self.layered is None or self.standard_motion.layer is not None:
+            return self.standard_motion
+        return self.motion_with(self.layered.layer)
+
     def motion_with(self, layer: BoundaryLayer | None) -> StandardMotion:
         """The standard motion with this boundary layer."""
         return self.standard_motion if layer is self.standard_motion.layer else self.standard_motion.with_layer(layer)

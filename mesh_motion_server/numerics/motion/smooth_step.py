@@ -8,7 +8,8 @@ in parts, each corrected before the next.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.correction.smooth_motion import Smoothed, SmoothMotion
 
-__all__ = ["NOT_SMOOTH", "Followed", "follow", "smooth_step", "unconverged"]
+__all__ = ["NOT_SMOOTH", "Followed", "LatestPlain", "follow", "smooth_step", "unconverged"]
 
 NOT_SMOOTH = (
     "no mesh was found that is a smooth function of the boundary: this step is corrected by itself, and nodes may jump"
@@ -37,29 +38,52 @@ class Followed:
     iterations: int
 
 
+@dataclass(eq=False)
+class LatestPlain:
+    """The latest plain motions of a mesh: a step begins where another one ended.
+
+    Three are kept, the latest last: a step's first boundary, the trial before and the trial.
+    """
+
+    kept: dict[bytes, Floats] = field(default_factory=dict)
+
+    def at(self, targets: Floats, make: Callable[[], Floats]) -> Floats:
+        """That (n, d) to the moving nodes' ``targets`` (k, d), made if it is not kept."""
+        key = targets.tobytes()
+        kept = self.kept.pop(key, None)
+        plain = make() if kept is None else kept
+        self.kept = dict([*self.kept.items()][-2:]) | {key: plain}
+        return plain
+
+
 def smooth_step(
-    correction: SmoothMotion, committed: Floats, plain_before: Floats, plain: Floats, ways: Iterable[PlainWay]
+    correction: SmoothMotion,
+    committed: Floats,
+    plain_before: Callable[[], Floats],
+    plain: Floats,
+    ways: Iterable[PlainWay],
 ) -> Followed:
     """The corrected mesh for the ``plain`` motion (n, d).
 
     Parameters
     ----------
-    committed, plain_before : (n, d) arrays, mesh length unit
-        The committed mesh, and the plain motion to its boundary.
+    committed, plain : (n, d) arrays, mesh length unit
+    plain_before : callable
+        Makes the plain motion (n, d) to the committed mesh's boundary, if it is needed.
     ways : iterable of callable
-        Fraction → the plain motion (n, d), from ``plain_before`` to ``plain``; tried in turn where one step fails.
+        Fraction → the plain motion (n, d), from there to ``plain``; tried in turn where one step fails.
 
     Raises
     ------
     NumericalError
         If no way leads to a valid mesh: says how far the mesh stayed valid.
     """
-    at_once = correction.correct(plain, committed + (plain - plain_before))
+    at_once = correction.correct(plain, lambda: _carried(committed, plain_before(), plain))
     if at_once.converged:
         return Followed(at_once, 1.0, 1, at_once.iterations)
     furthest, left = 0.0, _MOST_ITERATIONS
     for way in ways:
-        followed = follow(correction, committed, plain_before, way, left)
+        followed = follow(correction, committed, plain_before(), way, left)
         if followed.fraction == 1.0:
             return followed
         furthest, left = max(furthest, followed.fraction), left - followed.iterations
@@ -81,7 +105,7 @@ def follow(correction: SmoothMotion, committed: Floats, plain_before: Floats, wa
     while fraction < 1.0 and length >= _SHORTEST and iterations < most:
         length = min(length, 1.0 - fraction)  # sums of powers of two: exact
         plain = way(fraction + length)
-        leg = correction.correct(plain, points + (plain - before))
+        leg = correction.correct(plain, partial(_carried, points, before, plain))
         iterations += leg.iterations
         if leg.converged:
             found, fraction, points, before, legs = leg, fraction + length, leg.points, plain, legs + 1
@@ -89,6 +113,10 @@ def follow(correction: SmoothMotion, committed: Floats, plain_before: Floats, wa
         else:
             length *= 0.5
     return Followed(found, fraction, legs, iterations)
+
+
+def _carried(points: Floats, before: Floats, plain: Floats) -> Floats:
+    return points + (plain - before)
 
 
 def unconverged(found: Smoothed) -> str:

@@ -227,14 +227,8 @@ class StandardMotion:
         controls = self._representatives(roles.all)
         solved = self._solve(points, controls, prescribed[controls], factors, watch)
         with watch.phase("displace"):
-            if self.layer is None:
-                moved = self._displaced(points, roles.all, prescribed[roles.all], solved.stage, factors)
-            else:
-                free = ~self.layer.known
-                free[roles.all] = False
-                moved = prescribed
-                moved[free] = solved.stage.positions(points[free])
-            return self._tied(moved), solved
+            known = roles.all if self.layer is None else np.union1d(roles.all, np.flatnonzero(self.layer.known))
+            return self._tied(self._displaced(points, known, prescribed[known], solved.stage, factors)), solved
 
     def _slid(self, points: Floats, prescribed: Floats, factors: FactorSource, watch: Stopwatch) -> Floats:
         """The ``prescribed`` positions (n, d) with the sliding nodes on their surfaces."""
