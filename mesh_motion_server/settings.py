@@ -33,15 +33,18 @@ _Level = Literal["full", "replay", "relaxed"]
 DURABILITY_LEVELS: tuple[_Level, ...] = ("full", "replay", "relaxed")
 
 #: What the motion of a boundary must be so that its field, and regions of bad cells, are all that the volume needs.
-_WITHOUT_VOLUME: dict[str, tuple[str | float, ...]] = {
+_WITHOUT_VOLUME: dict[str, tuple[str | float | None, ...]] = {
     "displacement": ("absolute",),
-    "correction": ("none", "optimised"),
-    "sub_steps": ("never",),
-    "boundary_layer_thickness": (0.0,),
+    "correction": ("none", "smooth", "optimised"),
     "reduction": ("none",),
 }
-#: And with a correction: the best possible mesh frees all nodes.
-_WITH_REGIONS: dict[str, tuple[str | float, ...]] = {"correction_target": ("threshold",)}
+#: And by correction: sub-steps take the volume, except the smooth one's; the best possible mesh frees all nodes.
+_NEVER: dict[str, tuple[str | float | None, ...]] = {"sub_steps": ("never",), "boundary_layer_thickness": (0.0,)}
+_OF_CORRECTION: dict[str, dict[str, tuple[str | float | None, ...]]] = {
+    "smooth": {"boundary_layer_thickness": (0.0, None)},
+    "none": _NEVER,
+    "optimised": _NEVER | {"correction_target": ("threshold",)},
+}
 
 _Length = Annotated[float, Field(gt=0)]
 
@@ -202,10 +205,10 @@ def check_evaluation(evaluation: str, settings: MethodSettings) -> None:
     """
     if evaluation != "client":
         return
-    for key, admitted in (_WITHOUT_VOLUME | (_WITH_REGIONS if settings.correction != "none" else {})).items():
+    for key, admitted in (_WITHOUT_VOLUME | _OF_CORRECTION.get(settings.correction, {})).items():
         got = getattr(settings, key)
         if got not in admitted:
-            expected = " or ".join(repr(value) for value in admitted)
+            expected = " or ".join(repr(value) for value in admitted if value is not None)
             raise InvalidInput(
                 f"evaluation = 'client': expected {key} = {expected}, got {got!r}",
                 code="INVALID_ARGUMENT.SETTINGS",

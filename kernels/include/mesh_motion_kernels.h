@@ -246,10 +246,11 @@ typedef struct {
 } mesh_motion_region;
 
 /* Cells of the tally whose metric, with nodes at points (n, d), is less than `below`, or that are inverted; and all
- * within so many rings of cells about these, or about further nodes (around).
+ * within so many rings of cells about these, or about further nodes (around). The metric is that of the tally, or
+ * "corner-shape-size" where that is "relative-size-skew".
  */
 MESH_MOTION_API int mesh_motion_region_create(const mesh_motion_tally *tally, int64_t n, const double *points,
-                                              double below, int64_t rings, int64_t around, const int64_t *nodes,
+                                              const char *metric, double below, int64_t rings, int64_t around, const int64_t *nodes,
                                               const mesh_motion_region **region);
 /* NULL is admitted. */
 MESH_MOTION_API void mesh_motion_region_free(const mesh_motion_region *region);

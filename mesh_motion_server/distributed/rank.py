@@ -17,13 +17,14 @@ from mesh_motion_server.distributed.judging import first_questions, read_questio
 from mesh_motion_server.distributed.order_statistics import WHOLE
 from mesh_motion_server.distributed.region import Extent, Region, region_told
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.correction.trial_nodes import signed
 from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.evaluation import NearOperators
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.mesh_check import checked_cells, nodes_in_no_cell
-from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
+from mesh_motion_server.numerics.quality.metrics import WORST_CORNER, cell_quality, cells_at_rest, corner_quality
 
 __all__ = ["Rank"]
 
@@ -83,7 +84,9 @@ class Rank:
         positions[self.nodes] = self._points[self.nodes] + known
         quality = cell_quality(positions, self._cells, self._at_rest)
         interior = len(self._points) - len(self.nodes)
-        return region_told(self._points, positions, self._given, quality, extent, around, interior=interior)
+        corners = extent.metric == WORST_CORNER
+        values = corner_quality(positions, self._cells, self._at_rest) if corners else signed(quality, extent.metric)
+        return region_told(self._points, positions, self._given, quality, values, extent, around, interior=interior)
 
     def _positions(self, field: Field) -> Floats:
         """(n, d) positions to which a field takes the nodes, except :attr:`nodes`."""

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.distributed.judging import reading, require
 from mesh_motion_server.numerics.correction.free_region import cells_of_nodes, grow, nodes_of_cells
-from mesh_motion_server.numerics.correction.trial_nodes import signed
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.quality.metrics import CellQuality
 
@@ -138,6 +137,7 @@ def region_told(
     positions: Floats,
     cells: CellTable,
     quality: CellQuality,
+    values: Floats,
     extent: Extent,
     around: Ints,
     *,
@@ -150,15 +150,15 @@ def region_told(
     points, positions : (n, d) arrays, mesh length unit
         Of all its nodes.
     cells : CellTable
-    quality : CellQuality
-        Of all its cells at the positions.
+    quality, values : CellQuality, (m,) array
+        Of all its cells at the positions; the metric of the extent.
     extent : Extent
     around : (k,) int64 array
         Nodes about which the region lies too.
     interior : int
         As in :class:`Region`.
     """
-    bad = signed(quality, extent.metric) < extent.below
+    bad = values < extent.below
     marked = nodes_of_cells(cells, bad, len(points))
     marked[around] = True
     marked = grow(cells, marked, extent.rings)

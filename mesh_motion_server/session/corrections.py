@@ -3,25 +3,38 @@
 A pure function of field, boundary and cells: that of committed coordinates is made again rather than stored.
 """
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.distributed.region import ALL, Extent, Region
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.correction.correction import Correction
 from mesh_motion_server.numerics.correction.correction_problem import goal
 from mesh_motion_server.numerics.correction.part_of_mesh import RegionTooSmall
+from mesh_motion_server.numerics.correction.smooth_motion import RINGS, onset_of
 from mesh_motion_server.numerics.correction.trial_nodes import MARGIN
 from mesh_motion_server.numerics.interpolation import evaluation
+from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.exact_displacements import differences_of
+from mesh_motion_server.numerics.quality.metrics import WORST_CORNER
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
+from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.partitions.meshes import MergedMesh
-from mesh_motion_server.session.partitions.regions import merge_regions
+from mesh_motion_server.session.partitions.regions import MergedRegion, merge_regions
+
+if TYPE_CHECKING:  # no other session needs it, and it loads much
+    from mesh_motion_server.numerics.motion.body_paths import Way
+    from mesh_motion_server.numerics.motion.boundary_motion import BoundaryMotion
 
 __all__ = ["CorrectOutcome", "correct", "first_extent", "is_good"]
 
@@ -56,30 +69,50 @@ class CorrectOutcome:
 
 
 def is_good(method: Method, quality: Judgement) -> bool:
-    """Whether a mesh of this quality is left alone."""
-    return method.correction == "none" or (not quality.inverted and quality.metric.min >= goal(method))
+    """Whether a mesh of this quality is left alone; its ranks alone know whether a cell resists a smooth motion."""
+    if method.correction in ("none", "smooth"):
+        return method.correction == "none"
+    return not quality.inverted and quality.metric.min >= goal(method)
 
 
 def first_extent(method: Method, dimension: int) -> Extent:
     """The region that is told first."""
+    if method.correction == "smooth":
+        return _resisting(None)
     below = ALL if dimension == 1 else min(ALL, MARGIN * goal(method) + _ROUNDING)
     return Extent(method.quality_metric, below, _FIRST_RINGS)
 
 
-def correct(mesh: MergedMesh, method: Method, points: Floats, field: Field, told: Sequence[Region]) -> CorrectOutcome:
+def _resisting(n_nodes: int | None) -> Extent:
+    """The region of a smooth motion, in a mesh of so many nodes; None: they are not known, and may be many."""
+    onset = onset_of(sys.maxsize if n_nodes is None else n_nodes)
+    return Extent(WORST_CORNER, onset + _ROUNDING, RINGS)
+
+
+def correct(
+    mesh: MergedMesh,
+    model: Model,
+    points: Floats,
+    field: Field,
+    told: Sequence[Region],
+    factors: FactorSource,
+) -> CorrectOutcome:
     """Correct the region that all ranks tell of.
 
     Parameters
     ----------
     mesh : MergedMesh
         The boundary.
-    method : Method
+    model : Model
+        A BoundaryMotion.
     points : (n, d) array, mesh length unit
         Of the nodes of ``mesh`` before the correction.
     field : Field
         The displacement that led there.
     told : sequence of Region
         One of each partition, of the same extent.
+    factors : FactorSource
+        Of the boundary, for a smooth motion that has to be led.
 
     Raises
     ------
@@ -88,7 +121,7 @@ def correct(mesh: MergedMesh, method: Method, points: Floats, field: Field, told
     NumericalError
         If no valid mesh was found.
     """
-    extents = [one.extent for one in told]
+    boundary, extents = cast("BoundaryMotion", model), [one.extent for one in told]
     if len(set(extents)) > 1:
         raise InvalidInput(
             f"CORRECT: expected one region from all partitions, got {extents[0]} and {extents[1]}",
@@ -102,21 +135,57 @@ def correct(mesh: MergedMesh, method: Method, points: Floats, field: Field, told
         free = evaluation.displacement(field.interpolant(), there) + there
         return np.where(on_patches[rows, None], points[rows], free)
 
-    # imported here: no other session needs it, and it loads much
-    from mesh_motion_server.numerics.motion.boundary_motion import correct_region  # noqa: PLC0415
-
+    nothing, none = np.empty(0, dtype=np.int64), np.empty((0, points.shape[1]))
+    n_nodes = len(mesh.points) + sum(one.interior for one in told)
+    smooth = extents[0].metric == WORST_CORNER
+    if smooth and extents[0].below < _resisting(n_nodes).below:
+        return CorrectOutcome(_resisting(n_nodes), nothing, none)
+    if smooth and not any(one.cells for one in told):
+        return CorrectOutcome(None, nothing, none, Correction(none, none))
     region = merge_regions(mesh, told, known)
+    part = region.points, region.positions, region.cells, region.held, region.elsewhere
     try:
-        found = correct_region(method, region.points, region.positions, region.cells, region.held, region.elsewhere)
+        if smooth:
+            ways = _ways(mesh, boundary, points[mesh.moving], region, factors)
+            found = boundary.smoothed(*part, n_nodes, ways)
+        else:
+            found = boundary.optimised.corrected(*part)
     except RegionTooSmall as missing:
-        none, wanted = np.empty((0, points.shape[1])), region.ids[missing.nodes]
+        wanted = region.ids[missing.nodes]
         if np.isin(wanted, region.between).all():  # as many rings do, where other ranks tell of theirs
             return CorrectOutcome(extents[0], np.union1d(wanted, region.settled), none)
         return CorrectOutcome(_larger(extents[0]), region.between, none)
+    except NumericalError:
+        if not smooth:
+            raise
+        return CorrectOutcome(first_extent(boundary.optimised.method, points.shape[1]), nothing, none)
     moved = np.flatnonzero((found.points != region.positions).any(axis=1))
     displacement = differences_of(found.points, region.points, moved)
     done = replace(found, points=displacement[:0], quality=None)
     return CorrectOutcome(None, region.ids[moved], displacement, done)
+
+
+def _ways(
+    mesh: MergedMesh, model: BoundaryMotion, targets: Floats, region: MergedRegion, factors: FactorSource
+) -> Iterator[Callable[[float], Floats]]:
+    """Where interpolation takes the region's nodes along ways of the moving nodes to the ``targets`` (k, d)."""
+    rows = np.flatnonzero(np.isin(region.ids, mesh.global_ids[mesh.on_patches]))
+    order = np.argsort(mesh.global_ids)
+    of_rows = order[np.searchsorted(mesh.global_ids, region.ids[rows], sorter=order)]
+
+    def plain(at: Floats) -> Floats:
+        moved = model.move(mesh.points, at, factors)
+        assert moved.field is not None
+        found = evaluation.displacement(moved.field, region.points) + region.points
+        found[rows] = moved.points[of_rows]
+        return found
+
+    for way in model.ways(targets):
+        yield partial(_at, plain, way)
+
+
+def _at(plain: Callable[[Floats], Floats], way: Way, fraction: float) -> Floats:
+    return plain(way.at(fraction))
 
 
 def _larger(extent: Extent) -> Extent:

@@ -188,7 +188,8 @@ class Session(Position):
         reached = quality.metric.min >= method.quality_threshold
         refuse_unacceptable(method, quality, reached)
         self._swap(state=state, trial=replace(trial, quality=quality))
-        warnings = quality_warnings(method, quality, reached)
+        further = () if trial.correction is None else trial.correction.warnings
+        warnings = [*quality_warnings(method, quality, reached), *further]
         return Verdict(trial.standard or quality, None, warnings, trial.correction)
 
     def correct(self, what: str, told: Sequence[Region]) -> CorrectOutcome:
@@ -212,7 +213,7 @@ class Session(Position):
         if built.field is None or of is None or of.coefficients is None:
             raise SessionError("nothing is committed yet", hint="send MOVE first")
         field = replace(built.field, coefficients=of.coefficients)
-        found = correct(built.mesh, built.model.method, of.points, field, told)
+        found = correct(built.mesh, built.model, of.points, field, told, self.factors)
         if isinstance(of, Trial) and found.extent is None:
             self._swap(state=state, trial=replace(of, correction=found.correction, quality=None))
         return found

@@ -121,6 +121,47 @@ def test_corrected_nodes_are_those_of_a_session_with_the_whole_mesh(server, mesh
             np.testing.assert_array_equal(one, other[nodes])
 
 
+@pytest.mark.parametrize("mesh", ["plane", "many in plane", "many"])
+def test_the_default_motion_is_that_of_a_session_with_the_whole_mesh(server, mesh):
+    """Bitwise on any number of ranks, and to the iterations' tolerance with the whole mesh, which begins elsewhere."""
+    everything = whole(*MESHES[mesh])
+
+    def drive(session, part):
+        moved = [session.move(bend(part.points[session.moving_nodes], step)) for step in (4, 16, 20)]
+        assert moved[-1].correction["method"] == "smooth"
+        assert not moved[-1].warnings
+        assert moved[-1].quality["corrected"]["metric"]["min"] > moved[-1].quality["standard"]["metric"]["min"] + 0.05
+        session.commit()
+        return session.points()
+
+    with connect(server.endpoint) as client, client.open(everything) as session:
+        expected = drive(session, everything)
+    one = on_ranks(server, [everything], drive, {})[0]
+    assert np.abs(one - expected).max() < 1e-9
+    parts = pieces(*MESHES[mesh], 3)
+    for part, found in zip(parts, on_ranks(server, parts, drive, {}), strict=True):
+        np.testing.assert_array_equal(found, one[part.global_ids])
+
+
+def test_a_motion_whose_interpolation_inverts_cells_is_led_from_rest(server):
+    """A body that turns by 90 degrees in one step."""
+
+    def drive(session, part):
+        turn = np.array([[0.0, -1.0], [1.0, 0.0]]) - np.eye(2)
+        moved = session.move((part.points[session.moving_nodes] - 0.5) @ turn.T)
+        session.commit()
+        return moved, session.points()
+
+    everything, parts = whole("quad", 20), pieces("quad", 20, 2)
+    one, two = (on_ranks(server, ranks, drive, {}) for ranks in ([everything], parts))
+    for part, (_, points) in zip(parts, two, strict=True):
+        np.testing.assert_array_equal(points, one[0][1][part.global_ids])
+    for moved, _ in one + two:
+        assert moved.quality["standard"]["inverted"] > 0
+        assert moved.quality["corrected"]["inverted"] == 0
+        assert moved.correction["method"] == "smooth"
+
+
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 @pytest.mark.parametrize("mesh", MESHES)
 def test_nodes_and_quality_are_those_of_a_session_with_the_whole_mesh(server, mesh, ranks):
@@ -264,11 +305,11 @@ def raw_field(session):
     return fetched.coefficients.tobytes(), fetched.points.tobytes()
 
 
-@pytest.mark.parametrize("settings", [SETTINGS, CORRECTED], ids=["plain", "corrected"])
+@pytest.mark.parametrize("settings", [SETTINGS, CORRECTED, {}], ids=["plain", "corrected", "default"])
 @pytest.mark.parametrize("durability", ["full", "replay"])
 @pytest.mark.parametrize("mesh", ["plane", "many"])
 def test_after_kill_9_field_and_nodes_are_bitwise_the_same(tmp_path, mesh, durability, settings):
-    mesh, by = whole(*MESHES[mesh]), 8 if settings is CORRECTED else 1
+    mesh, by = whole(*MESHES[mesh]), 1 if settings is SETTINGS else 8 if settings else 6
     with ServerProcess(tmp_path) as server, connect(server.endpoint) as client:
         session = client.open(mesh, settings, evaluation="client", durability=durability)
         drive(session, mesh, by=by)

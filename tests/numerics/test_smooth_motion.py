@@ -16,6 +16,7 @@ from sliding_meshes import Mesh, duct
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.files import read_mesh
 from mesh_motion_server.numerics.correction import smooth_motion
+from mesh_motion_server.numerics.correction.distortion import corner_distortions
 from mesh_motion_server.numerics.correction.smooth_motion import Law, Smoothed, SmoothMotion
 from mesh_motion_server.numerics.correction.smooth_region import SmoothRegion
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -24,6 +25,7 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.motion.motion_found import Motion
 from mesh_motion_server.numerics.motion.smooth_step import NOT_SMOOTH
+from mesh_motion_server.numerics.quality.metrics import cells_at_rest, corner_quality
 from mesh_motion_server.session.factors import FactorCache
 
 FLAG = Path(__file__).parents[2] / "examples" / "turek_hron_flag"
@@ -300,3 +302,21 @@ def test_a_motion_that_is_impossible_is_refused_with_the_part_that_is_not() -> N
         model.move(model.points, turned(model, 0.0, (0.6, 0.0)))
     assert refusal.value.fraction is not None
     assert 0.3 < refusal.value.fraction < 1.0
+
+
+@pytest.mark.parametrize("flat", [1.0, 0.05])
+@pytest.mark.parametrize("kind", CELL_KINDS)
+def test_a_rank_tells_every_cell_that_resists(kind, flat):
+    """By its worst corner, which says what the distortion says but for the smoothing of its size."""
+    box, random = box_mesh(kind, 4), np.random.default_rng(7)
+    points = box.points * np.array([1.0, flat, 1.0])[: box.points.shape[1]]
+    rest = cells_at_rest(points, box.cells)
+    smooth = SmoothMotion.build(points, box.cells, np.zeros(len(points), dtype=bool), None)
+    for shake in (1e-3, 0.02, 0.05):
+        moved = points + shake * flat * random.standard_normal(points.shape)
+        told = corner_quality(moved, box.cells, rest)
+        corners = corner_distortions(moved, smooth._all, smooth.law.norm)
+        counts = np.concatenate([np.full(len(block), len(block.type.corners)) for block in box.cells])
+        worst = np.maximum.reduceat(corners, np.cumsum(counts) - counts)
+        assert (told <= np.exp(-worst) * (1.0 + 1e-12)).all()
+        np.testing.assert_allclose(told, np.exp(-worst), rtol=0.05)

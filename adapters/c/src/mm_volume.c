@@ -477,7 +477,8 @@ int mmv_region(mmv_volume *volume, const double *known, const char *metric, doub
 {
     size_t d = (size_t)volume->dimension, here = 0;
     int64_t *nodes = malloc((around + 1) * sizeof *nodes);
-    int result = nodes ? have_tally(volume, metric) : MESH_MOTION_OUT_OF_MEMORY;
+    int by_corners = strcmp(metric, "corner-shape-size") == 0; /* relative to rest, as that of the tally is then */
+    int result = nodes ? have_tally(volume, by_corners ? "relative-size-skew" : metric) : MESH_MOTION_OUT_OF_MEMORY;
     result = result == MESH_MOTION_OK ? mmv_find(volume, around, ids, nodes) : result;
     for (size_t i = 0; result == MESH_MOTION_OK && i < around; ++i) {
         if (nodes[i] >= 0) {
@@ -496,7 +497,7 @@ int mmv_region(mmv_volume *volume, const double *known, const char *metric, doub
     }
     *positions = volume->moved;
     result = result == MESH_MOTION_OK ? mesh_motion_region_create(volume->tally, (int64_t)volume->nodes, volume->moved,
-                                                                  below, rings, (int64_t)here, nodes, region)
+                                                                  metric, below, rings, (int64_t)here, nodes, region)
                                       : result;
     free(nodes);
     return result;

@@ -224,6 +224,25 @@ struct Qualities {
                         &inverted[first]);
         });
     }
+
+    /// Of the metric with this name.
+    std::vector<double> values(const mesh_motion_tally& tally, Matrix<const double> points, std::string_view metric) const {
+        std::vector<double> found(size.size());
+        if (metric == "corner-shape-size") {
+            const auto rest = tally.rest();
+            expect(rest.skews.size() == tally.cells->count, "metric", "a tally that is relative to rest");
+            tally.cells->by_block([&](auto nodes, Index first) {
+                const Index last = first + nodes.shape(0);
+                corner_quality(points, rest.points, nodes, view_of(skew).rows(first, last),
+                               rest.skews.rows(first, last), view_of(found).rows(first, last));
+            });
+        } else {
+            expect(metric == metrics[tally.metric].name, "metric", "that of the tally");
+            metric_of(static_cast<Metric>(tally.metric), static_cast<Index>(size.size()), size.data(), skew.data(),
+                      relative.empty() ? nullptr : relative.data(), found.data());
+        }
+        return found;
+    }
 };
 
 /// f(cell, nodes, number of nodes) for all cells.
@@ -245,8 +264,8 @@ void mark_nodes(const mesh_motion_cells& cells, std::vector<char>& marks, F&& wa
 
 }  // namespace
 
-int mesh_motion_region_create(const mesh_motion_tally* tally, int64_t n, const double* points, double below,
-                              int64_t rings, int64_t around, const int64_t* nodes,
+int mesh_motion_region_create(const mesh_motion_tally* tally, int64_t n, const double* points, const char* metric,
+                              double below, int64_t rings, int64_t around, const int64_t* nodes,
                               const mesh_motion_region** region) {
     return answered([&] {
         given(region, "region") = nullptr;
@@ -254,12 +273,8 @@ int mesh_motion_region_create(const mesh_motion_tally* tally, int64_t n, const d
         const auto& cells = *own.cells;
         const Qualities found(own, cells.points(n, points));
         std::vector<char> bad(cells.count), chosen(cells.count), marks(n), here(n);
-        for (Index cell = 0; cell < cells.count; ++cell) {
-            double value;
-            const double* relative = found.relative.empty() ? nullptr : &found.relative[cell];
-            metric_of(static_cast<Metric>(own.metric), 1, &found.size[cell], &found.skew[cell], relative, &value);
-            bad[cell] = found.inverted[cell] || value < below;
-        }
+        const auto values = found.values(own, cells.points(n, points), &given(metric, "metric"));
+        for (Index cell = 0; cell < cells.count; ++cell) bad[cell] = found.inverted[cell] || values[cell] < below;
         mark_nodes(cells, marks, [&](Index cell, const Node*, Index) { return bad[cell]; });
         for (const Index node : array("nodes", nodes, std::array{around})) {
             expect(node >= 0 && node < n, "nodes", "numbers of nodes");

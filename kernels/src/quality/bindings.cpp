@@ -30,6 +30,7 @@ void bind_quality(nanobind::module_& m) {
     bind(m, "cell_quality", cell_quality);
     bind(m, "chosen_quality", chosen_quality);
     bind(m, "relative_shapes", relative_shapes);
+    bind(m, "corner_quality", corner_quality);
     bind(m, "transformed_quality", transformed_quality);
     bind(m, "column_quality", column_quality);
     bind(m, "metric_values", metric_values);

@@ -289,6 +289,53 @@ template <int d>
     return flat ? 1.0 : shape;
 }
 
+constexpr double flat_simplex = 0.3;  // skew at rest of simplices that are flat on purpose, as in distortion.py
+
+/// Π |a_k|² of the edges.
+template <int d>
+double squared_lengths(const Corner<d>& corner) {
+    double product = 1.0;
+    for (int j = 0; j < d; ++j) product *= corner.lambda(j, j);
+    return product;
+}
+
+/// Of one corner, from its shape if it is known.
+template <bool simplex, int d>
+double corner_value(const Corner<d>& now, const Corner<d>& rest, double shape) {
+    const double det = now.determinant(), whole = rest.determinant(), before = squared_lengths<d>(rest);
+    if (!simplex && std::abs(whole) <= flat_corner * std::sqrt(before)) return 0.0;
+    if (!(det * whole > smallest * whole * whole)) return 0.0;  // no division by zero: OpenFOAM ends where there is one
+    const double tau = det / whole, size = std::sqrt(std::min(tau, 1.0 / tau));
+    if (simplex) return shape * size;
+    return shape * size * std::sqrt(tau * std::sqrt(before / squared_lengths<d>(now)));
+}
+
+/// Of the corners of one block.
+template <class Type>
+void corner_rows(Matrix<const double> points, Matrix<const double> rest_points, Matrix<const Node> nodes,
+                 const double* skew, const double* rest_skew, double* quality) {
+    constexpr int d = Type::dimension;
+    constexpr bool simplex = Type::nodes == d + 1;
+    for_chunks(0, nodes.shape(0), [&](Index first, Index count) {
+        const Rows rows(points, nodes, first, count);
+        const auto now = from_points<Type>(points, count, rows.cells<Type>(), rows.inside);
+        const auto before = from_points<Type>(rest_points, count, rows.cells<Type>(), rows.inside);
+        Jacobians<d> moved, rest;
+        std::fill(quality + first, quality + first + count, infinity);
+        for (int k = 0; k < static_cast<int>(Type::corners.size()); ++k) {
+            now(k, moved);
+            before(k, rest);
+            for (Index s = 0; s < count; ++s) {
+                const Corner<d> here(moved, s), there(rest, s);
+                const bool by_skew = simplex && rest_skew[first + s] >= flat_simplex;
+                const double shape = by_skew ? skew[first + s] / rest_skew[first + s] : kept_shape<d>(here, there);
+                const double value = corner_value<simplex, d>(here, there, shape);
+                quality[first + s] = value < quality[first + s] ? value : quality[first + s];
+            }
+        }
+    });
+}
+
 /// The relative shapes of the cells of one block.
 template <class Type>
 void relate_rows(Matrix<const double> points, Matrix<const double> rest_points, Matrix<const Node> nodes,
@@ -524,6 +571,19 @@ void relative_shapes(Matrix<const double> points, Matrix<const double> rest_poin
         for_ranges(m, judged_at_once, [&](Index first, Index last) {
             relate_rows<Type>(points, rest_points, nodes.rows(first, last), skew.data() + first,
                               rest_skew.data() + first, shapes.data() + first);
+        });
+    });
+}
+
+void corner_quality(Matrix<const double> points, Matrix<const double> rest_points, Matrix<const Node> nodes,
+                    Vector<const double> skew, Vector<const double> rest_skew, Vector<double> quality) {
+    const Index m = nodes.shape(0);
+    require(skew.size() == m && rest_skew.size() == m && quality.size() == m, "expected one entry for each cell");
+    require(rest_points.shape() == points.shape(), "rest_points: expected the shape of points");
+    with_cell_type(points.shape(1), nodes.shape(1), [&]<class Type>(Type) {
+        for_ranges(m, judged_at_once, [&](Index first, Index last) {
+            corner_rows<Type>(points, rest_points, nodes.rows(first, last), skew.data() + first,
+                              rest_skew.data() + first, quality.data() + first);
         });
     });
 }

@@ -76,6 +76,7 @@ class Correction:
         Whether the minimum is at or above the threshold.
     quality : CellQuality or None
         Of every cell at ``points``; None if only the minimum was needed, and known.
+    warnings : tuple of str
     """
 
     points: Floats
@@ -87,6 +88,7 @@ class Correction:
     minimum: float = float("nan")
     reached: bool = False
     quality: CellQuality | None = None
+    warnings: tuple[str, ...] = ()
 
 
 def correct(problem: CorrectionProblem, method: Method) -> Correction:

@@ -49,14 +49,17 @@ from mesh_motion_server.numerics.correction.distortion import (
     distortion_gradient,
 )
 from mesh_motion_server.numerics.correction.free_region import free_region
+from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_server.numerics.correction.smooth_region import SmoothRegion
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.quality.metrics import CellsAtRest, cells_at_rest
 from mesh_motion_server.numerics.stopwatch import check_time
 
-__all__ = ["Law", "SmoothMotion", "Smoothed"]
+__all__ = ["RINGS", "Law", "SmoothMotion", "Smoothed", "onset_of"]
 
 RINGS = 8
+"""About the cells that resist, in which nodes are free."""
+
 _RAMP = 0.6  # … of f, over which a cell of the plain mesh becomes active
 _FAR = 1e3  # of f: further does not count
 _ONSET = 0.9  # quality at which a cell resists …
@@ -67,6 +70,11 @@ _PINNED = 1e-8  # σ below which a node keeps its plain position
 _TOLERANCE = 1e-9  # largest Newton step of a node, as a share of the mesh's extent
 _ITERATIONS = 40
 _ARMIJO, _HALVINGS = 1e-4, 40
+
+
+def onset_of(n_nodes: int) -> float:
+    """The quality of its worst corner at which a cell of a mesh of so many nodes resists."""
+    return _ONSET if n_nodes <= _LARGE else _LATE_ONSET
 
 
 @dataclass(frozen=True)
@@ -138,6 +146,8 @@ class SmoothMotion:
         Nodes that keep their plain positions.
     constraint : BoundaryConstraint, optional
         Of the nodes that are not held but slide along planes or move alike.
+    elsewhere : Elsewhere, optional
+        The rest of the mesh, if this is a region of it.
     """
 
     reference: Floats
@@ -145,6 +155,7 @@ class SmoothMotion:
     held: Marks
     law: Law = field(default_factory=Law)
     constraint: BoundaryConstraint | None = None
+    elsewhere: Elsewhere | None = None
     _last: tuple[bytes, SmoothRegion] | None = None  # of the latest free nodes: the next step's are often the same
 
     @classmethod
@@ -153,7 +164,7 @@ class SmoothMotion:
     ) -> SmoothMotion:
         """That of a mesh whose ``held`` (n,) nodes may move as the ``constraint`` admits."""
         smooth = None if constraint is None else constraint.smooth()
-        law = Law(onset=-math.log(_ONSET if len(reference) <= _LARGE else _LATE_ONSET))
+        law = Law(onset=-math.log(onset_of(len(reference))))
         return cls(reference, cells, held if smooth is None else held & ~smooth.released, law, smooth)
 
     @cached_property
@@ -191,6 +202,11 @@ class SmoothMotion:
         -------
         Smoothed
             Not converged if the iterations could not begin, since both meshes are tangled, or did not end.
+
+        Raises
+        ------
+        RegionTooSmall
+            If the mesh is a region of another one, and nodes with cells elsewhere would be free.
         """
         region = self._region(plain)
         if region is None:
@@ -216,6 +232,8 @@ class SmoothMotion:
         if not len(active):
             return None
         sigma = self._activation(active, x[active], len(plain))
+        if self.elsewhere is not None:
+            self.elsewhere.require_here(sigma > 0.0)
         marked = (sigma > _PINNED) & ~self.held
         if not marked.any():
             return None

@@ -4,16 +4,20 @@ The field is that of :class:`.standard_motion.StandardMotion` from the reference
 depends on the nodes with a role and on the box of the mesh only, so it is bitwise that of the whole mesh.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput, SessionError
 from mesh_motion_server.numerics.arrays import Floats, Marks
+from mesh_motion_server.numerics.blas import one_blas_thread
 from mesh_motion_server.numerics.correction.correction import Correction, CorrectionProblem, correct
 from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
+from mesh_motion_server.numerics.correction.smooth_motion import Law, SmoothMotion, onset_of
 from mesh_motion_server.numerics.interpolation.factor_source import (
     DeferredFactorization,
     FactorSource,
@@ -26,16 +30,18 @@ from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.patch_check import check_patches
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.body_paths import Body, Way, ways
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.method_check import check_method
 from mesh_motion_server.numerics.motion.motion_found import Motion
+from mesh_motion_server.numerics.motion.smooth_step import NOT_SMOOTH, PlainWay, smooth_step, unconverged
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
 from mesh_motion_server.numerics.quality.mesh_check import checked_cells
 from mesh_motion_server.numerics.quality.metrics import cells_at_rest
 from mesh_motion_server.numerics.quality.quality_summary import Judgement, LowestQuality, Minimum
 from mesh_motion_server.numerics.stopwatch import Stopwatch, check_time
 
-__all__ = ["BoundaryMotion", "correct_region"]
+__all__ = ["BoundaryMotion"]
 
 
 _ROLES = ("moving", "fixed")
@@ -49,9 +55,12 @@ class BoundaryMotion:
     ----------
     motion : StandardMotion
         Of the nodes of the boundary, and of those that span the box of the mesh.
+    bodies : tuple of Body
+        The moving patches.
     """
 
     motion: StandardMotion
+    bodies: tuple[Body, ...]
     warnings: tuple[str, ...] = ()
 
     @classmethod
@@ -75,7 +84,7 @@ class BoundaryMotion:
         radius = method.support_radius or suggest_support_radius(points, roles)
         method = replace(method, support_radius=radius, enrichment_radius=method.enrichment_radius or radius)
         plain = StandardMotion(points, roles, method, None, None, 0.0, TwoScalePlans(()))
-        return cls(plain.with_layer(None))
+        return cls(plain.with_layer(None), _bodies(roles, patches))
 
     @property
     def method(self) -> Method:
@@ -125,43 +134,105 @@ class BoundaryMotion:
             field=trial.stages[0].interpolant,
         )
 
+    @cached_property
+    def optimised(self) -> Self:
+        """The same with the correction up to the threshold, which reaches most where no smooth motion is found."""
+        if self.method.correction != "smooth":
+            return self
+        method = replace(self.method, correction="optimised", correction_target="threshold")
+        return replace(self, motion=replace(self.motion, method=method), warnings=(*self.warnings, NOT_SMOOTH))
 
-def correct_region(
-    method: Method, points: Floats, positions: Floats, cells: CellTable, held: Marks, elsewhere: Elsewhere
-) -> Correction:
-    """The correction of a region of the mesh, bitwise that of the whole mesh.
+    def ways(self, targets: Floats) -> Iterator[Way]:
+        """Ways of the moving nodes from the reference mesh to the ``targets`` (k, d)."""
+        return ways(self.motion.reference[self.motion.roles.moving], targets, self.bodies)
 
-    Parameters
-    ----------
-    method : Method
-        With a correction that frees nodes up to the threshold, and absolute displacement.
-    points, positions : (n, d) arrays, mesh length unit
-        In the reference mesh, and where the interpolation takes them.
-    cells : CellTable
-    held : (n,) bool array
-    elsewhere : Elsewhere
+    def smoothed(
+        self,
+        points: Floats,
+        positions: Floats,
+        cells: CellTable,
+        held: Marks,
+        elsewhere: Elsewhere,
+        n_nodes: int,
+        ways: Iterable[PlainWay],
+    ) -> Correction:
+        """The smooth correction of a region, bitwise that of a mesh of ``n_nodes`` which begins at interpolation.
 
-    Raises
-    ------
-    RegionTooSmall
-        If it takes a larger region.
-    NumericalError
-        If no valid mesh was found.
-    """
-    check_time()
-    read = checked_cells(points, cells)
-    relative = method.quality_metric == "relative-size-skew"
-    problem = CorrectionProblem(
-        start=points,
-        standard=positions,
-        held=held,
-        cells=read.cells,
-        reference_sizes=cells_at_rest(points, read.cells, read.sizes) if relative else read.sizes,
-        factorization=DeferredFactorization(points, method, MakeEachTime()),  # no such correction looks at it
-        reference=points,
-        elsewhere=elsewhere,
-    )
-    return correct(problem, method)
+        Parameters
+        ----------
+        points, positions, cells, held, elsewhere
+            As in :meth:`corrected`.
+        ways : iterable of callable
+            Fraction → where interpolation takes the nodes (n, d), from the reference mesh to the ``positions``: tried
+            in turn where no valid mesh is found at once.
+
+        Raises
+        ------
+        RegionTooSmall
+            If it takes a larger region.
+        NumericalError
+            If no valid mesh was found.
+        """
+        check_time()
+        law = Law(onset=-math.log(onset_of(n_nodes)))
+        smooth = SmoothMotion(points, checked_cells(points, cells).cells, held, law, None, elsewhere)
+        with one_blas_thread():
+            followed = smooth_step(smooth, points, lambda: points, positions, ways)
+        found = followed.found
+        return Correction(
+            found.points,
+            np.empty((0, points.shape[1])),
+            freed_nodes=found.freed,
+            iterations=followed.iterations,
+            method="smooth" if found.freed else "none",
+            warnings=() if found.converged else (unconverged(found),),
+        )
+
+    def corrected(
+        self, points: Floats, positions: Floats, cells: CellTable, held: Marks, elsewhere: Elsewhere
+    ) -> Correction:
+        """The correction of a region of the mesh up to the threshold, bitwise that of the whole mesh.
+
+        Parameters
+        ----------
+        points, positions : (n, d) arrays, mesh length unit
+            In the reference mesh, and where the interpolation takes them.
+        cells : CellTable
+        held : (n,) bool array
+        elsewhere : Elsewhere
+
+        Raises
+        ------
+        RegionTooSmall
+            If it takes a larger region.
+        NumericalError
+            If no valid mesh was found.
+        """
+        check_time()
+        read = checked_cells(points, cells)
+        relative = self.method.quality_metric == "relative-size-skew"
+        problem = CorrectionProblem(
+            start=points,
+            standard=positions,
+            held=held,
+            cells=read.cells,
+            reference_sizes=cells_at_rest(points, read.cells, read.sizes) if relative else read.sizes,
+            factorization=DeferredFactorization(points, self.method, MakeEachTime()),  # no such correction looks at it
+            reference=points,
+            elsewhere=elsewhere,
+        )
+        return replace(correct(problem, self.method), warnings=self.warnings)
+
+
+def _bodies(roles: BoundaryRoles, patches: Mapping[str, Patch]) -> tuple[Body, ...]:
+    """Each moving patch is one: which of them are connected, cells elsewhere know."""
+    left, bodies = np.ones(len(roles.moving), dtype=bool), []
+    for patch in patches.values():
+        rows = np.flatnonzero(left & np.isin(roles.moving, patch.nodes)) if patch.role == "moving" else np.empty(0, int)
+        left[rows] = False
+        if len(rows):
+            bodies.append(Body(rows, np.empty(0, dtype=np.int64)))
+    return tuple(bodies)
 
 
 def _needs_the_volume(what: str, patch: str = "") -> InvalidInput:

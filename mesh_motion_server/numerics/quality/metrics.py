@@ -55,11 +55,13 @@ from mesh_motion_server.numerics.mesh.cells import CellBlock, CellTable, CellTyp
 __all__ = [
     "METRIC_CODES",
     "QUALITY_METRICS",
+    "WORST_CORNER",
     "AtRest",
     "CellQuality",
     "CellsAtRest",
     "cell_quality",
     "cells_at_rest",
+    "corner_quality",
     "reference_sizes",
     "rest_for",
     "sizes_of",
@@ -78,6 +80,8 @@ QUALITY_METRICS: dict[str, str] = {
     "relative-size-skew": "sign(size) √|size| shape relative to the cell at rest",
 }
 
+#: Name of :func:`corner_quality`, by which regions are told.
+WORST_CORNER = "corner-shape-size"
 #: Number of each quality metric in the compiled loops.
 METRIC_CODES = {name: code for code, name in enumerate(QUALITY_METRICS)}
 _RELATIVE = "relative-size-skew"
@@ -315,6 +319,20 @@ def subset_quality(
             relative = np.empty(len(here))
             _relate(positions, block.nodes[own], rest[chosen[here]], part.skew, relative)
             out.relative[here] = relative
+    return out
+
+
+def corner_quality(points: NDArray[np.floating], cells: CellTable, rest: CellsAtRest) -> Floats:
+    """(m,) quality of each cell's worst corner against itself at rest: shape · √size, and of no simplex its angles.
+
+    A cell without a corner below ``exp(−f)`` has no distortion above f in the smooth correction; its metric is named
+    :data:`WORST_CORNER` where regions are told.
+    """
+    positions, skews = as_positions(points, cells.dimension), cell_quality(points, cells, rest).skew
+    out = np.empty(len(cells))
+    for block, rows in block_slices(cells):
+        arrays = positions, rest.points, np.ascontiguousarray(block.nodes), skews[rows]
+        kernels.corner_quality(*arrays, np.ascontiguousarray(rest[rows].skews), out[rows])
     return out
 
 

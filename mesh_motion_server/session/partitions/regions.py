@@ -93,7 +93,7 @@ def merge_regions(mesh: MergedMesh, told: Sequence[Region], known: Callable[[Int
     held = np.isin(whole.global_ids, mesh.global_ids[np.union1d(mesh.on_patches, np.setdiff1d(spanning, here))])
     free = len(mesh.points) - len(mesh.on_patches) + sum(one.interior for one in told)
     skews, sizes = zip(*(one.extremes for one in told), strict=True)
-    elsewhere = Elsewhere(rim & ~held, free - int(np.count_nonzero(~held)), (min(skews), min(sizes)))
+    elsewhere = Elsewhere(rim, free - int(np.count_nonzero(~held)), (min(skews), min(sizes)))
     holders = np.bincount(np.concatenate(mesh.node_maps), minlength=len(mesh.points))
     between = mesh.global_ids[here[holders[here] > 1]]
     settled = between[~rim[row_of(between)]]

@@ -221,6 +221,25 @@ def test_one_rank_gives_what_a_session_with_the_whole_mesh_gives(prefix, endpoin
             session.move(bend(body, 1), frame=SINCE_COMMITTED)
 
 
+@pytest.mark.parametrize(("kind", "count"), [("quad + triangle", 20), ("tetra", 12), ("hexahedron", 8)])
+def test_the_default_motion_is_that_of_python(prefix, endpoint, kind, count):
+    mesh = box(kind, count)
+    with (
+        connect(endpoint) as server,
+        server.open(mesh, evaluation="client") as expected,
+        CSession(prefix, endpoint) as session,
+    ):
+        session.open(mesh, {})
+        for step in (10, 14):
+            told = bend(mesh.points[expected.moving_nodes], step)
+            moved = expected.move(told)
+            assert moved.correction["method"] == "smooth"
+            np.testing.assert_array_equal(session.move(told), moved.displacement)
+            expected.commit()
+            session.call("commit")
+        np.testing.assert_array_equal(session.points(), expected.points())
+
+
 @pytest.mark.parametrize(("kind", "count"), [("quad + triangle", 20), ("quad", 240), ("tetra", 12), ("hexahedron", 20)])
 @pytest.mark.parametrize("metric", ["size-skew", "relative-size-skew"])
 def test_one_rank_is_corrected_as_a_session_with_the_whole_mesh_is(prefix, endpoint, kind, count, metric):
