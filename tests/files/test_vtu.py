@@ -162,6 +162,16 @@ def test_legacy_files_of_vtk_itself(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_mesh(tmp_path / "m.vtk").points, points)
 
 
+@pytest.mark.parametrize("name", ["a\x1b[31m", "\x00", "\udcff", "a<\"&'>", "[/x]"])
+def test_any_name_can_be_read_again(tmp_path: Path, name: str) -> None:
+    """XML has no control characters and no half characters."""
+    ends = np.array([1, 0], dtype=np.uint8)
+    path = tmp_path / "line.vtu"
+    cells = CellTable.from_arrays({"line": np.array([[0, 1]])})
+    write_vtu(path, np.array([[0.0], [1.0]]), cells, point_data={f"patch_{name}": ends})
+    assert list(read_mesh(path).patches) == [re.sub("[\x00\x1b\udcff]", "�", name)]
+
+
 def test_a_series_lists_its_times(tmp_path: Path) -> None:
     points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     table = CellTable.from_arrays({"triangle": np.array([[0, 1, 2]])})
