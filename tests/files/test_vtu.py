@@ -1,7 +1,11 @@
 """What we write, VTK itself reads back; and what VTK and meshio write, we read."""
 
+import base64
+import lzma
 import re
+import struct
 import sys
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -122,6 +126,30 @@ def test_appended_data_of_vtk_itself(tmp_path: Path, compressor: str, word: int,
     np.testing.assert_array_equal(mesh.points, points)
     np.testing.assert_array_equal(mesh.cells["triangle"], next(iter(table)).nodes)
     np.testing.assert_array_equal(mesh.patches["rim"], np.arange(1, len(points)))
+
+
+@pytest.mark.parametrize("compressor", ["vtkZLibDataCompressor", "vtkLZMADataCompressor"])
+@pytest.mark.parametrize("place", ["binary", "base64", "raw"])
+def test_a_small_file_that_would_fill_the_memory_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compressor: str, place: str
+) -> None:
+    """What a block holds counts, not what the header says of it."""
+    monkeypatch.setattr("mesh_motion_server.files.packages._UNPACKED_BYTES", 1 << 20)
+    block = (zlib if "ZLib" in compressor else lzma).compress(bytes(3 << 20))
+    head = struct.pack("<4Q", 1, 24, 0, len(block))
+    text = head + block if place == "raw" else base64.b64encode(head) + base64.b64encode(block)
+    inside, outside = (text, b"") if place == "binary" else (b"", b'<AppendedData encoding="%s">_%s\n</AppendedData>')
+    if outside:
+        outside %= place.encode(), text
+    (tmp_path / "m.vtu").write_bytes(
+        b'<VTKFile type="UnstructuredGrid" byte_order="LittleEndian" header_type="UInt64" compressor="%s">'
+        b'<UnstructuredGrid><Piece NumberOfPoints="1" NumberOfCells="0"><Points><DataArray type="Float64" '
+        b'NumberOfComponents="3" Name="Points" format="%s" offset="0">%s</DataArray></Points></Piece>'
+        b"</UnstructuredGrid>%s</VTKFile>"
+        % (compressor.encode(), b"binary" if place == "binary" else b"appended", inside, outside)
+    )
+    with pytest.raises(InvalidInput, match=r"m\.vtu: \d+ bytes that hold 104857\d or more, expected at most"):
+        read_mesh(tmp_path / "m.vtu")
 
 
 def test_appended_data_that_ends_too_soon_is_refused(tmp_path: Path) -> None:
