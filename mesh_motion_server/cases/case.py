@@ -349,5 +349,14 @@ def toml_key(name: str) -> str:
 
 
 def toml_text(text: str) -> str:
-    """A TOML string."""
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    """A TOML string; what is no printable character is escaped: TOML refuses some, and terminals obey others.
+
+    Raises
+    ------
+    InvalidInput
+        For the name of a file that is not UTF-8.
+    """
+    if any("\ud800" <= letter <= "\udfff" for letter in text):
+        raise InvalidInput(f"{text!r} is not UTF-8, which case files are written in", hint="give it another name")
+    quoted = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(letter if letter.isprintable() else f"\\U{ord(letter):08x}" for letter in quoted) + '"'

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, group_names
-from mesh_motion_server.files.packages import load_meshio, reason_of
+from mesh_motion_server.files.packages import check_unpacked, load_meshio, most_unpacked, reason_of
 from mesh_motion_server.files.vtk_pieces import PatchKey, VtkPiece, joined, separated, sources
-from mesh_motion_server.files.vtu_inline import inlined
+from mesh_motion_server.files.vtu_inline import inlined, unpacked_bytes
 from mesh_motion_server.numerics.arrays import Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
@@ -86,7 +86,7 @@ def read_with_meshio(path: Path) -> list[Any]:
     try:
         with contextlib.redirect_stdout(chatter), contextlib.redirect_stderr(chatter):
             return _read(meshio, path)
-    except OSError:
+    except (OSError, InvalidInput):
         raise
     except (Exception, SystemExit) as error:  # meshio raises every kind of error on damaged files, and may exit
         raise InvalidInput(f"{path}: not readable as {path.suffix}: {_reason(error, chatter.getvalue())}") from None
@@ -104,6 +104,8 @@ def _read(meshio: Any, path: Path) -> list[Any]:
     """Read the file, or copies of it without appended data and with one piece each."""
     raw = path.read_bytes() if path.suffix.lower() == ".vtu" else b""
     copied = inlined(raw) if raw else None
+    if b"compressor" in raw:
+        check_unpacked(path, len(raw), unpacked_bytes(copied or raw, most_unpacked(len(raw))))
     if copied is None and raw.count(b"<Piece") < 2:
         return [meshio.read(path)]
     found = []

@@ -6,6 +6,7 @@ for this order, also for wedges (older VTK documents say otherwise; a test check
 https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
 """
 
+import re
 from collections.abc import Mapping
 from html import escape  # xml.sax.saxutils has the same and imports the web
 from pathlib import Path
@@ -21,6 +22,9 @@ from mesh_motion_server.numerics.mesh.cells import CellTable
 __all__ = ["Data", "VtuSeries", "write_vtu"]
 
 Data = Mapping[str, NDArray[np.generic]]
+
+#: Characters that XML cannot hold, escaped or not.
+_NOT_IN_XML = re.compile("[^\\t\\n\\r\\x20-\\ud7ff\\ue000-\\ufffd\\U00010000-\\U0010ffff]")
 
 _VTK_NAMES = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "i4": "Int32", "u1": "UInt8", "i1": "Int8"}
 
@@ -114,7 +118,7 @@ class _Appended:
         """Declare an array and return its XML element."""
         little = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
         element = (
-            f'<DataArray type="{_VTK_NAMES[little.dtype.str[1:]]}" Name="{escape(name)}" '
+            f'<DataArray type="{_VTK_NAMES[little.dtype.str[1:]]}" Name="{escape(_NOT_IN_XML.sub("�", name))}" '
             f'NumberOfComponents="{1 if little.ndim == 1 else little.shape[1]}" '
             f'format="appended" offset="{self._offset}"/>'
         )

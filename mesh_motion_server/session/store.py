@@ -29,7 +29,7 @@ from mesh_motion_server.errors import ResourceError, SessionError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.session.journal.beside import Beside
 from mesh_motion_server.session.journal.durability import log_bytes
-from mesh_motion_server.session.journal.files import FIRST_MANIFEST, KEPT_COMMITS, MANIFEST, SLOTS
+from mesh_motion_server.session.journal.files import FIRST_MANIFEST, KEPT_COMMITS, MANIFEST, SLOTS, read_journal
 from mesh_motion_server.session.journal.filesystem import (
     FileSystem,
     PosixFileSystem,
@@ -131,26 +131,27 @@ class SessionFolder:
                     self._files.remove(self.path / name)
 
     def load(self) -> tuple[Journal, list[PartitionMesh]]:
-        """Open the journal and read the mesh.
+        """Open the journal and read the mesh; a session that is refused stays as it was.
 
         Raises
         ------
         JournalError
             If anything does not verify.
         """
-        journal = Journal.open(self.path, self._files)
-        foundation = journal.ledger.foundation
+        found = read_journal(self.path, self._files)
+        foundation = found.ledger.foundation
+        check_digest(self._raw_spec, foundation.spec)
         try:
-            check_digest(self._raw_spec, foundation.spec)
             mesh = read_mesh(self.path / MESH, self._files, foundation.mesh)
-            mark_built(self._files, self.path)  # a crash may have kept BUILD from it
+            journal = Journal.open(self.path, self._files, found)
+            try:
+                mark_built(self._files, self.path)  # a crash may have kept BUILD from it
+            except OSError:
+                journal.close()
+                raise
             return journal, mesh
         except OSError as error:
-            journal.close()
             raise _disk_error("the session cannot be opened", error) from error
-        except BaseException:
-            journal.close()
-            raise
 
     def release(self) -> None:
         """Let other processes hold the session; idempotent."""

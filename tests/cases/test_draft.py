@@ -57,6 +57,21 @@ def test_names_that_need_quotes_and_zones(make_case) -> None:
     assert values["mesh"] == {"file": "mesh.npz", "zone": "2"}
 
 
+@pytest.mark.parametrize("name", ["a\x1b[31mb", "\x00", "\x7f", "\x9b5m", "a\nb", "12\u202f000", "\U0001f30a", 'a\\"b'])
+def test_any_name_of_a_patch_can_be_read_again(make_case, name: str) -> None:
+    folder = make_case().parent
+    mesh = read_mesh(folder / "mesh.npz")
+    text = draft(replace(mesh, patches={name: mesh.patches["block"]}), folder)
+    assert list(tomllib.loads(text)["patches"]) == [name]
+    assert all(letter.isprintable() or letter == "\n" for letter in text), "a terminal obeys none"
+
+
+def test_a_file_whose_name_is_not_utf_8_is_refused(make_case) -> None:
+    mesh = read_mesh(make_case().parent / "mesh.npz")
+    with pytest.raises(InvalidInput, match="is not UTF-8"):
+        draft(replace(mesh, path=mesh.path.with_name("m\udcff.npz")), mesh.path.parent)
+
+
 def test_a_mesh_without_patches_is_told_what_to_do(make_case) -> None:
     mesh = read_mesh(make_case().parent / "mesh.npz")
     with pytest.raises(InvalidInput, match=r"no boundary patches.*physical groups"):

@@ -107,3 +107,10 @@ def test_a_file_that_is_missing_or_none_is_named(tmp_path):
     ):
         with pytest.raises(InvalidInput, match=message):
             Mesh.load(tmp_path / name, GIVEN)
+
+
+def test_a_small_file_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("mesh_motion_client.mesh._UNPACKED_BYTES", 1 << 20)
+    np.savez_compressed(tmp_path / "m.npz", points=np.zeros((1 << 18, 2)))
+    with pytest.raises(InvalidInput, match=r"m\.npz: \d+ bytes that hold \d+, expected at most"):
+        Mesh.load(tmp_path / "m.npz", GIVEN)

@@ -334,6 +334,12 @@ def broken(change: Callable[[Any, Any], None]) -> Callable[[Any, Any], None]:
     return fill
 
 
+def swell(node: Any) -> None:
+    """Give the node an array that takes no room in the file."""
+    del node[" data"]
+    node.create_dataset(" data", shape=(10**9,), dtype="f8", chunks=(1 << 20,), compression="gzip")
+
+
 @pytest.mark.parametrize(
     ("fill", "message"),
     [
@@ -355,6 +361,7 @@ def broken(change: Callable[[Any, Any], None]) -> Callable[[Any, Any], None]:
         (broken(lambda b, z: condition(z, "c", "Nothing", [4, 2])), "c: neither PointList nor PointRange"),
         (broken(lambda b, z: z["ZoneType"].pop(" data")), "it has no data|Structured|a zone of type"),
         (broken(lambda b, z: z["GridCoordinates"].pop("CoordinateX")), "coordinates CoordinateY, Coo"),
+        (broken(lambda b, z: swell(z["GridCoordinates"]["CoordinateX"])), "0 bytes that hold 8000000000 or more"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_refused_in_one_line(tmp_path: Path, fill: Any, message: str) -> None:

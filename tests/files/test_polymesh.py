@@ -2,6 +2,7 @@
 
 import gzip
 import shutil
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.cases.check import check
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile, read_mesh
+from mesh_motion_server.files.openfoam.foam_file import FoamFile, dictionaries
 from mesh_motion_server.files.openfoam.polymesh import read_face_mesh
 from mesh_motion_server.files.polyhedra.cells import find_cells
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh
@@ -463,3 +465,11 @@ def test_every_width_and_byte_order_of_binary_files(tmp_path: Path, label: int, 
     (tmp_path / "owner").write_bytes(cut)
     with pytest.raises(InvalidInput, match=r"owner: a binary list of 4 entries .* the file is cut"):
         read_mesh(tmp_path)
+
+
+def test_a_long_entry_of_a_patch_is_read_in_linear_time(tmp_path: Path) -> None:
+    """100 000 words took minutes when each was copied with those before it."""
+    (tmp_path / "boundary").write_bytes(b"FoamFile{class a;} 1(a{type wall; x %s;})" % (b"( " * 100_000))
+    began = time.process_time()
+    assert dictionaries(FoamFile.find(tmp_path, "boundary"))[0][1]["type"] == "wall"
+    assert time.process_time() - began < 5

@@ -1,7 +1,11 @@
 """What we write, VTK itself reads back; and what VTK and meshio write, we read."""
 
+import base64
+import lzma
 import re
+import struct
 import sys
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -124,6 +128,30 @@ def test_appended_data_of_vtk_itself(tmp_path: Path, compressor: str, word: int,
     np.testing.assert_array_equal(mesh.patches["rim"], np.arange(1, len(points)))
 
 
+@pytest.mark.parametrize("compressor", ["vtkZLibDataCompressor", "vtkLZMADataCompressor"])
+@pytest.mark.parametrize("place", ["binary", "base64", "raw"])
+def test_a_small_file_that_would_fill_the_memory_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compressor: str, place: str
+) -> None:
+    """What a block holds counts, not what the header says of it."""
+    monkeypatch.setattr("mesh_motion_server.files.packages._UNPACKED_BYTES", 1 << 20)
+    block = (zlib if "ZLib" in compressor else lzma).compress(bytes(3 << 20))
+    head = struct.pack("<4Q", 1, 24, 0, len(block))
+    text = head + block if place == "raw" else base64.b64encode(head) + base64.b64encode(block)
+    inside, outside = (text, b"") if place == "binary" else (b"", b'<AppendedData encoding="%s">_%s\n</AppendedData>')
+    if outside:
+        outside %= place.encode(), text
+    (tmp_path / "m.vtu").write_bytes(
+        b'<VTKFile type="UnstructuredGrid" byte_order="LittleEndian" header_type="UInt64" compressor="%s">'
+        b'<UnstructuredGrid><Piece NumberOfPoints="1" NumberOfCells="0"><Points><DataArray type="Float64" '
+        b'NumberOfComponents="3" Name="Points" format="%s" offset="0">%s</DataArray></Points></Piece>'
+        b"</UnstructuredGrid>%s</VTKFile>"
+        % (compressor.encode(), b"binary" if place == "binary" else b"appended", inside, outside)
+    )
+    with pytest.raises(InvalidInput, match=r"m\.vtu: \d+ bytes that hold 104857\d or more, expected at most"):
+        read_mesh(tmp_path / "m.vtu")
+
+
 def test_appended_data_that_ends_too_soon_is_refused(tmp_path: Path) -> None:
     pytest.importorskip("meshio")
     path = tmp_path / "m.vtu"
@@ -160,6 +188,16 @@ def test_legacy_files_of_vtk_itself(tmp_path: Path) -> None:
     writer.SetInputData(vtk_read(tmp_path / "m.vtu"))
     writer.Write()
     np.testing.assert_array_equal(read_mesh(tmp_path / "m.vtk").points, points)
+
+
+@pytest.mark.parametrize("name", ["a\x1b[31m", "\x00", "\udcff", "a<\"&'>", "[/x]"])
+def test_any_name_can_be_read_again(tmp_path: Path, name: str) -> None:
+    """XML has no control characters and no half characters."""
+    ends = np.array([1, 0], dtype=np.uint8)
+    path = tmp_path / "line.vtu"
+    cells = CellTable.from_arrays({"line": np.array([[0, 1]])})
+    write_vtu(path, np.array([[0.0], [1.0]]), cells, point_data={f"patch_{name}": ends})
+    assert list(read_mesh(path).patches) == [re.sub("[\x00\x1b\udcff]", "�", name)]
 
 
 def test_a_series_lists_its_times(tmp_path: Path) -> None:

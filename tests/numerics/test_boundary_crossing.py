@@ -6,7 +6,12 @@ from box_meshes import box_mesh
 from correction_cases import stored
 from frame_meshes import rotation
 
-from mesh_motion_server.numerics.mesh.boundary_crossing import BoundaryFacets, crossing_place, touching_facets
+from mesh_motion_server.numerics.mesh.boundary_crossing import (
+    BoundaryFacets,
+    crossing_place,
+    straddling_place,
+    touching_facets,
+)
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 
 
@@ -70,6 +75,29 @@ def test_facets_that_touch_are_found(low: float, touches: int) -> None:
     solid = np.vstack([solid, solid[:2] + np.array([0.0, 0.0, 1.0]), solid[2:] + np.array([0.0, 0.0, 0.5])])
     rows = {"quad": [[0, 1, 5, 4]], "triangle": [[2, 3, 6]]}
     assert len(touching_facets(*facets_of(solid, **rows))) == touches
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize(
+    ("low", "crosses"),
+    [(-1.0, True), (-0.5, True), (1.0, False), (1.0 + 1e-9, False)],
+    ids=["half", "", "touch", "gap"],
+)
+def test_facets_that_cross_in_their_nodes(dimension: int, low: float, crosses: bool) -> None:
+    """A wall along y = 0, and a body of two facets from y = 1 to ``low`` that has its middle node on a node of it."""
+    points = np.array([(-1.0, 0.0), (0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, 0.0), (0.0, low)])
+    points[5, 0] = 0.3 if low > 0 else 0.0
+    rows = np.array([[0, 1], [1, 2], [3, 4], [4, 5]])
+    if low > 1:
+        points[4, 1] = 1e-9
+    if dimension == 3:
+        points = np.vstack([np.insert(points, 2, depth, axis=1) for depth in (0.0, 1.0)])
+        rows = np.column_stack([rows, rows[:, ::-1] + 6])
+    body = np.flatnonzero(np.arange(len(points)) % 6 > 2)
+    kind = {"line" if dimension == 2 else "quad": rows}
+    facets = BoundaryFacets.build(kind, body, np.setdiff1d(np.arange(len(points)), body), len(points))
+    assert (straddling_place(facets, points) is not None) == crosses
+    assert crossing_place(facets, points) is None, "its signs do not say it"
 
 
 def test_segments_that_share_a_node_do_not_cross() -> None:

@@ -176,3 +176,21 @@ def test_an_interface_may_slide_and_open_but_not_pass(dimension: int) -> None:
     for along, down in ((0.0, 0.0), (0.05, 0.0), (0.0, 0.1), (0.05, 0.02)):
         assert refused(model, targets(along, down)) == ""
     assert refused(model, targets(0.0, -0.1))
+
+
+@pytest.mark.parametrize("walls", ["fixed", "slip", "symmetry"])
+@pytest.mark.parametrize("aside", [0.0, 0.3, 0.013])
+def test_between_periodic_sides_a_body_leaves_through_a_wall(walls: str, aside: float) -> None:
+    """No part of the boundary is closed there, and nodes of body and wall may be at one place."""
+    points, cells = grid(np.linspace(0, 1, 11), np.linspace(0, 1, 11))
+    cells = cells[(np.abs(points[cells].mean(axis=1) - 0.5) > 0.1).any(axis=1)]
+    used, cells = np.unique(cells, return_inverse=True)
+    points, (x, y) = points[used], points[used].T
+    body = np.flatnonzero((np.abs(points - 0.5) < 0.11).all(axis=1))
+    patches = {"body": Patch("moving", body)}
+    for name, on in {"left": x < 0.01, "right": x > 0.99, "low": y < 0.01, "up": y > 0.99}.items():
+        patches[name] = Patch(walls if name in ("low", "up") else "periodic", np.flatnonzero(on))
+    table = CellTable.from_arrays({"quad": cells.reshape(-1, 4)})
+    model = MotionModel.build(points, table, patches, Method())
+    for up, there in ((0.5, True), (0.41, True), (0.39, False)):
+        assert ("cross itself" in refused(model, points[body] + np.array([aside, up]))) == there

@@ -69,6 +69,28 @@ def test_a_built_session_without_its_manifest_is_lost_data_and_stays(
 
 
 @pytest.mark.parametrize("durability", ["full", "relaxed", "replay"])
+@pytest.mark.parametrize("name", ["mesh.bin", SPEC])
+@pytest.mark.parametrize("damage", [Path.unlink, lambda path: path.write_bytes(path.read_bytes()[:-1] + b"?")])
+def test_a_resume_that_is_refused_changes_nothing(
+    store: SessionStore, durability: str, name: str, damage: Callable[[Path], None]
+) -> None:
+    """Even where a crash left the journal to be settled."""
+    driver = make_driver(store, [grid_mesh()], spec={"durability": durability})
+    driver.open()
+    driver.advance(1)
+    folder = store.root / "sessions" / SESSION
+    shutil.copytree(folder, kept := store.root / "kept")
+    driver.host.close()
+    shutil.rmtree(folder)
+    kept.rename(folder)
+    damage(folder / name)
+    before = content(folder)
+    with pytest.raises(JournalError):
+        load(store)
+    assert content(folder) == before
+
+
+@pytest.mark.parametrize("durability", ["full", "relaxed", "replay"])
 @pytest.mark.parametrize("steps", [0, 3])
 def test_an_older_backups_mark_beside_newer_files_removes_nothing(
     store: SessionStore, durability: str, steps: int

@@ -28,6 +28,8 @@ _PLANE = ("triangle", "quad")
 _PART_BYTES = 32 << 20
 #: Nodes that 4 bytes number.
 _INT32 = 1 << 31
+#: A packed file may always hold so many bytes, and more if they are at most so many times its own.
+_UNPACKED_BYTES, _UNPACKED_RATIO = 1 << 30, 200
 #: What a damaged ``.npz`` raises.
 _DAMAGED = (ValueError, zipfile.BadZipFile, EOFError, KeyError, RuntimeError, MemoryError, OverflowError)
 
@@ -113,6 +115,7 @@ class Mesh(Described):
         """
         try:
             with np.load(path, allow_pickle=False) as file:
+                _check_unpacked(path, sum(member.file_size for member in file.zip.infolist()))
                 arrays = dict(file)
         except OSError as error:
             raise InvalidInput(f"{path}: cannot be read: {error.strerror or error}") from None
@@ -225,6 +228,17 @@ class Mesh(Described):
             f"{what} must name nodes 0 … {len(self.points) - 1}, got {int(nodes[first])} in row {first[0]}",
             hint="node numbers count from 0",
             details={"row": first[0], "value": int(nodes[first])},
+        )
+
+
+def _check_unpacked(path: str | os.PathLike[str], held: int) -> None:
+    """Raise InvalidInput for a file that is made to fill the memory."""
+    packed = os.path.getsize(path)
+    most = max(_UNPACKED_BYTES, _UNPACKED_RATIO * packed)
+    if held > most:
+        raise InvalidInput(
+            f"{os.fspath(path)}: {packed} bytes that hold {held}, expected at most {most}",
+            hint="if it is a mesh all the same, store it without compression",
         )
 
 

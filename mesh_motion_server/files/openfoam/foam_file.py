@@ -226,7 +226,10 @@ def _entries(text: str) -> dict[str, str]:
     for token in _HEADER_TOKEN.findall(text):
         if token == ";" and words:
             found[words[0]] = " ".join(words[1:]).strip('"')
-        words = [] if token == ";" else words if token.startswith(("//", "/*")) else [*words, token]
+        if token == ";":
+            words = []
+        elif not token.startswith(("//", "/*")):
+            words.append(token)
     return found
 
 
@@ -259,5 +262,8 @@ def dictionaries(file: FoamFile) -> list[tuple[str, dict[str, str]]]:
                 break
             if token == ";" and depth == 1 and words:
                 found[-1][1][words[0]] = " ".join(words[1:])
-            words = [] if token in ";{}" else [*words, token]
+            if token in ";{}":
+                words = []
+            else:
+                words.append(token)
     raise file.refused("the list of patches does not end: the file is cut")

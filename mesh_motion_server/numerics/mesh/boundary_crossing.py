@@ -28,7 +28,7 @@ from scipy.spatial import cKDTree
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors, widened
 
-__all__ = ["BoundaryFacets", "crossing_place", "touching_facets"]
+__all__ = ["BoundaryFacets", "crossing_place", "straddling_place", "touching_facets"]
 
 
 #: Below this share of the product of lengths, the sign of an area or a volume is not certain …
@@ -37,6 +37,9 @@ _FLAT = 1e-12
 _ROUNDINGS = 8.0 * np.finfo(float).eps
 #: Facets in one plane overlap if they do by more than this share of their size.
 _OVERLAP = 1e-9
+#: Directions of shifts that are parallel to no axis, and their length, relative to the mesh.
+_SHIFTS = np.array([(0.83, 0.31, 0.47), (-0.57, 0.53, 0.63), (-0.13, -0.77, 0.61)])
+_SHIFT = 1e-7
 _SIDES = {"line": ((0, 1),), "triangle": ((0, 1), (1, 2), (2, 0)), "quad": ((0, 1), (1, 2), (2, 3), (3, 0))}
 #: The triangles of a facet, for each choice of a diagonal.
 _SPLITS = {
@@ -80,6 +83,18 @@ def crossing_place(boundary: BoundaryFacets, points: Floats) -> Floats | None:
             place: Floats = points[edges[int(np.argmax(found))]].mean(axis=0)
             return place
     return None
+
+
+def straddling_place(boundary: BoundaryFacets, points: Floats) -> Floats | None:
+    """As :func:`crossing_place`, for facets that cross in their nodes: a place where they do so however the moving
+    nodes are shifted by next to nothing, together; None if a shift parts them, or if the crossing is not certain.
+    """
+    place, shift = None, _SHIFT * float(np.ptp(points, axis=0).max())
+    for direction in np.vstack([_SHIFTS, -_SHIFTS])[:, : points.shape[1]] * shift:
+        place = crossing_place(boundary, points + np.where(boundary.moving[:, None], direction, 0.0))
+        if place is None:
+            return None
+    return place
 
 
 def touching_facets(boundary: BoundaryFacets, points: Floats) -> Integers:

@@ -10,7 +10,12 @@ import numpy as np
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.boundary_crossing import BoundaryFacets, crossing_place, touching_facets
+from mesh_motion_server.numerics.mesh.boundary_crossing import (
+    BoundaryFacets,
+    crossing_place,
+    straddling_place,
+    touching_facets,
+)
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_server.numerics.mesh.boundary_orientation import overturned_place
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -114,6 +119,8 @@ class PossibleCrossing:
         yield "turn inside out", overturned_place(facets, self.known, reference, moved)
         misplaced = misplaced_place(facets, self.known, self.roles.moving, reference, moved)
         yield "leave its side of another part", misplaced
+        if not len(self.sides.pairs):  # sides that touch at rest would cross after a shift
+            yield "cross itself", straddling_place(self.facets, moved)
         touching = touching_facets(self.facets, moved)
         yield "touch or cross itself", contact_place(facets, touching, self.known, reference, moved)
 

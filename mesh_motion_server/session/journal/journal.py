@@ -120,15 +120,15 @@ class Journal:
         return journal
 
     @classmethod
-    def open(cls, folder: Path, files: FileSystem) -> Journal:
-        """Read the journal and repair what a crash left.
+    def open(cls, folder: Path, files: FileSystem, found: Findings | None = None) -> Journal:
+        """Read the journal, unless what was ``found`` in it is given, and repair what a crash left.
 
         Raises
         ------
         JournalError
             On damage (DATA_LOSS.CHECKSUM), another format, or an operation that failed.
         """
-        found = read_journal(folder, files)
+        found = found or read_journal(folder, files)
         journal = cls(folder, files, found.ledger, found.end)
         with journal._freezing("opening the journal"):
             failpoint("journal.open.read")
