@@ -221,7 +221,7 @@ def test_one_rank_gives_what_a_session_with_the_whole_mesh_gives(prefix, endpoin
             session.move(bend(body, 1), frame=SINCE_COMMITTED)
 
 
-@pytest.mark.parametrize(("kind", "count"), [("quad + triangle", 20), ("tetra", 12), ("hexahedron", 8)])
+@pytest.mark.parametrize(("kind", "count"), [("quad + triangle", 20), ("tetra", 12), ("hexahedron", 10)])
 def test_the_default_motion_is_that_of_python(prefix, endpoint, kind, count):
     mesh = box(kind, count)
     with (
