@@ -14,13 +14,6 @@ from typing import Any
 import numpy as np
 from mesh_motion_client import Credentials, Mesh, Patch, Session, connect
 
-SETTINGS = {
-    "displacement": "absolute",
-    "correction_target": "threshold",
-    "quality_threshold": 0.6,
-    "sub_steps": "never",
-    "boundary_layer_thickness": 0.0,
-}
 #: Cells along each side of a cube; those in its middle, the body, are left out.
 COUNT, BODY = 24, (10, 14)
 STEPS = 5
@@ -65,7 +58,7 @@ def run(endpoint: str, rank: int, ranks: int, share: Callable[[Any], Any]) -> np
     with connect(endpoint) as server:
         if rank == 0:
             shared = lambda credentials: share((credentials.session, credentials.token))  # noqa: E731
-            session = server.open(mesh, SETTINGS, partitions=ranks, evaluation="client", announce=shared)
+            session = server.open(mesh, partitions=ranks, evaluation="client", announce=shared)
         else:
             session = server.join(Credentials(*share(None)), mesh, partition=rank)
         with session:
