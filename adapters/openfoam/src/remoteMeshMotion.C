@@ -6,7 +6,6 @@
 #include "SHA1Digest.H"
 #include "Time.H"
 #include "addToRunTimeSelectionTable.H"
-#include "boundBox.H"
 #include "knownEntries.H"
 
 #include <cmath>
@@ -258,26 +257,6 @@ bool Foam::remoteMeshMotion::isWhereItWas()
 }
 
 
-bool Foam::remoteMeshMotion::goOn(const fileName& path, const dictionary& saved)
-{
-    List<scalarList> trial;
-    if (saved.found("trial"))
-    {
-        saved.lookup("trial") >> trial;
-    }
-    scalarField rows;
-    if (trial.size() == Pstream::nProcs())
-    {
-        rows = trial[Pstream::myProcNo()];
-    }
-    const scalarField* move = trial.empty() ? nullptr : &rows;
-    const label step = saved.get<label>("step");
-    return
-        session_->resume(path/"credentials", step, move, remoteMesh_)
-     && isWhereItWas();
-}
-
-
 bool Foam::remoteMeshMotion::resume()
 {
     const fileName path(folder(mesh().time().timeName()));
@@ -287,17 +266,41 @@ bool Foam::remoteMeshMotion::resume()
     {
         return false;
     }
-    dictionary saved;
+    label step = 0, ranks = 0;
+    string settings;
+    scalar window = window_;
+    List<scalarList> trial;
     if (Pstream::master())
     {
-        saved = dictionary(IFstream(path/"state")());
+        const dictionary saved(IFstream(path/"state")());
+        step = saved.get<label>("step");
+        ranks = saved.get<label>("processors");
+        settings = saved.get<string>("settings");
+        saved.readIfPresent("couplingWindow", window);
+        saved.readIfPresent("trial", trial);
     }
-    Pstream::scatter(saved);
-    bool same =
-        saved.get<label>("processors") == Pstream::nProcs()
-     && saved.get<string>("settings") == digest();
+    Pstream::scatter(step);
+    Pstream::scatter(ranks);
+    Pstream::scatter(settings);
+    Pstream::scatter(window);
+    Pstream::scatter(trial);
+    bool same = ranks == Pstream::nProcs() && settings == digest();
     reduce(same, andOp<bool>()); // each rank may read a dictionary of its own
-    if (!same || !goOn(path, saved))
+    scalarField rows;
+    const bool moved = same && !trial.empty();
+    if (moved)
+    {
+        rows = trial[Pstream::myProcNo()];
+    }
+    if
+    (
+        !same
+     || !session_->resume
+        (
+            path/"credentials", step, moved ? &rows : nullptr, remoteMesh_
+        )
+     || !isWhereItWas()
+    )
     {
         WarningInFunction
             << "the session of " << path << " cannot be resumed: "
@@ -311,9 +314,8 @@ bool Foam::remoteMeshMotion::resume()
         session_.reset(new remoteSession(coeffDict()));
         return false;
     }
-    window_ = saved.lookupOrDefault<scalar>("couplingWindow", window_);
+    window_ = window;
     first_ = -1;
-    scalarField rows;
     session_->reference(rows);
     const pointField first(ofOwn(points0()));
     pointField reference(first);
@@ -506,13 +508,12 @@ void Foam::remoteMeshMotion::solve()
     pointDisplacement_.correctBoundaryConditions();
     patches_.checkFixed(pointDisplacement_);
 
-    const scalar extent = cmptMax(boundBox(points0(), true).span());
     label nMoving = 0;
     const int64_t* moving = session_->movingNodes(nMoving);
     scalarField rows, answer;
     const vectorField moved
     (
-        ofOwn(patches_.moved(pointDisplacement_, extent)()) - offset_
+        ofOwn(patches_.moved(pointDisplacement_, points0())()) - offset_
     );
     remoteMesh_.toNodes(moved, nMoving, moving, rows);
     if (session_->move(rows, answer))

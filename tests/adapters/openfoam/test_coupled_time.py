@@ -13,6 +13,9 @@ SCRIPT = """functions {{ script {{ type scriptedCoupling; libs ("{library}");
     iterations ({iterations}); subSteps {sub_steps}; windows {windows}; {further} }} }}
 """
 
+#: The plate turns by a radian at once where an iteration goes too far.
+REFUSING = "correction none; sub_steps never; quality_threshold 0.3; support_radius 0.2;"
+
 
 @pytest.fixture(scope="session")
 def scripted(tmp_path_factory, foam_environment):
@@ -107,7 +110,8 @@ def test_a_restart_goes_on_with_the_window(coupled, end, ranks):
     faces = [re.search(r"undeformed faces (\S+)", text)[1] for text in (first, output)]
     assert faces[0] == faces[1]
     if ranks > 1:
-        parts.check_ranks("0.4", whole.points("0.4"))
+        # between ranks by the distances in the undeformed mesh, in serial by those in the deformed one
+        parts.check_ranks("0.4", whole.points("0.4"), atol=1e-8)
     else:
         np.testing.assert_allclose(parts.points("0.4"), whole.points("0.4"), rtol=0, atol=1e-14)
 
@@ -115,9 +119,9 @@ def test_a_restart_goes_on_with_the_window(coupled, end, ranks):
 @pytest.mark.parametrize("keeps", [True, False])
 def test_a_refused_iteration_may_be_followed_by_a_better_one(coupled, keeps):
     method = f"onRefusal {'keep' if keeps else 'fail'};"
-    once, case = coupled("once", "1", windows=2), coupled("case", "60 1", windows=2, method=method)
+    once, case = coupled("once", "1", windows=2), coupled("case", "30 1", windows=2, method=method)
     for each in (once, case):
-        each.method("correction none; sub_steps never; support_radius 0.5;", method)
+        each.method(REFUSING, method)
     once.run("moveDynamicMesh")
     output = case.run("moveDynamicMesh", expect=not keeps)
     assert "FAILED_PRECONDITION.QUALITY" in output
@@ -127,8 +131,8 @@ def test_a_refused_iteration_may_be_followed_by_a_better_one(coupled, keeps):
 
 
 def test_a_refused_last_iteration_ends_the_run(coupled):
-    case = coupled("case", "1 60", windows=2, method="onRefusal keep;")
-    case.method("correction none; sub_steps never; support_radius 0.5;", "onRefusal keep;")
+    case = coupled("case", "1 30", windows=2, method="onRefusal keep;")
+    case.method(REFUSING, "onRefusal keep;")
     case.run("moveDynamicMesh", expect=1)
     assert "the step's last iteration was refused" in case.output
     assert not (case.folder / "0.05/uniform/remoteMeshMotion/state").exists()
