@@ -1,4 +1,4 @@
-"""The tutorial's participant Solid: stock CalculiX, by way of mesh_motion_calculix; preCICE's adapter of it needs a build.
+"""The tutorial's participant Solid: stock CalculiX by mesh_motion_calculix, without preCICE's adapter for it.
 
 python solid.py precice-config.xml FOLDER
 """
