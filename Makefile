@@ -19,7 +19,7 @@
 # make adapters builds and tests the clients whose tools are installed, and says which are not (adapters/README.md)
 # make mok    runs the Mok benchmark in Kratos with its own mesh solver and with the server, two minutes (adapters/kratos/README.md)
 # make flap   the perpendicular flap with OpenFOAM, CalculiX and the server against its published reference, six minutes
-# make turek  Turek and Hron's FSI3 on two meshes against the published figures, hours; goes on where it stopped (CASE=fsi2, SOLVER=kratos)
+# make turek  Turek and Hron's FSI3 on three meshes against the published figures, hours; goes on where it stopped (CASE=fsi2, SOLVER=kratos)
 # make docker builds the images and couples server, mock fluid and mock solid: out/docker; make docker-openfoam OpenFOAM and CalculiX
 #
 # Each makes the virtual environment by itself. PYTHON=python3.12 chooses another interpreter (3.11 or newer), LOCKED=1 the versions

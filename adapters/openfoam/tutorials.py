@@ -394,9 +394,9 @@ def prepared(tutorial: Tutorial, mesh: Path, folder: Path, variables: dict[str, 
     shutil.rmtree(folder / "0", ignore_errors=True)
     shutil.copytree(folder / "0.orig", folder / "0")
     if tutorial.application == "moveDynamicMesh":  # it needs no more; code in others may not be compiled
-        of_motion = "pointDisplacement" if patches else ("point", "cell")
         for path in (folder / "0").iterdir():
-            if path.is_file() and not path.name.startswith(of_motion):
+            kept = path.name == "pointDisplacement" if patches else path.name.startswith(("point", "cell"))
+            if path.is_file() and not kept:
                 path.unlink()
     elif (folder / "system" / "setFieldsDict").exists():
         runner.run("setFields")
@@ -447,6 +447,27 @@ def play(tutorial: Tutorial, mesh: Path, folder: Path, ranks: int, patches: str)
     return Outcome(max(found[0]), max(found[1]), seconds, error)
 
 
+def row(tutorial: Tutorial, start: Path) -> tuple[list[str], bool]:
+    """The table's cells of a case, in folders that begin with ``start``; whether the server failed in one."""
+    mesh = start.with_name(start.name + "mesh")
+    try:
+        meshed(tutorial, mesh)
+    except (SetupError, subprocess.CalledProcessError) as error:
+        return [f"{error} | "] * 3, True
+    cells, failed = [], False
+    for name, ranks, patches in (("own", 1, ""), ("server", 1, tutorial.patches), ("ranks", 2, tutorial.patches)):
+        if tutorial.missing and not patches:
+            cells.append(f"{tutorial.missing} | ")
+            continue
+        try:
+            outcome = play(tutorial, mesh, start.with_name(start.name + name), ranks, patches)
+        except SetupError as error:
+            outcome = Outcome(math.nan, math.nan, math.nan, str(error))
+        failed = failed or bool(patches and outcome.error)
+        cells.append(str(outcome))
+    return cells, failed
+
+
 def main() -> int:
     """All cases; status 1 where one did not move to its end with the server."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -464,17 +485,9 @@ def main() -> int:
     for tutorial in CASES:
         if (options.only or "") not in tutorial.name:
             continue
-        cells = [f"{tutorial.name} | {tutorial.steps} of {tutorial.dt:g} s"]
-        mesh = out / f"{tutorial.name}-mesh".replace(" ", "-")
-        meshed(tutorial, mesh)
-        for name, ranks, patches in (("own", 1, ""), ("server", 1, tutorial.patches), ("ranks", 2, tutorial.patches)):
-            if tutorial.missing and not patches:
-                cells.append(f"{tutorial.missing} | ")
-                continue
-            outcome = play(tutorial, mesh, mesh.with_name(mesh.name.removesuffix("mesh") + name), ranks, patches)
-            good = good and not (patches and outcome.error)
-            cells.append(str(outcome))
-        sys.stdout.write("| " + " | ".join(cells) + " |\n")
+        cells, failed = row(tutorial, out / f"{tutorial.name}-".replace(" ", "-"))
+        good = good and not failed
+        sys.stdout.write(f"| {tutorial.name} | {tutorial.steps} of {tutorial.dt:g} s | {' | '.join(cells)} |\n")
         sys.stdout.flush()
     return int(not good)
 

@@ -6,8 +6,9 @@
 #include "SHA1Digest.H"
 #include "Time.H"
 #include "addToRunTimeSelectionTable.H"
-#include "boundBox.H"
 #include "knownEntries.H"
+
+#include <cmath>
 
 namespace Foam
 {
@@ -34,7 +35,7 @@ const dictionary& checked(const dictionary& dict, const dictionary& coeffs)
     ({
         "endpoint", "patches", "method", "onServerLoss", "timeout",
         "computeTimeout", "commit", "atEnd", "durability", "label",
-        "secretKey", "serverKey", "evaluation"
+        "secretKey", "serverKey", "evaluation", "onRefusal", "couplingWindow"
     });
     // without a dictionary of their own they stand among those of the mesh
     static const wordList ofMesh
@@ -148,6 +149,28 @@ std::unique_ptr<fvMeshSubset> cellsOf(const polyMesh& mesh, const word& name)
     return subset;
 }
 
+
+//- Registered by the name that coupling adapters look up
+std::unique_ptr<volVectorField> newCellDisplacement(const polyMesh& mesh)
+{
+    return std::unique_ptr<volVectorField>
+    (
+        new volVectorField
+        (
+            IOobject
+            (
+                "cellDisplacement",
+                mesh.time().timeName(),
+                mesh,
+                IOobject::NO_READ,
+                IOobject::NO_WRITE
+            ),
+            refCast<const fvMesh>(mesh),
+            dimensionedVector(dimLength, Zero)
+        )
+    );
+}
+
 } // End anonymous namespace
 
 
@@ -208,11 +231,6 @@ Foam::string Foam::remoteMeshMotion::digest() const
 
 void Foam::remoteMeshMotion::open()
 {
-    offset_ = ofOwn(mesh().points()) - ofOwn(points0());
-    if (evaluates_)
-    {
-        offset_ = Zero;
-    }
     string label(mesh().time().globalCaseName());
     if (coeffDict().found("label"))
     {
@@ -250,22 +268,37 @@ bool Foam::remoteMeshMotion::resume()
     }
     label step = 0, ranks = 0;
     string settings;
+    scalar window = window_;
+    List<scalarList> trial;
     if (Pstream::master())
     {
         const dictionary saved(IFstream(path/"state")());
         step = saved.get<label>("step");
         ranks = saved.get<label>("processors");
         settings = saved.get<string>("settings");
+        saved.readIfPresent("couplingWindow", window);
+        saved.readIfPresent("trial", trial);
     }
     Pstream::scatter(step);
     Pstream::scatter(ranks);
     Pstream::scatter(settings);
+    Pstream::scatter(window);
+    Pstream::scatter(trial);
     bool same = ranks == Pstream::nProcs() && settings == digest();
     reduce(same, andOp<bool>()); // each rank may read a dictionary of its own
+    scalarField rows;
+    const bool moved = same && !trial.empty();
+    if (moved)
+    {
+        rows = trial[Pstream::myProcNo()];
+    }
     if
     (
         !same
-     || !session_->resume(path/"credentials", step, remoteMesh_)
+     || !session_->resume
+        (
+            path/"credentials", step, moved ? &rows : nullptr, remoteMesh_
+        )
      || !isWhereItWas()
     )
     {
@@ -281,35 +314,119 @@ bool Foam::remoteMeshMotion::resume()
         session_.reset(new remoteSession(coeffDict()));
         return false;
     }
-    scalarField rows;
+    window_ = window;
+    first_ = -1;
     session_->reference(rows);
     const pointField first(ofOwn(points0()));
     pointField reference(first);
     remoteMesh_.toPoints(rows, reference);
     offset_ = reference - first;
-    Info<< "remoteMeshMotion: the session goes on behind step " << step << endl;
+    Info<< "remoteMeshMotion: the session goes on behind step "
+        << session_->step() << endl;
     return true;
+}
+
+
+Foam::label Foam::remoteMeshMotion::stepNow() const
+{
+    const Time& time = mesh().time();
+    return
+        window_ > 0
+      ? label(std::ceil((time.value() - begin_)/window_ - 1e-5))
+      : time.timeIndex();
 }
 
 
 Foam::label Foam::remoteMeshMotion::stepsLeft() const
 {
     const Time& time = mesh().time();
-    const scalar left = (time.endTime() - time).value()/time.deltaTValue();
+    const scalar step = window_ > 0 ? window_ : time.deltaTValue();
+    const scalar left = (time.endTime() - time).value()/step;
     if (commitEveryMove_ || !(left > -0.5 && left < labelMax/2))
     {
         return -1;
     }
-    return time.timeIndex() - trial_ + label(left + 0.5);
+    return label(left + 0.5);
 }
 
 
-void Foam::remoteMeshMotion::commit() const
+void Foam::remoteMeshMotion::commit()
 {
     if (trial_ >= 0)
     {
-        session_->commit(stepsLeft());
+        session_->commit(left_);
+        committed_ = trial_;
+        first_ = min(first_, trial_);
         trial_ = -1;
+    }
+}
+
+
+void Foam::remoteMeshMotion::goBack()
+{
+    const Time& time = mesh().time();
+    const scalar begin = time.value() - time.deltaTValue();
+    if (window_ > 0 || first_ < stepNow())
+    {
+        FatalErrorInFunction
+            << "the time went back from " << Foam::name(last_) << " to "
+            << Foam::name(begin)
+            << ", before steps that are committed: the steps between are one "
+            << "window of a coupling" << nl
+            << "    give its length in " << typeName << "Coeffs: "
+            << "couplingWindow " << Foam::name(last_ - begin) << ';'
+            << exit(FatalError);
+    }
+    window_ = last_ - begin;
+    begin_ = begin;
+    trial_ = committed_ = -1;
+    first_ = labelMax;
+    Info<< "remoteMeshMotion: the time went back by " << Foam::name(window_)
+        << " s, the coupling's window: from now on it is one step" << endl;
+    session_->discard();
+    session_.reset(new remoteSession(coeffDict()));
+    open();
+}
+
+
+void Foam::remoteMeshMotion::beginMove()
+{
+    const label now = stepNow();
+    if (trial_ >= 0 && now > trial_)
+    {
+        commit();
+    }
+    else if (now <= committed_ && !commitEveryMove_)
+    {
+        goBack();
+    }
+}
+
+
+void Foam::remoteMeshMotion::setCellDisplacement()
+{
+    if (!cellDisplacement_)
+    {
+        return;
+    }
+    const pointField& from = points0();
+    const pointField to(curPoints());
+    volVectorField& field = *cellDisplacement_;
+    const cellList& cells = mesh().cells();
+    vectorField& inner = field.primitiveFieldRef();
+    forAll(inner, celli)
+    {
+        const cell& c = cells[celli];
+        inner[celli] =
+            c.centre(to, mesh().faces()) - c.centre(from, mesh().faces());
+    }
+    for (fvPatchVectorField& patch : field.boundaryFieldRef())
+    {
+        const polyPatch& faces = patch.patch().patch();
+        forAll(patch, i) // none where the patch is empty
+        {
+            patch[i] = faces[i].centre(to) - faces[i].centre(from);
+        }
     }
 }
 
@@ -339,19 +456,43 @@ Foam::remoteMeshMotion::remoteMeshMotion
     (
         own(), ofOwn(evaluates_ ? points0() : mesh.points()), patches_
     ),
-    session_(),
+    commitEveryMove_
+    (
+        isSecond(coeffDict(), "commit", {"timeStep", "everyMove"})
+    ),
+    window_(coeffDict().lookupOrDefault<scalar>("couplingWindow", 0)),
+    begin_(mesh.time().value()),
     trial_(-1),
-    commitEveryMove_(false)
+    committed_(-1),
+    first_(labelMax),
+    last_(0),
+    left_(-1)
 {
-    commitEveryMove_ =
-        isSecond(coeffDict(), "commit", {"timeStep", "everyMove"});
     isSecond(coeffDict(), "atEnd", {"keep", "discard"});
+    isSecond(coeffDict(), "onRefusal", {"fail", "keep"});
     patches_.check(pointDisplacement_, coeffDict());
     session_.reset(new remoteSession(coeffDict()));
     if (!resume())
     {
+        offset_ = ofOwn(mesh.points()) - ofOwn(points0());
+        if (evaluates_)
+        {
+            offset_ = Zero;
+        }
         open();
     }
+    accepted_ = ofOwn(mesh.points()) - ofOwn(points0());
+    if (!mesh.foundObject<volVectorField>("cellDisplacement"))
+    {
+        cellDisplacement_ = newCellDisplacement(mesh);
+        setCellDisplacement();
+    }
+}
+
+
+Foam::remoteMeshMotion::~remoteMeshMotion()
+{
+    commit();
 }
 
 
@@ -363,31 +504,31 @@ Foam::tmp<Foam::pointField> Foam::remoteMeshMotion::curPoints() const
 
 void Foam::remoteMeshMotion::solve()
 {
-    const label now = mesh().time().timeIndex();
-    if (trial_ >= 0 && trial_ != now)
-    {
-        commit();
-    }
+    beginMove();
     pointDisplacement_.correctBoundaryConditions();
     patches_.checkFixed(pointDisplacement_);
 
-    const scalar extent = cmptMax(boundBox(points0(), true).span());
     label nMoving = 0;
     const int64_t* moving = session_->movingNodes(nMoving);
     scalarField rows, answer;
     const vectorField moved
     (
-        ofOwn(patches_.moved(pointDisplacement_, extent)()) - offset_
+        ofOwn(patches_.moved(pointDisplacement_, points0())()) - offset_
     );
     remoteMesh_.toNodes(moved, nMoving, moving, rows);
-    session_->move(rows, answer);
-    session_->report();
-
-    pointField displacement(own().nPoints(), Zero);
-    remoteMesh_.toPoints(answer, displacement);
-    displacement += offset_;
-    toAll(displacement, pointDisplacement_.primitiveFieldRef());
-    trial_ = now;
+    if (session_->move(rows, answer))
+    {
+        session_->report();
+        accepted_.setSize(own().nPoints());
+        accepted_ = Zero;
+        remoteMesh_.toPoints(answer, accepted_);
+        accepted_ += offset_;
+    }
+    toAll(accepted_, pointDisplacement_.primitiveFieldRef());
+    setCellDisplacement();
+    trial_ = stepNow();
+    last_ = mesh().time().value();
+    left_ = stepsLeft();
     if (commitEveryMove_)
     {
         commit();
@@ -415,20 +556,39 @@ bool Foam::remoteMeshMotion::writeObject
     const bool
 ) const
 {
-    commit();
     const fileName path(folder(mesh().time().timeName()));
+    if (session_->isRefused())
+    {
+        rm(path/"state"); // of an iteration before: this mesh is no step
+        return true;
+    }
     if (Pstream::master())
     {
         mkDir(path);
     }
     // before the state, which is what a restart looks for
     session_->save(path/"credentials");
+    List<scalarList> rows(trial_ < 0 ? 0 : Pstream::nProcs());
+    if (trial_ >= 0)
+    {
+        rows[Pstream::myProcNo()] = session_->rows();
+        Pstream::gatherList(rows);
+    }
     if (Pstream::master())
     {
         OFstream state(path/"state");
-        state.writeEntry("step", session_->step());
+        state.precision(17);
+        state.writeEntry("step", session_->step() + (trial_ < 0 ? 0 : 1));
         state.writeEntry("processors", Pstream::nProcs());
         state.writeEntry("settings", digest());
+        if (window_ > 0)
+        {
+            state.writeEntry("couplingWindow", window_);
+        }
+        if (trial_ >= 0)
+        {
+            state.writeEntry("trial", rows);
+        }
     }
     return true;
 }

@@ -5,6 +5,7 @@
 #include "processorPolyPatch.H"
 #include "symmetryPlanePolyPatch.H"
 #include "symmetryPolyPatch.H"
+#include "boundBox.H"
 #include "syncTools.H"
 #include "valuePointPatchField.H"
 #include "wedgePolyPatch.H"
@@ -190,12 +191,62 @@ void Foam::remotePatches::check
 }
 
 
+Foam::vectorField Foam::remotePatches::onPatch
+(
+    const pointVectorField& displacement,
+    const label patchi,
+    const pointField& points0
+)
+{
+    const vector none(vector::uniform(-VGREAT));
+    vectorField highest(displacement.size(), none);
+    const auto& pf = displacement.boundaryField()[patchi];
+    const vectorField& value = refCast<const valuePointPatchField<vector>>(pf);
+    const labelList& points = pf.patch().meshPoints();
+    UIndirectList<vector>(highest, points) = value;
+    if (!Pstream::parRun())
+    {
+        return highest;
+    }
+    const polyMesh& mesh = displacement.mesh()();
+    vectorField lowest(displacement.size(), -none), sum(lowest.size(), Zero);
+    scalarField weight(lowest.size(), Zero);
+    UIndirectList<vector>(lowest, points) = value;
+    for (const face& f : mesh.boundaryMesh()[patchi])
+    {
+        const point centre(f.centre(points0));
+        for (const label pointi : f)
+        {
+            weight[pointi] += 1.0/mag(centre - points0[pointi]);
+        }
+    }
+    for (const label pointi : points)
+    {
+        sum[pointi] = weight[pointi]*highest[pointi];
+    }
+    // a rank may hold a point of a moving patch without a face of it
+    syncTools::syncPointList(mesh, highest, maxEqOp<vector>(), none);
+    syncTools::syncPointList(mesh, lowest, minEqOp<vector>(), -none);
+    syncTools::syncPointList(mesh, sum, plusEqOp<vector>(), vector(Zero));
+    syncTools::syncPointList(mesh, weight, plusEqOp<scalar>(), scalar(0));
+    forAll(highest, pointi)
+    {
+        if (weight[pointi] > 0 && highest[pointi] != lowest[pointi])
+        {
+            highest[pointi] = sum[pointi]/weight[pointi];
+        }
+    }
+    return highest;
+}
+
+
 Foam::tmp<Foam::vectorField> Foam::remotePatches::moved
 (
     const pointVectorField& displacement,
-    const scalar extent
+    const pointField& points0
 ) const
 {
+    const scalar extent = cmptMax(boundBox(points0, true).span());
     // a point of two patches takes the larger of each component, if they
     // differ by no more than rounding: section 9.3 of SPEC.md
     tmp<vectorField> thighest
@@ -209,23 +260,16 @@ Foam::tmp<Foam::vectorField> Foam::remotePatches::moved
     {
         if (roles_[patchi] == "moving")
         {
-            const auto& pf = displacement.boundaryField()[patchi];
-            const auto& value = refCast<const valuePointPatchField<vector>>(pf);
-            const labelList& points = pf.patch().meshPoints();
-            forAll(points, i)
+            const vectorField value(onPatch(displacement, patchi, points0));
+            forAll(value, pointi)
             {
-                highest[points[i]] = max(highest[points[i]], value[i]);
-                lowest[points[i]] = min(lowest[points[i]], value[i]);
+                if (value[pointi] != vector::uniform(-VGREAT))
+                {
+                    highest[pointi] = max(highest[pointi], value[pointi]);
+                    lowest[pointi] = min(lowest[pointi], value[pointi]);
+                }
             }
         }
-    }
-    if (Pstream::parRun())
-    {
-        // a rank may hold a point of a moving patch without a face of it
-        const polyMesh& mesh = displacement.mesh()();
-        const vector most(vector::uniform(VGREAT));
-        syncTools::syncPointList(mesh, highest, maxEqOp<vector>(), -most);
-        syncTools::syncPointList(mesh, lowest, minEqOp<vector>(), most);
     }
     forAll(highest, pointi)
     {

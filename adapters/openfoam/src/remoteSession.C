@@ -73,7 +73,9 @@ Foam::remoteSession::remoteSession(const dictionary& coeffs)
     patience_(0),
     context_(mm_context_new()),
     session_(nullptr),
-    mesh_(nullptr)
+    mesh_(nullptr),
+    discards_(coeffs.lookupOrDefault<word>("atEnd", "keep") == "discard"),
+    keeps_(coeffs.lookupOrDefault<word>("onRefusal", "fail") == "keep")
 {
     readPatience();
     connect();
@@ -85,9 +87,8 @@ Foam::remoteSession::remoteSession(const dictionary& coeffs)
 
 Foam::remoteSession::~remoteSession()
 {
-    const word atEnd(coeffs_.lookupOrDefault<word>("atEnd", "keep"));
     mm_clear_error(context_);
-    mm_close(session_, atEnd == "discard" ? MM_DISCARD : MM_KEEP);
+    mm_close(session_, discards_ ? MM_DISCARD : MM_KEEP);
     mm_session_free(session_);
     mm_context_free(context_);
 }
@@ -238,11 +239,13 @@ bool Foam::remoteSession::resume
 (
     const fileName& path,
     const label step,
+    const scalarField* rows,
     const remoteMesh& mesh
 )
 {
     describe(mesh); // which a session that evaluates here asks for
     bool there = false;
+    bool behind = false;
     if (Pstream::master())
     {
         if (mm_load_credentials(session_, path.c_str()) == MM_OK)
@@ -257,10 +260,14 @@ bool Foam::remoteSession::resume
                 }
             );
         }
-        there = mm_error(context_) == MM_OK && mm_step(session_) == step;
+        behind = rows && mm_step(session_) + 1 == step;
+        there =
+            mm_error(context_) == MM_OK
+         && (behind || mm_step(session_) == step);
         mm_clear_error(context_);
     }
     Pstream::scatter(there);
+    Pstream::scatter(behind);
     if (there)
     {
         share();
@@ -268,6 +275,15 @@ bool Foam::remoteSession::resume
         reduce(there, andOp<bool>());
     }
     setTimeouts(0);
+    if (there && behind)
+    {
+        scalarField answer;
+        there = move(*rows, answer);
+        if (there)
+        {
+            commit(-1);
+        }
+    }
     return there;
 }
 
@@ -287,19 +303,49 @@ mm_result Foam::remoteSession::moveRows(scalarField& answer)
 }
 
 
-void Foam::remoteSession::move(const scalarField& rows, scalarField& answer)
+bool Foam::remoteSession::move(const scalarField& rows, scalarField& answer)
 {
+    const char* doing = "to move the mesh";
     rows_ = rows;
+    refusal_.clear();
     if (!mm_iteration(session_))
     {
         call("whether it is there", [&]{ return mm_ping(context_); });
     }
-    callTogether("to move the mesh", [&]{ return moveRows(answer); });
+    callTogether
+    (
+        doing,
+        [&]
+        {
+            const mm_result got = moveRows(answer);
+            const string code(mm_error_code(context_));
+            if (!keeps_ || code != "FAILED_PRECONDITION.QUALITY")
+            {
+                return got;
+            }
+            refusal_ = failure(doing);
+            mm_clear_error(context_);
+            return MM_OK;
+        }
+    );
+    if (isRefused())
+    {
+        WarningInFunction
+            << refusal_.c_str() << "    the mesh stays where it was: another "
+            << "iteration of this step must be accepted" << endl;
+    }
+    return !isRefused();
 }
 
 
 void Foam::remoteSession::commit(const label stepsLeft)
 {
+    if (isRefused())
+    {
+        FatalErrorInFunction
+            << "the step's last iteration was refused" << nl
+            << refusal_.c_str() << exit(FatalError);
+    }
     const int64_t step = mm_step(session_) + 1;
     mm_set_final_step(session_, stepsLeft < 0 ? 0 : step + stepsLeft);
     callTogether

@@ -144,13 +144,13 @@ Foam::string Foam::remoteSession::worstCells
 }
 
 
-void Foam::remoteSession::fail(const char* doing) const
+Foam::string Foam::remoteSession::failure(const char* doing) const
 {
     const mm_report* details = mm_error_details(context_);
     const scalar fraction = mm_report_number(details, "fraction");
     const string worst(worstCells("worst", details));
     const string hint(mm_error_hint(context_));
-    auto& out = FatalErrorInFunction;
+    OStringStream out;
     out << "the mesh-motion server at " << endpoint_.c_str() << " could not "
         << "be asked " << doing << ':' << nl << "    "
         << mm_error_message(context_) << " ("
@@ -168,7 +168,13 @@ void Foam::remoteSession::fail(const char* doing) const
     {
         out << "    hint: " << hint.c_str() << nl;
     }
-    out << exit(FatalError);
+    return out.str();
+}
+
+
+void Foam::remoteSession::fail(const char* doing) const
+{
+    FatalErrorInFunction << failure(doing).c_str() << exit(FatalError);
 }
 
 

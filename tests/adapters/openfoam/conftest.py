@@ -25,11 +25,13 @@ def foam_environment():
     if built.returncode == 69:
         pytest.skip(built.stderr.strip().splitlines()[-1])
     assert built.returncode == 0, built.stderr[-3000:]
+    headers = subprocess.run(["./headers.sh"], cwd=ADAPTER, capture_output=True, text=True, check=True).stdout.strip()
     root = os.environ.get("WM_PROJECT_DIR", "/usr/share/openfoam")
     return os.environ | {
         "FOAM_ETC": f"{root}/etc",
         "WM_PROJECT_DIR": root,
         "LD_LIBRARY_PATH": f"{ADAPTER / 'build'}:{os.environ.get('LD_LIBRARY_PATH', '')}",
+        "OPENFOAM_HEADERS": headers,
         "OMPI_ALLOW_RUN_AS_ROOT": "1",
         "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
     }

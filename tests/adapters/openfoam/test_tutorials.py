@@ -29,6 +29,37 @@ def test_without_tutorials_it_says_what_to_install(tutorials, tmp_path, monkeypa
     assert "openfoam-examples" in capsys.readouterr().err
 
 
+def test_only_the_field_that_the_plugin_reads_is_kept(tutorials, tmp_path):
+    """Others may have a condition with code, which decomposePar would compile: without wmake, and not as root."""
+    mesh = tmp_path / "mesh"
+    for name in ("pointDisplacement", "pointDisplacementy", "cellDisplacement"):
+        (mesh / "0.orig").mkdir(parents=True, exist_ok=True)
+        (mesh / "0.orig" / name).write_text("")
+    (mesh / "constant").mkdir()
+    case = tutorials.Tutorial("any/where/case", 1, 1.0, "")
+    tutorials.prepared(case, mesh, tmp_path / "remote", {}, "body moving;")
+    assert [path.name for path in (tmp_path / "remote" / "0").iterdir()] == ["pointDisplacement"]
+    tutorials.prepared(case, mesh, tmp_path / "own", {}, "")
+    assert len(list((tmp_path / "own" / "0").iterdir())) == 3
+
+
+@pytest.mark.parametrize("where", ["meshed", "play"])
+def test_a_case_that_fails_is_a_row_of_the_table(tutorials, tmp_path, monkeypatch, capsys, where):
+    def fail(*_):
+        raise tutorials.SetupError("blockMesh: no")
+
+    monkeypatch.setattr(tutorials, "TUTORIALS", tmp_path)
+    monkeypatch.setattr(tutorials, "build_library", lambda _: None)
+    monkeypatch.setattr(tutorials, "meshed", lambda *_: None)
+    monkeypatch.setattr(tutorials, "play", lambda *_: tutorials.Outcome(1.0, 0.5, 0.1))
+    monkeypatch.setattr(tutorials, where, fail)
+    monkeypatch.setattr(sys, "argv", ["tutorials.py", "--out", str(tmp_path / "out"), "--only", "movingCone"])
+    assert tutorials.main() == 1
+    rows = capsys.readouterr().out.splitlines()[2:]
+    assert len(rows) == 3
+    assert all("blockMesh: no" in row for row in rows)
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("moveDynamicMesh") is None, reason="OpenFOAM is not installed (Debian: openfoam)")
 @pytest.mark.timeout(1200)

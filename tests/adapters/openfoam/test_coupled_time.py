@@ -1,0 +1,138 @@
+"""A coupling that sets the time back: iterations, sub-steps, restarts and refusals, by a script in place of preCICE."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+SOURCE = Path(__file__).with_name("scripted_coupling.C")
+HEADERS = ("OpenFOAM", "OSspecific/POSIX", "finiteVolume", "meshTools")
+SCRIPT = """functions {{ script {{ type scriptedCoupling; libs ("{library}");
+    iterations ({iterations}); subSteps {sub_steps}; windows {windows}; {further} }} }}
+"""
+
+#: The plate turns by a radian at once where an iteration goes too far.
+REFUSING = "correction none; sub_steps never; quality_threshold 0.3; support_radius 0.2;"
+
+
+@pytest.fixture(scope="session")
+def scripted(tmp_path_factory, foam_environment):
+    """The library with the function object."""
+    library = tmp_path_factory.mktemp("scripted") / "libscripted.so"
+    headers = Path(foam_environment["OPENFOAM_HEADERS"]) / "src"
+    places = [word for part in HEADERS for word in ("-isystem", headers / part / "lnInclude")]
+    options = "-std=c++11 -DOPENFOAM=1912 -DWM_DP -DWM_LABEL_SIZE=32 -DNoRepository -fPIC -ftemplate-depth-100 -shared"
+    subprocess.run(["g++", *options.split(), *places, SOURCE, "-o", library], check=True)
+    return library
+
+
+@pytest.fixture
+def coupled(make_case, scripted):
+    """Cases that follow a script, 0.05 s a time step."""
+
+    def make(name, iterations="1.5 1", sub_steps=1, windows=4, further="", method="", restart=False):
+        case = make_case(name)
+        case.set("system/controlDict", endTime="10", writeInterval="1000", writePrecision="17")
+        path = case.folder / "0/pointDisplacement"
+        fixed = "plate { type fixedValue; value uniform (0 0 0); }"
+        path.write_text(re.sub(r"plate\s*\{[^}]*\}", fixed, path.read_text()))
+        case.method("correction none; support_radius 0.5;", method)
+        script(case, iterations, sub_steps, windows, further)
+        return case
+
+    def script(case, iterations, sub_steps, windows, further=""):
+        path = case.folder / "system/controlDict"
+        head = path.read_text().split("functions")[0]
+        text = SCRIPT.format(
+            library=scripted, iterations=iterations, sub_steps=sub_steps, windows=windows, further=further
+        )
+        path.write_text(head + text)
+
+    make.script = script
+    return make
+
+
+def steps(output):
+    """(step, iteration) of each move."""
+    return [(int(s), int(i)) for s, i in re.findall(r"step (\d+), iteration (\d+): least", output)]
+
+
+def committed(case, time):
+    """The step that a restart from that time goes on behind."""
+    return int(re.search(r"step\s+(\d+);", (case.folder / time / "uniform/remoteMeshMotion/state").read_text())[1])
+
+
+def test_iterations_of_a_window_are_one_step_however_often_fields_are_written(coupled):
+    once, often = coupled("once", "1"), coupled("often", "1.5 0.7 1")
+    once.run("moveDynamicMesh")
+    often.set("system/controlDict", writeInterval="1")
+    output = often.run("moveDynamicMesh")
+    assert max(steps(output)) == (4, 9)  # three outer correctors in each iteration
+    np.testing.assert_array_equal(often.points("0.2"), once.points("0.2"))
+
+
+def test_sub_steps_of_a_window_are_one_step(coupled):
+    once, often = coupled("once", "1", 2, 2, method="couplingWindow 0.1;"), coupled("often", "1.5 0.7 1", 2, 2)
+    once.run("moveDynamicMesh")
+    often.set("system/controlDict", writeInterval="1")
+    output = often.run("moveDynamicMesh")
+    assert "the time went back by 0.1 s, the coupling's window: from now on it is one step" in output
+    assert max(steps(output)) == (2, 18)  # three iterations of two sub-steps with three outer correctors
+    np.testing.assert_array_equal(often.points("0.2"), once.points("0.2"))
+
+
+def test_a_window_that_is_found_too_late_is_named(coupled):
+    case = coupled("case", "1", 2, 1)
+    case.run("moveDynamicMesh")
+    coupled.script(case, "1.5 1", 2, 1)
+    case.run("moveDynamicMesh", expect=1)
+    assert "the time went back from 0.2 to 0.1" in case.output
+    assert "couplingWindow 0.1;" in case.output
+
+
+@pytest.mark.parametrize(
+    ("end", "ranks"),
+    [("", 1), ("stopAfter 2;", 1), pytest.param("", 2, marks=pytest.mark.nightly)],
+    ids=["ended", "broken off", "on two ranks"],
+)
+def test_a_restart_goes_on_with_the_window(coupled, end, ranks):
+    whole, parts = coupled("whole", "1.5 1", 2, 4), coupled("parts", "1.5 1", 2, 2 + bool(end), end)
+    whole.run("moveDynamicMesh")
+    if ranks > 1:
+        parts.run("decomposePar")
+    first = parts.run("moveDynamicMesh", ranks=ranks, expect=bool(end))
+    coupled.script(parts, "1.5 1", 2, 2)
+    output = parts.run("moveDynamicMesh", ranks=ranks)
+    assert "goes on behind step 2" in output
+    assert max(steps(output))[0] == 4
+    faces = [re.search(r"undeformed faces (\S+)", text)[1] for text in (first, output)]
+    assert faces[0] == faces[1]
+    if ranks > 1:
+        # between ranks by the distances in the undeformed mesh, in serial by those in the deformed one
+        parts.check_ranks("0.4", whole.points("0.4"), atol=1e-6)
+    else:
+        np.testing.assert_allclose(parts.points("0.4"), whole.points("0.4"), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_a_refused_iteration_may_be_followed_by_a_better_one(coupled, keeps):
+    method = f"onRefusal {'keep' if keeps else 'fail'};"
+    once, case = coupled("once", "1", windows=2), coupled("case", "30 1", windows=2, method=method)
+    for each in (once, case):
+        each.method(REFUSING, method)
+    once.run("moveDynamicMesh")
+    output = case.run("moveDynamicMesh", expect=not keeps)
+    assert "FAILED_PRECONDITION.QUALITY" in output
+    if keeps:
+        assert "the mesh stays where it was" in output
+        np.testing.assert_array_equal(case.points("0.1"), once.points("0.1"))
+
+
+def test_a_refused_last_iteration_ends_the_run(coupled):
+    case = coupled("case", "1 30", windows=2, method="onRefusal keep;")
+    case.method(REFUSING, "onRefusal keep;")
+    case.run("moveDynamicMesh", expect=1)
+    assert "the step's last iteration was refused" in case.output
+    assert not (case.folder / "0.05/uniform/remoteMeshMotion/state").exists()
