@@ -53,8 +53,11 @@ class scriptedCoupling : public fvMeshFunctionObject
         if (start_.empty())
         {
             start_ = plate.Cf() - there;
-            weights_.reset(new primitivePatchInterpolation(plate.patch()));
             Info<< "undeformed faces " << gSum(mag(start_)) << endl;
+        }
+        if (!weights_ || !keepsWeights_)
+        {
+            weights_.reset(new primitivePatchInterpolation(plate.patch()));
         }
         const scalar angle = factors_[iteration_]*(time().value() + time().deltaTValue());
         there = ((start_ - point(0.85, 0.5, 0)) ^ vector(0, 0, -sin(angle)));
