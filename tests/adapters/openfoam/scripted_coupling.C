@@ -6,6 +6,7 @@
 //     iterations (1.5 1);   // of a window, and by how much each one goes too far
 //     subSteps 2;           // time steps of a window
 //     windows 4;            // then the run ends
+//     keepWeights yes;      // of the interpolation to points: those of the mesh that the run begins with
 //     stopAfter 2;          // windows: the run is broken off, as by a fault
 #include "Time.H"
 #include "addToRunTimeSelectionTable.H"
@@ -25,11 +26,13 @@ class scriptedCoupling : public fvMeshFunctionObject
     scalarList factors_;
     label subSteps_, windows_, stopAfter_, iteration_ = 0, window_ = 0, index_ = 0;
     scalar value_ = 0;
+    bool keepsWeights_;
     pointField points_;
     vectorField start_;
     volVectorField* faces_ = nullptr;
     pointVectorField* nodes_ = nullptr;
     std::unique_ptr<pointVectorField> saved_;
+    std::unique_ptr<primitivePatchInterpolation> weights_;
 
     Time& time() { return const_cast<Time&>(time_); }
     fvMesh& mesh() { return const_cast<fvMesh&>(mesh_); }
@@ -52,10 +55,14 @@ class scriptedCoupling : public fvMeshFunctionObject
             start_ = plate.Cf() - there;
             Info<< "undeformed faces " << gSum(mag(start_)) << endl;
         }
+        if (!weights_ || !keepsWeights_)
+        {
+            weights_.reset(new primitivePatchInterpolation(plate.patch()));
+        }
         const scalar angle = factors_[iteration_]*(time().value() + time().deltaTValue());
         there = ((start_ - point(0.85, 0.5, 0)) ^ vector(0, 0, -sin(angle)));
         refCast<vectorField>(nodes_->boundaryFieldRef()[patchi]) =
-            primitivePatchInterpolation(plate.patch()).faceToPointInterpolate(there);
+            weights_->faceToPointInterpolate(there);
     }
 
 public:
@@ -69,6 +76,7 @@ public:
         subSteps_(dict.get<label>("subSteps")),
         windows_(dict.get<label>("windows")),
         stopAfter_(dict.lookupOrDefault<label>("stopAfter", -1)),
+        keepsWeights_(dict.lookupOrDefault("keepWeights", false)),
         faces_(&mesh_.lookupObjectRef<volVectorField>("cellDisplacement")),
         nodes_(&mesh_.lookupObjectRef<pointVectorField>("pointDisplacement"))
     {
