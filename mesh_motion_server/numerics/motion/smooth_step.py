@@ -24,6 +24,7 @@ NOT_SMOOTH = (
 )
 """The warning of such a step."""
 
+_MOST_KEPT = 100_000  # nodes of a mesh whose plain motions are kept
 _SHORTEST = 1 / 64  # part of a way
 _MOST_ITERATIONS = 300  # of a step that is led
 
@@ -42,7 +43,8 @@ class Followed:
 class LatestPlain:
     """The latest plain motions of a mesh: a step begins where another one ended.
 
-    Three are kept, the latest last: a step's first boundary, the trial before and the trial.
+    Three are kept, the latest last: a step's first boundary, the trial before and the trial. Of a large mesh none is: its
+    correction takes many times as long, and they would be a tenth of its memory.
     """
 
     kept: dict[bytes, Floats] = field(default_factory=dict)
@@ -52,7 +54,8 @@ class LatestPlain:
         key = targets.tobytes()
         kept = self.kept.pop(key, None)
         plain = make() if kept is None else kept
-        self.kept = dict([*self.kept.items()][-2:]) | {key: plain}
+        if len(plain) <= _MOST_KEPT:
+            self.kept = dict([*self.kept.items()][-2:]) | {key: plain}
         return plain
 
 
