@@ -43,8 +43,8 @@ class Followed:
 class LatestPlain:
     """The latest plain motions of a mesh: a step begins where another one ended.
 
-    Three are kept, the latest last: a step's first boundary, the trial before and the trial. Of a large mesh none is: its
-    correction takes many times as long, and they would be a tenth of its memory.
+    Three are kept, the latest last: a step's first boundary, the trial before and the trial. Of a large mesh none is:
+    its correction takes many times as long, and they would be a tenth of its memory.
     """
 
     kept: dict[bytes, Floats] = field(default_factory=dict)
