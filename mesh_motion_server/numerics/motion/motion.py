@@ -399,12 +399,8 @@ class MotionModel(PreparedMesh):
         """A fraction of the ``whole`` displacement that is accepted."""
 
         def accepts(model: MotionModel, fraction: float) -> bool:
-            part = replace(step, targets=whole.at(fraction))
             try:
-                if model.smooth is not None and model.method.correction == "smooth":
-                    model._smooth_attempt(part, model.smooth)  # what else might accept it takes as long as a step
-                else:
-                    model._accept_or_lead(part)
+                model._accept_or_lead(replace(step, targets=whole.at(fraction)))
             except NumericalError:
                 return False
             return True
