@@ -57,6 +57,7 @@ def _unknown_setting(draft: Draft, rng: Rng) -> Names:
 def _at_client(draft: Draft, rng: Rng) -> Names:
     del rng
     draft.opening["evaluation"] = "client"
+    draft.set_settings(displacement="absolute", correction="enrichment")
     return {"setting": "correction"}
 
 
@@ -85,7 +86,7 @@ BAD_OPENS = (
     _field("durability", "none", _VALUE, "none"),
     _field("durability", "relaxed", _VALUE, "relaxed"),
     _field("evaluation", "both", _VALUE, "both"),
-    BadInput("evaluation = client with a correction", "open", _at_client, _SETTINGS, ("evaluation", "correction")),
+    BadInput("evaluation = client with enrichment", "open", _at_client, _SETTINGS, ("evaluation", "correction")),
     _field("settings", [], _HEADER),
     BadInput("an unknown setting", "open", _unknown_setting, _SETTINGS, ("radius", "support_radius")),
     *(_setting("support_radius", value) for value in (0, 0.0, -1.0, -5e-324, "1", True, math.nan, math.inf)),
