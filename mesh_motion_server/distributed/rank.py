@@ -84,8 +84,10 @@ class Rank:
         positions[self.nodes] = self._points[self.nodes] + known
         quality = cell_quality(positions, self._cells, self._at_rest)
         interior = len(self._points) - len(self.nodes)
-        corners = extent.metric == WORST_CORNER
-        values = corner_quality(positions, self._cells, self._at_rest) if corners else signed(quality, extent.metric)
+        if extent.metric == WORST_CORNER:
+            values = corner_quality(positions, self._cells, self._at_rest, quality.skew)
+        else:
+            values = signed(quality, extent.metric)
         return region_told(self._points, positions, self._given, quality, values, extent, around, interior=interior)
 
     def _positions(self, field: Field) -> Floats:

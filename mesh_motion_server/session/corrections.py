@@ -26,11 +26,12 @@ from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.exact_displacements import differences_of
+from mesh_motion_server.numerics.motion.smooth_step import NOT_SMOOTH
 from mesh_motion_server.numerics.quality.metrics import WORST_CORNER
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.partitions.meshes import MergedMesh
-from mesh_motion_server.session.partitions.regions import MergedRegion, merge_regions
+from mesh_motion_server.session.partitions.regions import MergedRegion, Rows, merge_regions
 
 if TYPE_CHECKING:  # no other session needs it, and it loads much
     from mesh_motion_server.numerics.motion.body_paths import Way
@@ -150,6 +151,8 @@ def correct(
             found = boundary.smoothed(*part, n_nodes, ways)
         else:
             found = boundary.optimised.corrected(*part)
+            if model.method.correction == "smooth":
+                found = replace(found, warnings=(NOT_SMOOTH,))
     except RegionTooSmall as missing:
         wanted = region.ids[missing.nodes]
         if np.isin(wanted, region.between).all():  # as many rings do, where other ranks tell of theirs
@@ -170,8 +173,7 @@ def _ways(
 ) -> Iterator[Callable[[float], Floats]]:
     """Where interpolation takes the region's nodes along ways of the moving nodes to the ``targets`` (k, d)."""
     rows = np.flatnonzero(np.isin(region.ids, mesh.global_ids[mesh.on_patches]))
-    order = np.argsort(mesh.global_ids)
-    of_rows = order[np.searchsorted(mesh.global_ids, region.ids[rows], sorter=order)]
+    of_rows = Rows(mesh.global_ids)(region.ids[rows])
 
     def plain(at: Floats) -> Floats:
         moved = model.move(mesh.points, at, factors)

@@ -25,7 +25,7 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.motion.motion_found import Motion
 from mesh_motion_server.numerics.motion.smooth_step import NOT_SMOOTH
-from mesh_motion_server.numerics.quality.metrics import cells_at_rest, corner_quality
+from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest, corner_quality
 from mesh_motion_server.session.factors import FactorCache
 
 FLAG = Path(__file__).parents[2] / "examples" / "turek_hron_flag"
@@ -314,7 +314,7 @@ def test_a_rank_tells_every_cell_that_resists(kind, flat):
     smooth = SmoothMotion.build(points, box.cells, np.zeros(len(points), dtype=bool), None)
     for shake in (1e-3, 0.02, 0.05):
         moved = points + shake * flat * random.standard_normal(points.shape)
-        told = corner_quality(moved, box.cells, rest)
+        told = corner_quality(moved, box.cells, rest, cell_quality(moved, box.cells, rest).skew)
         corners = corner_distortions(moved, smooth._all, smooth.law.norm)
         counts = np.concatenate([np.full(len(block), len(block.type.corners)) for block in box.cells])
         worst = np.maximum.reduceat(corners, np.cumsum(counts) - counts)

@@ -96,6 +96,11 @@ class Law:
     power: float = 8.0
     norm: PNorm = field(default_factory=lambda: PNorm(1.0, 16.0))
 
+    @classmethod
+    def of(cls, n_nodes: int) -> Law:
+        """That of a mesh of so many nodes."""
+        return cls(onset=-math.log(onset_of(n_nodes)))
+
     def resistance(self, distortion: Floats) -> tuple[Floats, Floats, Floats]:
         """ψ, ψ′ and ψ″ of (c,) distortions; ψ is inf where the distortion is."""
         k, n = self.stiffness, self.power
@@ -164,8 +169,8 @@ class SmoothMotion:
     ) -> SmoothMotion:
         """That of a mesh whose ``held`` (n,) nodes may move as the ``constraint`` admits."""
         smooth = None if constraint is None else constraint.smooth()
-        law = Law(onset=-math.log(onset_of(len(reference))))
-        return cls(reference, cells, held if smooth is None else held & ~smooth.released, law, smooth)
+        held = held if smooth is None else held & ~smooth.released
+        return cls(reference, cells, held, Law.of(len(reference)), smooth)
 
     @cached_property
     def _at_rest(self) -> CellsAtRest:

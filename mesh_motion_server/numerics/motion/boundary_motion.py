@@ -4,7 +4,6 @@ The field is that of :class:`.standard_motion.StandardMotion` from the reference
 depends on the nodes with a role and on the box of the mesh only, so it is bitwise that of the whole mesh.
 """
 
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,7 +16,7 @@ from mesh_motion_server.numerics.arrays import Floats, Marks
 from mesh_motion_server.numerics.blas import one_blas_thread
 from mesh_motion_server.numerics.correction.correction import Correction, CorrectionProblem, correct
 from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
-from mesh_motion_server.numerics.correction.smooth_motion import Law, SmoothMotion, onset_of
+from mesh_motion_server.numerics.correction.smooth_motion import Law, SmoothMotion
 from mesh_motion_server.numerics.interpolation.factor_source import (
     DeferredFactorization,
     FactorSource,
@@ -34,7 +33,7 @@ from mesh_motion_server.numerics.motion.body_paths import Body, Way, ways
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.method_check import check_method
 from mesh_motion_server.numerics.motion.motion_found import Motion
-from mesh_motion_server.numerics.motion.smooth_step import NOT_SMOOTH, PlainWay, smooth_step, unconverged
+from mesh_motion_server.numerics.motion.smooth_step import PlainWay, smooth_step
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
 from mesh_motion_server.numerics.quality.mesh_check import checked_cells
 from mesh_motion_server.numerics.quality.metrics import cells_at_rest
@@ -140,7 +139,7 @@ class BoundaryMotion:
         if self.method.correction != "smooth":
             return self
         method = replace(self.method, correction="optimised", correction_target="threshold")
-        return replace(self, motion=replace(self.motion, method=method), warnings=(*self.warnings, NOT_SMOOTH))
+        return replace(self, motion=replace(self.motion, method=method))
 
     def ways(self, targets: Floats) -> Iterator[Way]:
         """Ways of the moving nodes from the reference mesh to the ``targets`` (k, d)."""
@@ -174,19 +173,10 @@ class BoundaryMotion:
             If no valid mesh was found.
         """
         check_time()
-        law = Law(onset=-math.log(onset_of(n_nodes)))
-        smooth = SmoothMotion(points, checked_cells(points, cells).cells, held, law, None, elsewhere)
+        read = checked_cells(points, cells)
+        smooth = SmoothMotion(points, read.cells, held, Law.of(n_nodes), elsewhere=elsewhere)
         with one_blas_thread():
-            followed = smooth_step(smooth, points, lambda: points, positions, ways)
-        found = followed.found
-        return Correction(
-            found.points,
-            np.empty((0, points.shape[1])),
-            freed_nodes=found.freed,
-            iterations=followed.iterations,
-            method="smooth" if found.freed else "none",
-            warnings=() if found.converged else (unconverged(found),),
-        )
+            return smooth_step(smooth, points, lambda: points, positions, ways).correction()
 
     def corrected(
         self, points: Floats, positions: Floats, cells: CellTable, held: Marks, elsewhere: Elsewhere
@@ -221,7 +211,7 @@ class BoundaryMotion:
             reference=points,
             elsewhere=elsewhere,
         )
-        return replace(correct(problem, self.method), warnings=self.warnings)
+        return correct(problem, self.method)
 
 
 def _bodies(roles: BoundaryRoles, patches: Mapping[str, Patch]) -> tuple[Body, ...]:

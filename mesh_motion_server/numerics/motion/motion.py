@@ -230,20 +230,12 @@ class MotionModel(PreparedMesh):
             followed = smooth_step(
                 smooth, step.committed, lambda: self._latest.at(moving, lambda: plain_at(moving)), plain, lead
             )
-        found = followed.found
-        correction = Correction(
-            found.points,
-            np.empty((0, plain.shape[1])),
-            freed_nodes=found.freed,
-            iterations=followed.iterations,
-            method=self.method.correction if found.freed else "none",
-        )
+        found, correction = followed.found, followed.correction()
         quality = self._judge(predicted, correction, watch)
         if not found.converged and quality.metric.min < self.method.quality_threshold:
             raise NumericalError(unconverged(found))
         motion = self._accept(predicted, correction, quality, watch)
-        warnings = motion.warnings if found.converged else [*motion.warnings, unconverged(found)]
-        return replace(motion, sub_steps=followed.legs, warnings=warnings)
+        return replace(motion, sub_steps=followed.legs, warnings=[*motion.warnings, *correction.warnings])
 
     # --- its parts ---------------------------------------------------------------------------------------------------
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.correction.correction import Correction
 from mesh_motion_server.numerics.correction.smooth_motion import Smoothed, SmoothMotion
 
 __all__ = ["NOT_SMOOTH", "Followed", "LatestPlain", "follow", "smooth_step", "unconverged"]
@@ -37,6 +38,18 @@ class Followed:
     fraction: float
     legs: int
     iterations: int
+
+    def correction(self) -> Correction:
+        """What was done; with a warning if it is not at the minimum."""
+        found = self.found
+        return Correction(
+            found.points,
+            np.empty((0, found.points.shape[1])),
+            freed_nodes=found.freed,
+            iterations=self.iterations,
+            method="smooth" if found.freed else "none",
+            warnings=() if found.converged else (unconverged(found),),
+        )
 
 
 @dataclass(eq=False)
@@ -84,9 +97,9 @@ def smooth_step(
     at_once = correction.correct(plain, lambda: _carried(committed, plain_before(), plain))
     if at_once.converged:
         return Followed(at_once, 1.0, 1, at_once.iterations)
-    furthest, left = 0.0, _MOST_ITERATIONS
+    furthest, left, before = 0.0, _MOST_ITERATIONS, plain_before()
     for way in ways:
-        followed = follow(correction, committed, plain_before(), way, left)
+        followed = follow(correction, committed, before, way, left)
         if followed.fraction == 1.0:
             return followed
         furthest, left = max(furthest, followed.fraction), left - followed.iterations

@@ -322,14 +322,14 @@ def subset_quality(
     return out
 
 
-def corner_quality(points: NDArray[np.floating], cells: CellTable, rest: CellsAtRest) -> Floats:
+def corner_quality(points: NDArray[np.floating], cells: CellTable, rest: CellsAtRest, skews: Floats) -> Floats:
     """(m,) quality of each cell's worst corner against itself at rest: shape · √size, and of no simplex its angles.
 
+    ``skews`` (m,) are those of :func:`cell_quality` at the same points (n, d).
     A cell without a corner below ``exp(−f)`` has no distortion above f in the smooth correction; its metric is named
     :data:`WORST_CORNER` where regions are told.
     """
-    positions, skews = as_positions(points, cells.dimension), cell_quality(points, cells, rest).skew
-    out = np.empty(len(cells))
+    positions, out = as_positions(points, cells.dimension), np.empty(len(cells))
     for block, rows in block_slices(cells):
         arrays = positions, rest.points, np.ascontiguousarray(block.nodes), skews[rows]
         kernels.corner_quality(*arrays, np.ascontiguousarray(rest[rows].skews), out[rows])

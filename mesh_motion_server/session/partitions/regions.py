@@ -17,7 +17,7 @@ from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.session.partitions.merging import merge
 from mesh_motion_server.session.partitions.meshes import MergedMesh, PartitionMesh
 
-__all__ = ["MergedRegion", "merge_regions"]
+__all__ = ["MergedRegion", "Rows", "merge_regions"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ def merge_regions(mesh: MergedMesh, told: Sequence[Region], known: Callable[[Int
     parts = [PartitionMesh(mesh.points[own], mesh.global_ids[own], {}, {})]
     parts += [PartitionMesh(one.points, one.ids, one.cells, {}) for one in told if len(one.ids)]
     whole = merge(parts)
-    row_of = _Rows(whole.global_ids)
+    row_of = Rows(whole.global_ids)
     positions, rim = np.empty_like(whole.points), np.zeros(len(whole.points), dtype=bool)
     for one in told:
         rows = row_of(one.ids)
@@ -100,7 +100,7 @@ def merge_regions(mesh: MergedMesh, told: Sequence[Region], known: Callable[[Int
     return MergedRegion(whole.global_ids, whole.points, positions, whole.cells, held, elsewhere, between, settled)
 
 
-class _Rows:
+class Rows:
     """Rows of nodes, by global id."""
 
     def __init__(self, ids: Integers) -> None:
