@@ -11,7 +11,8 @@ namespace mesh_motion {
 
 /// m and ε of distortion.h, and a, the weight of the size.
 struct SizeLaw {
-    double m, epsilon, a;
+    double m, epsilon;
+    Pack a;
 };
 
 /// (a/m) log cosh(m log τ) for τ > 0, with log τ.

@@ -6,11 +6,13 @@
 
 #include "correction/corner.h"
 #include "parallel.h"
+#include "quality/angle_law.h"
 
 namespace mesh_motion {
 namespace {
 
 constexpr Index values_of_task = 1 << 14, corners_of_task = 1 << 12, blocks_of_task = 1 << 9;
+constexpr double half_size = 0.5;   // of the size's weight, where angles count
 constexpr double no_weight = 1e-12;  // of the mean weight: less has no gradient
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
@@ -44,9 +46,9 @@ struct Corners {
         return {product<d>(a, p), p, a};
     }
 
-    /// The weights of the angles of those corners.
-    Pack angle(const std::array<Index, lanes>& at) const {
-        return angles.size() ? gathered([&](int l) { return angles[at[l]]; }) : Pack{};
+    /// The obliqueness at rest of those corners; negative: their angles do not count.
+    Pack rest_angle(const std::array<Index, lanes>& at) const {
+        return angles.size() ? gathered([&](int l) { return angles[at[l]]; }) : all(-1.0);
     }
 };
 
@@ -96,6 +98,26 @@ std::array<Pack, d> squares(const Small<d>& a) {
     return q;
 }
 
+/// What a corner's angles add to its distortion (quality/angle_law.h), and the first two derivatives with respect to o.
+struct Turned {
+    Pack value, first, second;
+};
+
+template <int d>
+Turned turned(const Small<d>& a, Pack rest) {
+    if (!any(rest >= 0.0)) return {Pack{}, Pack{}, Pack{}};
+    Pack product = all(1.0);
+    for (Pack q : squares<d>(a)) product *= q;
+    const Pack o = 0.5 * each(logarithm, product) - each(logarithm, size_of(determinant<d>(a))) - rest;
+    const AngleLaw<Pack> law((rest >= 0.0) & (o > 0.0) ? o : all(0.0));
+    return {law.value(), law.first(), law.second()};
+}
+
+/// The size counts half where the angles count.
+SizeLaw law_of(double m, double epsilon, double a, Pack rest) {
+    return {m, epsilon, rest >= 0.0 ? all(half_size * a) : all(a)};
+}
+
 /// The gradient of ℓ at the edges (columns of A), from its derivative h1 with respect to τ without the angles' part.
 template <int d>
 Small<d> slope(const Small<d>& j, const Small<d>& p, const Small<d>& a, Pack h1, Pack tau, Pack angle) {
@@ -114,12 +136,18 @@ Small<d> slope(const Small<d>& j, const Small<d>& p, const Small<d>& a, Pack h1,
     return pull;
 }
 
-/// Σ log |a_k| − log τ.
+
+/// The gradient of the obliqueness at the edges (columns of A).
 template <int d>
-Pack obliqueness(const Small<d>& a, Pack tau) {
-    Pack product = all(1.0);
-    for (Pack q : squares<d>(a)) product *= q;
-    return 0.5 * each(logarithm, product) - each(logarithm, tau);
+Small<d> obliqueness_slope(const Small<d>& j, const Small<d>& p, const Small<d>& a, Pack tau) {
+    Small<d> pull = cofactor<d>(j);
+    for (int i = 0; i < d; ++i)
+        for (int k = 0; k < d; ++k) pull[i][k] *= -1.0 / tau;
+    pull = product_transposed<d>(pull, p);
+    const auto q = squares<d>(a);
+    for (int i = 0; i < d; ++i)
+        for (int k = 0; k < d; ++k) pull[i][k] += a[i][k] / q[k];
+    return pull;
 }
 
 }  // namespace
@@ -137,10 +165,9 @@ void distortions(Matrix<const double> points, Matrix<const std::int32_t> corners
             for (Index c = first; c < last; c += lanes) {
                 const auto at = from(c, last);
                 const auto [j, p, edges] = mesh.jacobians<d>(at);
-                const Pack tau = determinant<d>(j), angle = mesh.angle(at);
-                Pack value = distortion<d>(tau, square<d>(j), {m, epsilon, a});
-                if (any(angle > 0.0))
-                    value += (angle > 0.0) & (tau > 0.0) ? angle * obliqueness<d>(edges, tau) : all(0.0);
+                const Pack tau = determinant<d>(j), rest = mesh.rest_angle(at);
+                Pack value = distortion<d>(tau, square<d>(j), law_of(m, epsilon, a, rest));
+                value += turned<d>(edges, rest).value;
                 for (Index l = 0; l < std::min(lanes, last - c); ++l)
                     values[c + l] = offset.size() ? value[l] + offset[c + l] : value[l];
             }
@@ -188,8 +215,9 @@ void distortion_gradients(Matrix<const double> points, Matrix<const std::int32_t
                 std::array<std::array<Pack, d>, d + 1> share{};
                 if (any(weight >= least)) {
                     const auto [j, p, edges] = mesh.jacobians<d>(at);
-                    const Pack tau = determinant<d>(j);
-                    const auto pull = slope<d>(j, p, edges, slopes<d>(tau, {m, epsilon, a}).first, tau, mesh.angle(at));
+                    const Pack tau = determinant<d>(j), rest = mesh.rest_angle(at);
+                    const Pack h1 = slopes<d>(tau, law_of(m, epsilon, a, rest)).first;
+                    const auto pull = slope<d>(j, p, edges, h1, tau, turned<d>(edges, rest).first);
                     for (int i = 0; i < d; ++i)
                         for (int k = 0; k < d; ++k) {
                             const Pack x = weight >= least ? weight * pull[i][k] : all(0.0);
@@ -236,8 +264,10 @@ void corner_hessians(Matrix<const double> points, Matrix<const std::int32_t> cor
             for (Index c = begin; c < end; c += lanes) {
                 const auto at = from(c, end);
                 const auto [j, ideal, edges] = mesh.jacobians<d>(at);
-                const Pack tau = determinant<d>(j), angle = mesh.angle(at);
-                const auto [h1, h2] = slopes<d>(tau, {m, 0.0, a});
+                const Pack tau = determinant<d>(j), rest = mesh.rest_angle(at);
+                const Turned oblique = turned<d>(edges, rest);
+                const Pack angle = oblique.first;
+                const auto [h1, h2] = slopes<d>(tau, law_of(m, 0.0, a, rest));
                 const Pack weight = gathered([&](int l) { return first[at[l]]; });
                 const Pack bend = gathered([&](int l) { return second[at[l]]; });
                 const Terms terms{all(1.0), h1 - angle / tau, h2 + angle / (tau * tau), Pack{}, h1};
@@ -246,10 +276,13 @@ void corner_hessians(Matrix<const double> points, Matrix<const std::int32_t> cor
                 else curvature<d>(j, inverse_square<d>(j), ideal, terms, weight, total);
                 const auto pull = slope<d>(j, ideal, edges, h1, tau, angle);
                 const auto q = squares<d>(edges);
+                const bool bent = any(oblique.second > 0.0);
+                const Small<d> tilt = bent ? obliqueness_slope<d>(j, ideal, edges, tau) : Small<d>{};
                 for (int r = 0; r < d * d; ++r)
                     for (int s = 0; s <= r; ++s) {
                         const int k = r / d, x = r % d, y = s % d;
                         total[r][s] += bend * pull[x][k] * pull[y][s / d];
+                        if (bent) total[r][s] += weight * oblique.second * tilt[x][k] * tilt[y][s / d];
                         if (k != s / d) continue;  // log |a_k|
                         const Pack along = (exact ? 2.0 : 1.0) * edges[x][k] * edges[y][k] / q[k];
                         total[r][s] += weight * angle * ((x == y ? 1.0 : 0.0) - along) / q[k];
@@ -285,7 +318,7 @@ void corner_blocks(Matrix<const double> points, Matrix<const std::int32_t> corne
                 for (Index l = count; l < lanes; ++l) at[l] = at[count - 1];
                 const auto [j, ideal, edges] = mesh.jacobians<d>(at);
                 const Pack tau = determinant<d>(j);
-                const auto [h1, h2] = slopes<d>(tau, {m, epsilon, a});
+                const auto [h1, h2] = slopes<d>(tau, law_of(m, epsilon, a, all(-1.0)));
                 const Pack weight = gathered([&](int l) { return weights[at[l]]; }) + floor;
                 Curvature<d> total;
                 curvature<d>(j, inverse_square<d>(j), ideal, {all(1.0), h1, h2, all(p), h1}, weight, total);

@@ -4,8 +4,10 @@
 #include <limits>
 #include <numeric>
 
+#include "interpolation/basis.h"
 #include "lanes.h"
 #include "parallel.h"
+#include "quality/angle_law.h"
 
 namespace mesh_motion {
 namespace {
@@ -300,14 +302,16 @@ double squared_lengths(const Corner<d>& corner) {
 }
 
 /// Of one corner, from its shape if it is known.
-template <bool simplex, int d>
+template <class Type, int d = Type::dimension>
 double corner_value(const Corner<d>& now, const Corner<d>& rest, double shape) {
+    constexpr bool simplex = Type::nodes == d + 1, box = !simplex && Type::corners.size() == 1 << d;
     const double det = now.determinant(), whole = rest.determinant(), before = squared_lengths<d>(rest);
     if (!simplex && std::abs(whole) <= flat_corner * std::sqrt(before)) return 0.0;
     if (!(det * whole > smallest * whole * whole)) return 0.0;  // no division by zero: OpenFOAM ends where there is one
     const double tau = det / whole, size = std::sqrt(std::min(tau, 1.0 / tau));
-    if (simplex) return shape * size;
-    return shape * size * std::sqrt(tau * std::sqrt(before / squared_lengths<d>(now)));
+    if (!box) return shape * size;
+    const double oblique = 0.5 * logarithm(squared_lengths<d>(now) / before) - logarithm(tau);
+    return shape * std::sqrt(size) * (oblique > 0.0 ? exponential(-AngleLaw(oblique).value()) : 1.0);
 }
 
 /// Of the corners of one block.
@@ -329,7 +333,7 @@ void corner_rows(Matrix<const double> points, Matrix<const double> rest_points, 
                 const Corner<d> here(moved, s), there(rest, s);
                 const bool by_skew = simplex && rest_skew[first + s] >= flat_simplex;
                 const double shape = by_skew ? skew[first + s] / rest_skew[first + s] : kept_shape<d>(here, there);
-                const double value = corner_value<simplex, d>(here, there, shape);
+                const double value = corner_value<Type>(here, there, shape);
                 quality[first + s] = value < quality[first + s] ? value : quality[first + s];
             }
         }

@@ -99,7 +99,7 @@ class CornerSimplices:
     offset : (c,) array or None
         Added to the distortions: the logarithm of the skew at rest, if they are relative to it.
     angles : (c,) array or None
-        b: weight of the angle between the edges, on top of the shape.
+        Obliqueness Σ log |a_k| − log |det A| at rest of the corners whose angles count, negative of others.
     """
 
     nodes: NDArray[np.int32]
@@ -120,17 +120,16 @@ class CornerSimplices:
         offset, angles = (None if values is None else values[rows] for values in (self.offset, self.angles))
         return CornerSimplices(self.nodes[rows], self.ideal[rows], offset, angles)
 
-    def with_angles(self, reference: Floats, angles: Floats, norm: PNorm) -> CornerSimplices:
-        """The same with weights b (c,); at rest, at ``reference`` (n, d), nothing changes.
+    def with_angles(self, reference: Floats, counted: Marks) -> CornerSimplices:
+        """The same where the angles of ``counted`` (c,) corners count against those at ``reference`` (n, d), at rest.
 
-        A corner that is degenerate at rest gets no weight.
+        Those of a corner that is degenerate at rest do not.
         """
-        before = corner_distortions(reference, self, norm)
-        after = corner_distortions(reference, replace(self, angles=angles), norm)
-        known = np.isfinite(before) & np.isfinite(after)
-        excess = np.subtract(after, before, where=known, out=np.zeros(len(self)))
-        offset = -excess if self.offset is None else self.offset - excess
-        return replace(self, offset=offset, angles=np.where(known, angles, 0.0))
+        edges = reference[self.nodes[:, 1:]] - reference[self.nodes[:, :1]]
+        lengths, dets = np.linalg.norm(edges, axis=2).prod(axis=1), np.abs(np.linalg.det(edges))
+        counted = counted & (dets > _DEGENERATE * lengths)
+        oblique = np.log(np.divide(lengths, dets, where=counted, out=np.ones(len(self))))
+        return replace(self, angles=np.where(counted, np.maximum(oblique, 0.0), -1.0))
 
 
 def corner_simplices(reference: Floats, cells: CellTable, reference_sizes: AtRest) -> CornerSimplices:

@@ -5,9 +5,10 @@ takes every jump for a mesh velocity. Here the corrected mesh is a minimum that 
 
     y = argmin  Σ_c w_c ψ(f_c(y)) + a/2 Σ_c w_c [ |∇v|²_F + mean_k |v_k|² / ((l h_c)² σ_k) ],      v = y − y_plain
 
-f_c is the distortion of a corner simplex against the cell at rest (:mod:`.distortion`), with its barrier and, of cells
-that are no simplices, with a weight of its angle: a squeezed gap keeps its angles. w_c is one over the number of a
-cell's corners, h_c the cell's size at rest. Cells do not resist until f_c exceeds the onset::
+f_c is the distortion of a corner simplex against the cell at rest (:mod:`.distortion`), with its barrier. Of quads and
+hexahedra it grows with the angles that they lose, and half as much with their size: the shape alone takes a squeezed
+rectangle for as bad as a sheared one, which a flow solver does not. w_c is one over the number of a cell's corners, h_c
+the cell's size at rest. Cells do not resist until f_c exceeds the onset::
 
     ψ'' = (1 + k s / K)^K − 1,      ψ(onset) = ψ'(onset) = 0,      s = max(f − onset, 0)
 
@@ -51,7 +52,7 @@ from mesh_motion_server.numerics.correction.distortion import (
 from mesh_motion_server.numerics.correction.free_region import free_region
 from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_server.numerics.correction.smooth_region import SmoothRegion
-from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.cells import CellTable, CellType
 from mesh_motion_server.numerics.quality.metrics import CellsAtRest, cells_at_rest
 from mesh_motion_server.numerics.stopwatch import check_time
 
@@ -64,7 +65,6 @@ _RAMP = 0.6  # … of f, over which a cell of the plain mesh becomes active
 _FAR = 1e3  # of f: further does not count
 _ONSET = 0.9  # quality at which a cell resists …
 _LARGE, _LATE_ONSET = 30_000, 0.5  # … and in a mesh of more nodes: fewer are free there, or a step takes seconds
-_ANGLE = 0.5  # b; more keeps the angles of quads better and makes the smallest size-skew lower, by 0.03 at 1
 _CHUNK = 1 << 19  # corners whose neighbours are counted together: a few hundred megabytes
 _PINNED = 1e-8  # σ below which a node keeps its plain position
 _TOLERANCE = 1e-9  # largest Newton step of a node, as a share of the mesh's extent
@@ -183,10 +183,9 @@ class SmoothMotion:
         )
 
     def _with_angles(self, simplices: CornerSimplices, cells: CellTable, reference: Floats) -> CornerSimplices:
-        """The corners of some cells; of those that are no simplices, angles count on top of the shape."""
-        counts = [(len(block) * len(block.type.corners), block.type.is_simplex) for block in cells]
-        angles = np.concatenate([np.full(count, 0.0 if simplex else _ANGLE) for count, simplex in counts])
-        return simplices.with_angles(reference, angles, self.law.norm)
+        """The corners of some cells; of quads and hexahedra the angles count."""
+        counted = [np.repeat(_is_box(block.type), len(block) * len(block.type.corners)) for block in cells]
+        return simplices.with_angles(reference, np.concatenate(counted))
 
     @cached_property
     def _extent(self) -> float:
@@ -369,3 +368,8 @@ class SmoothMotion:
         hessian = region.blocks.copy()
         kernels.add_corners(adjacency.starts, adjacency.entries, adjacency.slots, rows, blocks, hessian)
         return gradient, hessian
+
+
+def _is_box(kind: CellType) -> bool:
+    """Whether a cell type is the quad or the hexahedron."""
+    return not kind.is_simplex and len(kind.corners) == 2**kind.dimension

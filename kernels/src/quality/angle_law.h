@@ -1,0 +1,26 @@
+// What the angles of a quad's or hexahedron's corner add to its distortion against rest.
+//
+// With the obliqueness o = Σ log |a_k| − log |det A| of the edges a_k, and x = max(o − o at rest, 0):
+//
+//   φ = b x³ / (x + e)²
+//
+// b x but for a short start, with two continuous derivatives. A corner that is less oblique than at rest gains nothing:
+// otherwise it could pay for a squeezed one.
+#pragma once
+
+namespace mesh_motion {
+
+/// φ at x ≥ 0.
+template <class Number>
+struct AngleLaw {
+    static constexpr double weight = 4.0, start = 0.01;
+    Number x, sum, ratio;
+
+    explicit AngleLaw(Number oblique) : x(oblique), sum(x + start), ratio(x / sum) {}
+
+    Number value() const { return weight * x * ratio * ratio; }
+    Number first() const { return weight * ratio * ratio * (x + 3.0 * start) / sum; }
+    Number second() const { return 6.0 * weight * start * start * x / (sum * sum * sum * sum); }
+};
+
+}  // namespace mesh_motion
