@@ -180,7 +180,7 @@ void add_corner(const Curvature<d>& total, Vector<const Index> corner, Whole<d>&
 void cell_distortions(Matrix<const double> points, Matrix<const std::int32_t> nodes, Matrix<const Index> corners,
                       Cube<const double> ideals, double sine, Vector<const double> references, double m, double a,
                       Vector<const double> offset, double p, Vector<double> values) {
-    const Cells cells{points, nodes, corners, ideals, sine, references, {m, 0.0, all(a)}, offset, p};
+    const Cells cells{points, nodes, corners, ideals, sine, references, {m, 0.0, a}, offset, p};
     cells.check(values.size());
     cells.with_type([&](auto dimension) {
         for_ranges(cells.size(), cells_of_task, [&](Index first, Index last) {
@@ -199,7 +199,7 @@ void cell_distortions(Matrix<const double> points, Matrix<const std::int32_t> no
 void cell_gradients(Matrix<const double> points, Matrix<const std::int32_t> nodes, Matrix<const Index> corners,
                     Cube<const double> ideals, double sine, Vector<const double> references, double m, double a,
                     Vector<const double> offset, double p, Vector<const double> weights, Cube<double> shares) {
-    const Cells cells{points, nodes, corners, ideals, sine, references, {m, 0.0, all(a)}, offset, p};
+    const Cells cells{points, nodes, corners, ideals, sine, references, {m, 0.0, a}, offset, p};
     cells.check(weights.size());
     require(shares.shape() == std::array{cells.size(), nodes.shape(1), points.shape(1)},
             "shares: expected shape (m, k, d)");
@@ -238,7 +238,7 @@ void cell_blocks(Matrix<const double> points, Matrix<const std::int32_t> nodes, 
                  Cube<const double> ideals, double sine, Vector<const double> references, double m, double a,
                  Vector<const double> offset, double p, Vector<const double> weights, double floor,
                  double least_weight, Cube<float> blocks) {
-    const Cells cells{points, nodes, corners, ideals, sine, references, {m, 0.0, all(a)}, offset, p};
+    const Cells cells{points, nodes, corners, ideals, sine, references, {m, 0.0, a}, offset, p};
     cells.check(weights.size());
     const Index n_nodes = nodes.shape(1), width = n_nodes * points.shape(1);
     require(blocks.shape() == std::array{cells.size(), n_nodes * n_nodes, points.shape(1) * points.shape(1)},

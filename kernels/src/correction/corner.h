@@ -11,8 +11,7 @@ namespace mesh_motion {
 
 /// m and ε of distortion.h, and a, the weight of the size.
 struct SizeLaw {
-    double m, epsilon;
-    Pack a;
+    double m, epsilon, a;
 };
 
 /// (a/m) log cosh(m log τ) for τ > 0, with log τ.

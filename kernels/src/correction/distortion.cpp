@@ -12,7 +12,6 @@ namespace mesh_motion {
 namespace {
 
 constexpr Index values_of_task = 1 << 14, corners_of_task = 1 << 12, blocks_of_task = 1 << 9;
-constexpr double half_size = 0.5;   // of the size's weight, where angles count
 constexpr double no_weight = 1e-12;  // of the mean weight: less has no gradient
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
@@ -113,30 +112,6 @@ Turned turned(const Small<d>& a, Pack rest) {
     return {law.value(), law.first(), law.second()};
 }
 
-/// The size counts half where the angles count.
-SizeLaw law_of(double m, double epsilon, double a, Pack rest) {
-    return {m, epsilon, rest >= 0.0 ? all(half_size * a) : all(a)};
-}
-
-/// The gradient of ℓ at the edges (columns of A), from its derivative h1 with respect to τ without the angles' part.
-template <int d>
-Small<d> slope(const Small<d>& j, const Small<d>& p, const Small<d>& a, Pack h1, Pack tau, Pack angle) {
-    const Small<d> cof = cofactor<d>(j);
-    const Pack twice = 2.0 * inverse_square<d>(j);
-    if (any(angle > 0.0)) h1 -= angle / tau;
-    Small<d> pull;
-    for (int i = 0; i < d; ++i)
-        for (int k = 0; k < d; ++k) pull[i][k] = twice * j[i][k] + h1 * cof[i][k];
-    pull = product_transposed<d>(pull, p);
-    if (any(angle > 0.0)) {
-        const auto q = squares<d>(a);
-        for (int i = 0; i < d; ++i)
-            for (int k = 0; k < d; ++k) pull[i][k] += angle * a[i][k] / q[k];
-    }
-    return pull;
-}
-
-
 /// The gradient of the obliqueness at the edges (columns of A).
 template <int d>
 Small<d> obliqueness_slope(const Small<d>& j, const Small<d>& p, const Small<d>& a, Pack tau) {
@@ -147,6 +122,23 @@ Small<d> obliqueness_slope(const Small<d>& j, const Small<d>& p, const Small<d>&
     const auto q = squares<d>(a);
     for (int i = 0; i < d; ++i)
         for (int k = 0; k < d; ++k) pull[i][k] += a[i][k] / q[k];
+    return pull;
+}
+
+/// The gradient of ℓ there, from its derivative h1 with respect to τ and that of φ with respect to o.
+template <int d>
+Small<d> slope(const Small<d>& j, const Small<d>& p, const Small<d>& a, Pack h1, Pack tau, Pack angle) {
+    const Small<d> cof = cofactor<d>(j);
+    const Pack twice = 2.0 * inverse_square<d>(j);
+    Small<d> pull;
+    for (int i = 0; i < d; ++i)
+        for (int k = 0; k < d; ++k) pull[i][k] = twice * j[i][k] + h1 * cof[i][k];
+    pull = product_transposed<d>(pull, p);
+    if (any(angle > 0.0)) {
+        const Small<d> tilt = obliqueness_slope<d>(j, p, a, tau);
+        for (int i = 0; i < d; ++i)
+            for (int k = 0; k < d; ++k) pull[i][k] += angle * tilt[i][k];
+    }
     return pull;
 }
 
@@ -166,7 +158,7 @@ void distortions(Matrix<const double> points, Matrix<const std::int32_t> corners
                 const auto at = from(c, last);
                 const auto [j, p, edges] = mesh.jacobians<d>(at);
                 const Pack tau = determinant<d>(j), rest = mesh.rest_angle(at);
-                Pack value = distortion<d>(tau, square<d>(j), law_of(m, epsilon, a, rest));
+                Pack value = distortion<d>(tau, square<d>(j), {m, epsilon, a});
                 value += turned<d>(edges, rest).value;
                 for (Index l = 0; l < std::min(lanes, last - c); ++l)
                     values[c + l] = offset.size() ? value[l] + offset[c + l] : value[l];
@@ -216,7 +208,7 @@ void distortion_gradients(Matrix<const double> points, Matrix<const std::int32_t
                 if (any(weight >= least)) {
                     const auto [j, p, edges] = mesh.jacobians<d>(at);
                     const Pack tau = determinant<d>(j), rest = mesh.rest_angle(at);
-                    const Pack h1 = slopes<d>(tau, law_of(m, epsilon, a, rest)).first;
+                    const Pack h1 = slopes<d>(tau, {m, epsilon, a}).first;
                     const auto pull = slope<d>(j, p, edges, h1, tau, turned<d>(edges, rest).first);
                     for (int i = 0; i < d; ++i)
                         for (int k = 0; k < d; ++k) {
@@ -267,7 +259,7 @@ void corner_hessians(Matrix<const double> points, Matrix<const std::int32_t> cor
                 const Pack tau = determinant<d>(j), rest = mesh.rest_angle(at);
                 const Turned oblique = turned<d>(edges, rest);
                 const Pack angle = oblique.first;
-                const auto [h1, h2] = slopes<d>(tau, law_of(m, 0.0, a, rest));
+                const auto [h1, h2] = slopes<d>(tau, {m, 0.0, a});
                 const Pack weight = gathered([&](int l) { return first[at[l]]; });
                 const Pack bend = gathered([&](int l) { return second[at[l]]; });
                 const Terms terms{all(1.0), h1 - angle / tau, h2 + angle / (tau * tau), Pack{}, h1};
@@ -318,7 +310,7 @@ void corner_blocks(Matrix<const double> points, Matrix<const std::int32_t> corne
                 for (Index l = count; l < lanes; ++l) at[l] = at[count - 1];
                 const auto [j, ideal, edges] = mesh.jacobians<d>(at);
                 const Pack tau = determinant<d>(j);
-                const auto [h1, h2] = slopes<d>(tau, law_of(m, epsilon, a, all(-1.0)));
+                const auto [h1, h2] = slopes<d>(tau, {m, epsilon, a});
                 const Pack weight = gathered([&](int l) { return weights[at[l]]; }) + floor;
                 Curvature<d> total;
                 curvature<d>(j, inverse_square<d>(j), ideal, {all(1.0), h1, h2, all(p), h1}, weight, total);

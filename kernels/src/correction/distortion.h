@@ -5,7 +5,7 @@
 //   ℓ   = log q − log d − (2/d) log τ + (a/m) log cosh(m log τ)               ε = 0, τ > 0
 //   ℓ_ε = log q − log d − (2/d + a) log χ + a log((1 + τ²)/2)                 untangling, χ = (τ + √(τ² + ε²))/2
 //
-// and, of a corner whose angles count, half of a and φ of quality/angle_law.h on top. In 1D the first three terms cancel.
+// and, of a corner whose angles count, φ of quality/angle_law.h on top. In 1D the first three terms cancel.
 // points (n, d), corners (c, d + 1): the nodes of each corner, ideals (c, d, d): P, angles (c, or 0 where none counts):
 // the obliqueness Σ log |a_k| − log |det A| at rest, negative where the angles do not count.
 #pragma once

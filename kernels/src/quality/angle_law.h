@@ -13,7 +13,9 @@ namespace mesh_motion {
 /// φ at x ≥ 0.
 template <class Number>
 struct AngleLaw {
-    static constexpr double weight = 4.0, start = 0.01;
+    // with b = 2 the nodes of a cascade keep more of their angles (0.73 of a skew, not 0.62), but coarse hexahedra in a
+    // ring that turns by 40° have no smooth mesh
+    static constexpr double weight = 1.0, start = 0.05;
     Number x, sum, ratio;
 
     explicit AngleLaw(Number oblique) : x(oblique), sum(x + start), ratio(x / sum) {}

@@ -311,7 +311,7 @@ double corner_value(const Corner<d>& now, const Corner<d>& rest, double shape) {
     const double tau = det / whole, size = std::sqrt(std::min(tau, 1.0 / tau));
     if (!box) return shape * size;
     const double oblique = 0.5 * logarithm(squared_lengths<d>(now) / before) - logarithm(tau);
-    return shape * std::sqrt(size) * (oblique > 0.0 ? exponential(-AngleLaw(oblique).value()) : 1.0);
+    return shape * size * (oblique > 0.0 ? exponential(-AngleLaw(oblique).value()) : 1.0);
 }
 
 /// Of the corners of one block.

@@ -6,9 +6,9 @@ takes every jump for a mesh velocity. Here the corrected mesh is a minimum that 
     y = argmin  Σ_c w_c ψ(f_c(y)) + a/2 Σ_c w_c [ |∇v|²_F + mean_k |v_k|² / ((l h_c)² σ_k) ],      v = y − y_plain
 
 f_c is the distortion of a corner simplex against the cell at rest (:mod:`.distortion`), with its barrier. Of quads and
-hexahedra it grows with the angles that they lose, and half as much with their size: the shape alone takes a squeezed
-rectangle for as bad as a sheared one, which a flow solver does not. w_c is one over the number of a cell's corners, h_c
-the cell's size at rest. Cells do not resist until f_c exceeds the onset::
+hexahedra it grows with the angles that they lose: the shape alone takes a squeezed rectangle for as bad as a sheared
+one, which a flow solver does not. w_c is one over the number of a cell's corners, h_c the cell's size at rest. Cells do
+not resist until f_c exceeds the onset::
 
     ψ'' = (1 + k s / K)^K − 1,      ψ(onset) = ψ'(onset) = 0,      s = max(f − onset, 0)
 
