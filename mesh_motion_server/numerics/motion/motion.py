@@ -405,7 +405,8 @@ class MotionModel(PreparedMesh):
             return True
 
         method = self.method
-        direct = self if method.sub_steps == "always" else self.with_method(sub_steps="never")
+        enough = self.with_method(correction_target="threshold")  # more costs much and accepts nothing else
+        direct = enough if method.sub_steps == "always" else enough.with_method(sub_steps="never")
         plain = self.with_method(sub_steps="never", correction="none")
         plain = replace(plain.without_distributions(), layered=None)
         # a correction of one valid mesh leaves it as it is where it finds no better one
