@@ -1,8 +1,9 @@
-"""``make wheel``: build the distributions of client and server, repair the wheel for other Linux systems, and try both."""
+"""``make wheel``: build the distributions of client and server, repair the server's wheel, and try both."""
 
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -10,7 +11,7 @@ import venv
 from collections.abc import Sequence
 from pathlib import Path
 
-__all__ = ["CLIENT_ALONE", "Failed", "build", "main", "run", "try_wheels"]
+__all__ = ["Failed", "build", "client_example", "main", "run", "try_wheels"]
 
 _CASE = Path("examples/thesis_rotation/case.toml")
 _CLIENT = Path("adapters/python")
@@ -21,21 +22,6 @@ import subprocess, sys
 from mesh_motion_client import connect
 with connect() as server:
     sys.exit(subprocess.call([*sys.argv[1:], server.endpoint]))
-"""
-#: Moves a mesh on that server, from an environment without the server's package.
-CLIENT_ALONE = """
-import sys
-from importlib.util import find_spec
-import numpy as np
-from mesh_motion_client import Mesh, Patch, connect
-if find_spec("mesh_motion_server") or find_spec("scipy"):
-    sys.exit("the environment has more than the client")
-mesh = Mesh(np.arange(9.0)[:, None], {"line": np.stack([np.arange(8), np.arange(1, 9)], axis=1)},
-            {"left": Patch("moving", [0]), "right": Patch("fixed", [8])})
-with connect(sys.argv[1]) as server, server.open(mesh) as session:
-    moved = session.move([[0.5]])
-    if not (session.commit().step == 1 and moved.displacement[0, 0] == 0.5 and 0 < moved.displacement[4, 0] < 0.5):
-        sys.exit(f"the mesh moved by {moved.displacement.ravel()}")
 """
 
 
@@ -70,8 +56,16 @@ def try_wheels(root: Path, made: Sequence[Path]) -> None:
         both = _installed(Path(scratch, "both"), [str(client), f"{server}[server]"], clean)
         playing = [str(both / "mesh-motion"), "play", str(root / _CASE), "--out", "out", "--quiet"]
         run(playing, Path(scratch), "the installed wheels do not play a case", clean)
-        moving = [str(both / "python"), "-c", _SERVING, str(alone / "python"), "-c", CLIENT_ALONE]
+        moving = [str(both / "python"), "-c", _SERVING, str(alone / "python"), "-c", client_example(root)]
         run(moving, Path(scratch), "the client's wheel alone does not move a mesh", clean)
+
+
+def client_example(root: Path) -> str:
+    """The program on the client's page, which takes the endpoint as its argument."""
+    shown = re.search(r"```python\n(.*?)```", (root / _CLIENT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    if shown is None:
+        raise Failed(f"{_CLIENT}/README.md shows no program")
+    return "import sys\n" + shown[1].replace('"tcp://server:7440"', "sys.argv[1]")
 
 
 def _installed(environment: Path, packages: Sequence[str], variables: dict[str, str]) -> Path:

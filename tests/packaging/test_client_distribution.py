@@ -10,7 +10,7 @@ from bare_environment import ROOT, build, names_in, tracked
 
 from mesh_motion_server import __version__
 from proofs.server_process import ServerProcess
-from tools.wheel import CLIENT_ALONE
+from tools.wheel import client_example
 
 FOLDER = Path("adapters/python")
 PACKAGES = ("mesh_motion_client", "mesh_motion_protocol")
@@ -45,10 +45,12 @@ def test_its_sources_alone_build_the_same_wheel(client_wheel: Path, tmp_path: Pa
     assert build("wheel", tmp_path / "again", unpacked).read_bytes() == client_wheel.read_bytes()
 
 
-def test_it_moves_a_mesh_where_the_server_is_not_installed(client_alone: Callable, tmp_path: Path) -> None:
+def test_the_program_of_its_page_moves_a_mesh_where_the_server_is_not_installed(
+    client_alone: Callable, tmp_path: Path
+) -> None:
     with ServerProcess(tmp_path) as server:
-        ended = client_alone("python", "-c", CLIENT_ALONE, server.endpoint)
-    assert ended.returncode == 0, ended.stderr
+        ended = client_alone("python", "-c", client_example(ROOT), server.endpoint)
+    assert ended.stdout == "(45, 2) 0\n", ended.stderr
 
 
 def test_what_needs_the_server_s_package_says_so(client_alone: Callable) -> None:
