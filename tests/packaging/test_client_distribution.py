@@ -1,4 +1,4 @@
-"""The client's distribution: what it contains, and that it needs nothing of the server and no compiler."""
+"""The client's distribution: what it contains, and that its page, README.md, is true without the server's package."""
 
 import tarfile
 from collections.abc import Callable
