@@ -38,7 +38,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def installed(client_wheel: Path, wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Run]:
-    """As ``client_alone``, with the server and these extras only beside it."""
+    """As ``client_alone``, with the server and these extras only."""
     made: dict[tuple[str, ...], Run] = {}
 
     def environment(*extras: str) -> Run:

@@ -44,7 +44,7 @@ def bare_environment(folder: Path, wheels: Sequence[Path], extras: Iterable[str]
 
 
 def _required(own: Sequence[Distribution], extras: set[str]) -> list[Distribution]:
-    """What distributions require with these extras beside each other, and what that requires."""
+    """What distributions require with these extras, and what that requires."""
     found: dict[str, Distribution] = {each.name: each for each in own}
     waiting: list[tuple[Distribution, set[str]]] = [(each, extras) for each in own]
     while waiting:

@@ -86,7 +86,7 @@ def _connected(function: Callable[P, server.Server]) -> Callable[P, AbstractAsyn
 
 @asynccontextmanager
 async def _open(made: Future[Inner], thread: ThreadPoolExecutor) -> AsyncIterator[tuple[Inner, ThreadPoolExecutor]]:
-    """What is made, open in the context; closed in the thread at its end, or where nobody waits for it any more."""
+    """What is made, open in the context; closed in the thread at its end, or when it comes after its caller was cancelled."""
     try:
         inner = await asyncio.wrap_future(made)
     except BaseException:

@@ -107,8 +107,8 @@ class Mesh(Described):
         ----------
         path : path
             ``.npz``, as ``mesh-motion convert`` writes it: ``points``, ``cells_<type>``, ``patch_<name>``, and of a
-            partition ``global_ids``. All other files that ``mesh-motion check`` reads, where the server is installed
-            beside the client: of Gmsh, OpenFOAM, SU2, VTK, CGNS, …
+            partition ``global_ids``. Where the server's package is installed too, every file that ``mesh-motion check``
+            reads: of Gmsh, OpenFOAM, SU2, VTK, CGNS, …
         roles : dict
             Name of each patch → its role. A partition need not have all of them.
         zone : str
@@ -310,7 +310,7 @@ class Mesh(Described):
 def _read_by_server(path: str | os.PathLike[str], zone: str) -> Content:
     """The content of a mesh file, by the readers of the server's package."""
     try:
-        # not beside every client
+        # not in every environment of a client
         from mesh_motion_server.errors import InvalidInput as Unusable  # noqa: PLC0415
         from mesh_motion_server.files import read_mesh  # noqa: PLC0415
     except ImportError as error:
