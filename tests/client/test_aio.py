@@ -7,7 +7,7 @@ import threading
 import mesh_motion_client
 import numpy as np
 import pytest
-from mesh_motion_client import InvalidInput, Server, aio, connect
+from mesh_motion_client import InvalidInput, Server, Session, aio, connect
 
 UP = np.array([[0.0, 0.25]] * 4)
 #: By which the client's own modules work together; what ``inner`` shows; what the end of the server's context does.
@@ -63,6 +63,26 @@ def test_a_cancelled_call_is_answered_when_it_is_repeated(server, mesh):
             return (await own.move(UP)).displacement
 
     assert asyncio.run(run())[0].tolist() == [0.0, 0.25]
+
+
+def test_a_session_that_comes_too_late_is_discarded(server, mesh, client, monkeypatch):
+    gate, closed = threading.Event(), threading.Event()
+    opened = Server.open
+    monkeypatch.setattr(Session, "leave", lambda self, leave=Session.leave: (leave(self), closed.set()))
+    slow = aio._opened(lambda self, *given: (gate.wait(20), opened(self, *given))[1], "discard")
+
+    async def run():
+        async with aio.connect(server.endpoint) as remote:
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(0.1), slow(remote, mesh):
+                    pass
+            gate.set()
+            await asyncio.to_thread(closed.wait, 20)
+
+    before = len(client.sessions())
+    asyncio.run(run())
+    assert closed.is_set()
+    assert len(client.sessions()) == before
 
 
 def test_a_connection_nobody_waits_for_is_closed(server, monkeypatch):

@@ -21,7 +21,7 @@ from collections.abc import AsyncIterator, Callable, Coroutine
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial, wraps
-from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
+from typing import Any, Concatenate, Generic, Literal, ParamSpec, TypeVar
 
 from mesh_motion_client import server, session
 
@@ -57,15 +57,18 @@ def _awaited(
 
 
 def _opened(
-    method: Callable[Concatenate[server.Server, P], session.Session],
+    method: Callable[Concatenate[server.Server, P], session.Session], outcome: Literal["keep", "discard"]
 ) -> Callable[Concatenate[Server, P], AbstractAsyncContextManager[Session]]:
-    """The method, called in the server's thread, as the context of its session."""
+    """The method, called in the server's thread, as the context of its session.
+
+    ``outcome`` is that of a session whose caller was cancelled before it was there.
+    """
 
     @wraps(method)
     @asynccontextmanager
     async def open_session(self: Server, /, *arguments: P.args, **named: P.kwargs) -> AsyncIterator[Session]:
         made = self.thread.submit(partial(method, self.inner, *arguments, **named))
-        async with _open(made, ThreadPoolExecutor(1)) as (inner, thread):
+        async with _open(made, ThreadPoolExecutor(1), lambda late: late.close(outcome)) as (inner, thread):
             yield Session(inner, thread)
 
     return open_session
@@ -78,19 +81,22 @@ def _connected(function: Callable[P, server.Server]) -> Callable[P, AbstractAsyn
     @asynccontextmanager
     async def connect_server(*arguments: P.args, **named: P.kwargs) -> AsyncIterator[Server]:
         own = ThreadPoolExecutor(1)
-        async with _open(own.submit(partial(function, *arguments, **named)), own) as (inner, thread):
+        made = own.submit(partial(function, *arguments, **named))
+        async with _open(made, own, server.Server.close) as (inner, thread):
             yield Server(inner, thread)
 
     return connect_server
 
 
 @asynccontextmanager
-async def _open(made: Future[Inner], thread: ThreadPoolExecutor) -> AsyncIterator[tuple[Inner, ThreadPoolExecutor]]:
-    """What is made, open in the context; closed in the thread at its end, or when it comes after its caller was cancelled."""
+async def _open(
+    made: Future[Inner], thread: ThreadPoolExecutor, close_late: Callable[[Inner], None]
+) -> AsyncIterator[tuple[Inner, ThreadPoolExecutor]]:
+    """What is made, open in the context and closed in the thread; ``close_late`` ends what comes too late."""
     try:
         inner = await asyncio.wrap_future(made)
     except BaseException:
-        made.add_done_callback(_close)
+        made.add_done_callback(lambda done: None if done.cancelled() or done.exception() else close_late(done.result()))
         thread.shutdown(wait=False)
         raise
     try:
@@ -98,12 +104,6 @@ async def _open(made: Future[Inner], thread: ThreadPoolExecutor) -> AsyncIterato
     finally:
         await asyncio.get_running_loop().run_in_executor(thread, inner.__exit__, *sys.exc_info())
         thread.shutdown(wait=False)
-
-
-def _close(made: Future[Any]) -> None:
-    """Close what came after its caller had gone."""
-    if not made.cancelled() and made.exception() is None:
-        made.result().close()
 
 
 class Session(_InThread[session.Session]):
@@ -133,9 +133,9 @@ class Server(_InThread[server.Server]):
     inner : mesh_motion_client.Server
     """
 
-    open = _opened(server.Server.open)
-    join = _opened(server.Server.join)
-    resume = _opened(server.Server.resume)
+    open = _opened(server.Server.open, "discard")
+    join = _opened(server.Server.join, "keep")
+    resume = _opened(server.Server.resume, "keep")
     sessions = _awaited(server.Server.sessions)
 
 
