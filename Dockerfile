@@ -1,5 +1,5 @@
 # Three images from one file: `server` runs sessions; `client` is what a solver's container needs (numpy, msgpack, pyzmq);
-# `openfoam` has OpenFOAM with the motion solver, and CalculiX, beside it.
+# `openfoam` has OpenFOAM with the motion solver, CalculiX, and the driver that couples them.
 ARG BASE=debian:bookworm-slim
 
 FROM ${BASE} AS python
@@ -14,7 +14,7 @@ RUN apt-get update \
 ENV PATH=/opt/mesh-motion/bin:$PATH PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1
 WORKDIR /src
 
-# The wheel is built apart: the images that run have the package alone, and what its lock file names.
+# The wheels are built apart: the images that run have the packages alone, and what their lock files name.
 FROM python AS build
 RUN apt-get update && apt-get install -y --no-install-recommends g++ python3-dev && rm -rf /var/lib/apt/lists/*
 COPY requirements requirements
@@ -25,13 +25,13 @@ COPY docs/man docs/man
 COPY mesh_motion_server mesh_motion_server
 COPY protocol protocol
 COPY adapters adapters
-RUN pip wheel --no-cache-dir --no-deps --no-build-isolation --wheel-dir /wheels .
+RUN pip wheel --no-cache-dir --no-deps --no-build-isolation --wheel-dir /wheels ./adapters/python .
 
 FROM python AS client
 COPY requirements/client.lock ./
 RUN pip install --no-cache-dir --require-hashes -r client.lock
 COPY --from=build /wheels /wheels
-RUN pip install --no-cache-dir --no-deps /wheels/*.whl
+RUN pip install --no-cache-dir --no-deps /wheels/mesh_motion_client-*.whl
 COPY examples /examples
 USER mesh
 WORKDIR /home/mesh
@@ -61,6 +61,7 @@ USER root
 RUN apt-get update \
  && apt-get install -y --no-install-recommends openfoam calculix-ccx libzmq5 \
  && rm -rf /var/lib/apt/lists/*
+RUN pip install --no-cache-dir --no-deps /wheels/mesh_motion_server-*.whl
 COPY --from=motion-solver /src/adapters/openfoam/build /src/adapters/openfoam/build
 COPY examples /src/examples
 USER mesh

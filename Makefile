@@ -51,10 +51,11 @@ $(BIN)/python:
 LOCKED_PACKAGES = $(if $(LOCKED),$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements/dev.lock)
 
 # What runs the server and draws. The kernels are built for this machine; MESH_MOTION_LEVELS=all builds every instruction set.
+CLIENT := adapters/python
 KERNELS := $(shell find kernels -type f -not -name '*.pyc')
-$(VENV)/.runtime: $(BIN)/python pyproject.toml $(KERNELS)
+$(VENV)/.runtime: $(BIN)/python pyproject.toml $(CLIENT)/pyproject.toml $(KERNELS)
 	$(LOCKED_PACKAGES)
-	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[server,plot]'
+	$(BIN)/pip install --quiet --disable-pip-version-check -e $(CLIENT) -e '.[server,plot]'
 	@touch $@
 
 $(VENV)/.development: $(VENV)/.runtime
@@ -81,9 +82,9 @@ manual: $(VENV)/.development
 lock: $(BIN)/python
 	$(BIN)/pip install --quiet --disable-pip-version-check uv
 	for name in build client server dev; do \
-	  case $$name in build) from=requirements/build.in;; client) from=pyproject.toml;; dev) from="--extra dev --extra docs pyproject.toml";; *) from="--extra $$name pyproject.toml";; esac; \
+	  case $$name in build) from=requirements/build.in;; client) from=$(CLIENT)/pyproject.toml;; dev) from="--extra dev --extra docs pyproject.toml";; *) from="--extra $$name pyproject.toml";; esac; \
 	  $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-	    --no-emit-package mesh-motion-server --custom-compile-command "make lock" $$from -o requirements/$$name.lock || exit 1; \
+	    --no-emit-package mesh-motion-server --no-emit-package mesh-motion-client --custom-compile-command "make lock" $$from -o requirements/$$name.lock || exit 1; \
 	done
 
 wheel: $(VENV)/.development
@@ -126,7 +127,7 @@ mutants: $(VENV)/.development
 # No second runs here nor in the proofs: a race, or a broken promise, that shows itself once is a fault.
 SANITIZED = cmake -S kernels -B out/sanitize/$(1) -DMESH_MOTION_LEVELS=v3 -DMESH_MOTION_SANITIZE=$(2) \
     -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python --log-level=WARNING && cmake --build out/sanitize/$(1) -j $(JOBS) \
-  && LD_PRELOAD="$$($(CXX) -print-file-name=$(3)) $$($(CXX) -print-file-name=libstdc++.so)" PYTHONPATH=$(CURDIR)/out/sanitize/$(1):$(CURDIR):$(CURDIR)/protocol:$(CURDIR)/adapters/python:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
+  && LD_PRELOAD="$$($(CXX) -print-file-name=$(3)) $$($(CXX) -print-file-name=libstdc++.so)" PYTHONPATH=$(CURDIR)/out/sanitize/$(1):$(CURDIR):$(CURDIR)/$(CLIENT):$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
     ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=halt_on_error=1 TSAN_OPTIONS=halt_on_error=1:die_after_fork=0 MESH_MOTION_THREADS=3 OPENBLAS_NUM_THREADS=1 \
     $(BIN)/python -S -m pytest -q -m "not nightly" --timeout 3000 -o faulthandler_timeout=3600 -p no:cacheprovider $(SANITIZED_TESTS)
 SANITIZED_TESTS ?= tests/kernels tests/numerics

@@ -19,6 +19,7 @@ set_target_properties(mesh_motion_kernels PROPERTIES VISIBILITY_INLINES_HIDDEN O
 install(TARGETS mesh_motion_kernels DESTINATION ${CMAKE_INSTALL_LIBDIR})
 # a module of Fortran fits one compiler: the source is installed, to be compiled with the code that uses it
 install(FILES include/mesh_motion_kernels.h fortran/mesh_motion_kernels.f90 DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
-file(RELATIVE_PATH INCLUDE /${CMAKE_INSTALL_LIBDIR}/pkgconfig /${CMAKE_INSTALL_INCLUDEDIR})
+file(RELATIVE_PATH PREFIX /${CMAKE_INSTALL_LIBDIR}/pkgconfig /)
 configure_file(mesh_motion_kernels.pc.in mesh_motion_kernels.pc @ONLY)
 install(FILES ${CMAKE_CURRENT_BINARY_DIR}/mesh_motion_kernels.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
+install(FILES ${CMAKE_CURRENT_SOURCE_DIR}/../LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})

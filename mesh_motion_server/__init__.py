@@ -1,3 +1,5 @@
 """The mesh-motion server: predicts mesh quality and corrects the motion before any node moves."""
 
-__version__ = "0.1.0"
+from mesh_motion_protocol import __version__
+
+__all__ = ["__version__"]

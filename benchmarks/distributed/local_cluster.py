@@ -17,7 +17,7 @@ __all__ = ["local_cluster"]
 _ROOT = Path(__file__).parents[2]
 #: Workers import the packages of this checkout, whichever are installed.
 _ENVIRONMENT = {
-    "PYTHONPATH": os.pathsep.join(str(_ROOT / folder) for folder in (".", "protocol", "adapters/python")),
+    "PYTHONPATH": os.pathsep.join(str(_ROOT / folder) for folder in (".", "adapters/python")),
     **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
 }
 #: Set by the workers themselves. Dask sets the others in this process for the moment in which it starts one, and the

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import zmq
-from mesh_motion_client import Mesh, Patch, connect
+from mesh_motion_client import Mesh, connect
 
 NEWMARK_BETA, NEWMARK_GAMMA = 0.25, 0.5
 ROLES = {"flag": "moving", "cylinder": "fixed", "inlet": "fixed", "outlet": "fixed", "walls": "fixed"}
@@ -76,14 +76,6 @@ def aitken(omega: float, residual: np.ndarray, previous: np.ndarray | None) -> f
         return omega
     change = residual - previous
     return float(-omega * np.sum(previous * change) / np.sum(change * change))
-
-
-def read_mesh(path: Path) -> Mesh:
-    """The mesh of an .npz file, with the flag's roles."""
-    with np.load(path, allow_pickle=False) as data:
-        cells = {name.removeprefix("cells_"): data[name] for name in data.files if name.startswith("cells_")}
-        patches = {name.removeprefix("patch_"): data[name] for name in data.files if name.startswith("patch_")}
-        return Mesh(data["points"], cells, {name: Patch(ROLES[name], nodes) for name, nodes in patches.items()})
 
 
 def couple_step(session, solid: Solid, load: LoadStub, time: float, options: argparse.Namespace):
@@ -146,7 +138,7 @@ def arguments() -> argparse.Namespace:
 def main() -> int:
     """Couple the codes and write fsi.csv."""
     options = arguments()
-    mesh = read_mesh(options.mesh)
+    mesh = Mesh.load(options.mesh, ROLES)
     options.out.mkdir(parents=True, exist_ok=True)
     with (
         zmq.Context() as context,

@@ -3,14 +3,13 @@
 All lengths are in the mesh's unit, angles in degrees. Every boundary patch of the mesh needs a role.
 """
 
-import difflib
 import math
 import tomllib
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
+from mesh_motion_client.errors import meant
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from mesh_motion_server.errors import InvalidInput
@@ -26,7 +25,6 @@ __all__ = [
     "RigidMotion",
     "StepsSection",
     "case_name",
-    "meant",
     "read_case",
     "toml_key",
     "toml_text",
@@ -315,12 +313,6 @@ def _first_offender(error: ValidationError, path: Path) -> InvalidInput:
     message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     got = "" if isinstance(first["input"], dict | list | BaseModel) else f", got {first['input']!r}"
     return InvalidInput(f"{path}: {where}: expected {message}{got}", details={"key": where})
-
-
-def meant(word: str, known: Iterable[str]) -> str:
-    """ "did you mean …?" with the known words that are similar; empty if there is none."""
-    alike = difflib.get_close_matches(word, list(known), n=1)
-    return f"did you mean {alike[0]!r}?" if alike else ""
 
 
 def _place(location: list[Any]) -> str:

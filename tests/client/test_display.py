@@ -40,6 +40,19 @@ def test_a_session_and_a_move_say_where_they_stand(session):
     assert rest[0].startswith("  Mesh in 2D: 16 nodes")
 
 
+def test_a_server_and_a_commit_say_what_they_are(client, session):
+    first, second = repr(client).splitlines()
+    assert first == f"Server {client.endpoint}: connected"
+    assert second == f"  {client.welcome.server}, protocol 1.0, durability 'full' by default"
+    session.move(UP)
+    assert repr(session.commit()).splitlines() == [
+        "Committed: step 1, durable",
+        "  quality: minimum 1.000, 0 inverted cells",
+    ]
+    client.close()
+    assert repr(client).splitlines()[0].endswith(": closed")
+
+
 def test_a_warning_of_the_server_is_one_of_python(session):
     with pytest.warns(MeshMotionWarning, match="a warning"):
         moved = session.move(UP)
@@ -102,7 +115,16 @@ def test_progress_goes_through_the_steps_whatever_is_installed(monkeypatch, caps
     assert said == "".join(f"\rflag: {done} of 20" for done in range(1, 21)) + "\n"
 
 
+def test_the_upload_and_the_build_are_shown_where_it_is_asked_for(client, mesh, monkeypatch, capsys):
+    monkeypatch.setattr("mesh_motion_client.display.find_spec", lambda name: None)
+    client.open(mesh, show_progress=True).close()
+    parts = len(list(mesh.parts(session="", epoch=0)))
+    assert f"\rmesh sent in parts, and built: {parts + 1} of {parts + 1}\n" in capsys.readouterr().out
+    client.open(mesh).close()
+    assert capsys.readouterr().out == ""
+
+
 def test_nothing_is_loaded_before_it_is_drawn():
-    script = "import sys, mesh_motion_client; print({'matplotlib', 'tqdm', 'pyvista'} & set(sys.modules))"
+    script = "import sys, mesh_motion_client; print({'matplotlib', 'tqdm', 'pyvista', 'asyncio'} & set(sys.modules))"
     told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert told.stdout == "set()\n"

@@ -77,7 +77,9 @@ def test_a_file_is_read_with_its_numbers_and_the_roles_that_are_given(tmp_path):
     assert mesh.global_ids.tolist() == [4, 5, 9]
     del arrays["global_ids"]
     np.savez(tmp_path / "whole.npz", **arrays)
-    assert Mesh.load(str(tmp_path / "whole.npz"), GIVEN).global_ids is None
+    assert Mesh.load(str(tmp_path / "whole.npz"), {"wall": "fixed"}).global_ids is None
+    with pytest.raises(InvalidInput, match=r"whole\.npz: there is no patch 'flag'; the mesh has \['wall'\]"):
+        Mesh.load(tmp_path / "whole.npz", GIVEN)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +88,10 @@ def test_a_file_is_read_with_its_numbers_and_the_roles_that_are_given(tmp_path):
         ({"cells_triangle": [[0, 1, 2]]}, r"part.npz: expected 'points', .*got \['cells_triangle'\]"),
         ({"points": np.zeros((3, 2)), "roles": [1]}, r"got \['points', 'roles'\] \(mesh-motion convert"),
         ({"points": np.zeros((3, 2)), "patch_flap": [1]}, "patch 'flap' has no role; roles are given of .*flag"),
-        ({"points": np.zeros((3, 2)), "cells_triangle": [[0, 1, 3]]}, "part.npz: cells of type triangle must name"),
+        (
+            {"points": np.zeros((3, 2)), "cells_triangle": [[0, 1, 3]], "global_ids": [1, 2, 3]},
+            "part.npz: cells of type triangle must name",
+        ),
         ({"points": np.zeros((3, 2)), "global_ids": [1]}, "part.npz: global_ids must have one number a point"),
         ({"points": np.array([{}], dtype=object)}, "part.npz: not readable as an .npz archive of plain arrays"),
     ],
@@ -103,7 +108,7 @@ def test_a_file_that_is_missing_or_none_is_named(tmp_path):
     for name, message in (
         ("none.npz", "none.npz: cannot be read: No such file"),
         ("text.npz", "text.npz: not readable"),
-        ("points.npy", "points.npy: not readable"),
+        ("points.npy", "points.npy: unknown kind of mesh file"),
     ):
         with pytest.raises(InvalidInput, match=message):
             Mesh.load(tmp_path / name, GIVEN)

@@ -35,8 +35,10 @@ def test_move_and_commit(session, mesh):
 
 def test_displacements_by_patch(session):
     assert session.move({"left": UP}).displacement.tolist() == [[0.0, 0.25]] * 16
-    with pytest.raises(InvalidInput, match=r"must name the moving patches \['left'\], got \['right'\]"):
+    with pytest.raises(InvalidInput, match=r"must name the moving patches \['left'\], got \['right'\] \(or give rows"):
         session.move({"right": UP})
+    with pytest.raises(InvalidInput, match=r"got \['lefd'\] \(did you mean 'left'\?\)"):
+        session.move({"lefd": UP})
     with pytest.raises(InvalidInput, match=r"patch 'left' must have shape \(4, 2\), got \(3, 2\)"):
         session.move({"left": UP[:3]})
 

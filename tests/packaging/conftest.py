@@ -6,9 +6,22 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from bare_environment import bare_environment, build
+from bare_environment import ROOT, bare_environment, build
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture(scope="session")
+def client_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The client's wheel: no compiler is needed."""
+    return build("wheel", tmp_path_factory.mktemp("client"), ROOT / "adapters" / "python")
+
+
+@pytest.fixture(scope="session")
+def client_alone(client_wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Runs a program of an environment that has the client alone, in a folder outside the checkout."""
+    folder = tmp_path_factory.mktemp("alone")
+    return _runner(bare_environment(folder / "environment", [client_wheel]), folder)
 
 
 @pytest.fixture(scope="session")
@@ -24,14 +37,14 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Run]:
-    """Runs a program of an environment that has these extras only, in a folder outside the checkout."""
+def installed(client_wheel: Path, wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Run]:
+    """As ``client_alone``, with the server and these extras only."""
     made: dict[tuple[str, ...], Run] = {}
 
     def environment(*extras: str) -> Run:
         if extras not in made:
             folder = tmp_path_factory.mktemp("-".join(("installed", *extras)))
-            made[extras] = _runner(bare_environment(folder / "environment", wheel, extras), folder)
+            made[extras] = _runner(bare_environment(folder / "environment", [client_wheel, wheel], extras), folder)
         return made[extras]
 
     return environment

@@ -1,6 +1,5 @@
-"""What the wheel and the source distribution contain."""
+"""What the wheel and the source distribution of the server contain."""
 
-import subprocess
 import tarfile
 import tomllib
 from email.parser import Parser
@@ -8,7 +7,7 @@ from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
-from bare_environment import ROOT, build, names_in
+from bare_environment import ROOT, build, names_in, tracked
 
 from mesh_motion_server import __version__
 from tools import manual_pages
@@ -17,15 +16,6 @@ pytestmark = pytest.mark.nightly  # the kernels are compiled for the wheel
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 FOLDERS = [Path(path) for path in PROJECT["tool"]["scikit-build"]["wheel"]["packages"]]
-
-
-def tracked() -> list[str]:
-    """What git keeps, or will."""
-    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
-    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    if listed.returncode:
-        pytest.skip("not in a git checkout")
-    return [name for name in listed.stdout.split("\0") if name and (ROOT / name).exists()]
 
 
 def test_the_wheel_has_each_file_of_its_packages_and_no_other(wheel: Path) -> None:
@@ -58,6 +48,7 @@ def test_the_wheel_tells_its_licence_version_and_commands(wheel: Path) -> None:
             assert archive.read(f"{about}/licenses/{path.relative_to(ROOT)}") == path.read_bytes()
     assert metadata["Version"] == __version__
     assert metadata["License-Expression"] == "BSD-3-Clause AND MIT"
+    assert f"mesh-motion-client=={__version__}" in metadata.get_all("Requires-Dist")
     assert {"server", "mesh", "plot", "dask", "all"} <= set(metadata.get_all("Provides-Extra"))
     assert "mesh-motion = mesh_motion_server.commands.cli:main" in entries
 

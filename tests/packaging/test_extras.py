@@ -1,4 +1,4 @@
-"""Each extra alone: the client works with none, and a command that needs more says which extra to install."""
+"""Each extra alone: a command that needs more says which extra to install."""
 
 import subprocess
 import tomllib
@@ -27,7 +27,7 @@ def told(run: subprocess.CompletedProcess[str], extra: str) -> None:
 
 
 @pytest.mark.nightly
-def test_the_base_is_the_client_alone(installed: Installed) -> None:
+def test_the_base_is_what_needs_no_numerics(installed: Installed) -> None:
     run = installed()
     parts = "mesh_motion_client, mesh_motion_protocol, mesh_motion_conformance, mesh_motion_fsi, mesh_motion_kratos"
     ended = run("python", "-c", f"import {parts}, mesh_motion_calculix, mesh_motion_precice; import mesh_motion_server")

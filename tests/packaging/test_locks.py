@@ -10,6 +10,7 @@ from packaging.utils import canonicalize_name
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 EXTRAS = PROJECT["project"]["optional-dependencies"]
+CLIENT = tomllib.loads((ROOT / "adapters" / "python" / "pyproject.toml").read_text(encoding="utf-8"))
 FOLDER = ROOT / "requirements"
 _PIN = re.compile(
     r"^([A-Za-z0-9._-]+)==(\S+)((?: ;[^\\\n]*)?) \\\n((?:    --hash=sha256:[0-9a-f]{64}(?: \\)?\n)+)", re.MULTILINE
@@ -28,7 +29,7 @@ def pins(name: str) -> dict[str, list[str]]:
 
 def required(extra: str) -> list[Requirement]:
     """What an extra requires, with the extras that it names."""
-    lines = EXTRAS[extra] if extra else PROJECT["project"]["dependencies"]
+    lines = EXTRAS[extra] if extra else CLIENT["project"]["dependencies"]
     found = [Requirement(line) for line in lines]
     inner = [part for requirement in found if requirement.name == "mesh-motion-server" for part in requirement.extras]
     return [r for r in found if r.name != "mesh-motion-server"] + [r for part in inner for r in required(part)]

@@ -30,7 +30,7 @@ def ready(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if cloned.returncode:
         pytest.skip("not in a git checkout")
     for name, pattern, text in (
-        ("mesh_motion_server/__init__.py", r'__version__ = ".*"', f'__version__ = "{VERSION}"'),
+        ("adapters/python/mesh_motion_protocol/__init__.py", r'__version__ = ".*"', f'__version__ = "{VERSION}"'),
         ("CITATION.cff", r"(?m)^version: .*", f"version: {VERSION}"),
         ("CITATION.cff", r"(?m)^date-released: .*", "date-released: 2026-01-31"),
         ("CHANGELOG.md", "## Unreleased", f"## Unreleased\n\n## {VERSION} - 2026-01-31"),
@@ -54,7 +54,7 @@ def replace(path: Path, pattern: str, text: str) -> None:
 
 
 def spoil_sources(root: Path) -> None:
-    replace(root / "mesh_motion_server" / "__init__.py", re.escape(VERSION), "7.8.8")
+    replace(root / "adapters/python/mesh_motion_protocol/__init__.py", re.escape(VERSION), "7.8.8")
 
 
 def spoil_citation(root: Path) -> None:
@@ -137,8 +137,9 @@ def test_what_is_ready_passes_and_is_built_twice_the_same(
     assert "next: git push origin v7.8.9" in capsys.readouterr().out
     assert git(ready, "tag").split() == [f"v{VERSION}"]
     assert git(ready, "status", "--porcelain") == ""
-    sums, wheel, sources = sorted(path.name for path in (ready / "dist").iterdir())
-    assert (sums, sources) == ("SHA256SUMS", f"mesh_motion_server-{VERSION}.tar.gz")
+    sums, client, client_sources, wheel, sources = sorted(path.name for path in (ready / "dist").iterdir())
+    assert (sums, client) == ("SHA256SUMS", f"mesh_motion_client-{VERSION}-py3-none-any.whl")
+    assert (client_sources, sources) == tuple(f"mesh_motion_{part}-{VERSION}.tar.gz" for part in ("client", "server"))
     assert re.fullmatch(rf"mesh_motion_server-{VERSION}-(cp3\d+)-\1-.*manylinux_2_\d+_.*\.whl", wheel)
     for line in (ready / "dist" / "SHA256SUMS").read_text().splitlines():
         digest, name = line.split()

@@ -1,4 +1,4 @@
-"""Environments with the wheel and what some of its extras require, and nothing else, made without a registry.
+"""Environments with wheels and what some of their extras require, and nothing else, made without a registry.
 
 What is required is linked from the environment that runs the tests, distribution by distribution, as its metadata say.
 """
@@ -9,9 +9,11 @@ import subprocess
 import sys
 import venv
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib.metadata import Distribution, PackageNotFoundError, PathDistribution, distribution
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 _REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+)(?:\[([^\]]*)\])?")
@@ -28,23 +30,23 @@ def build(target: str, folder: Path, source: Path = ROOT) -> Path:
     return made
 
 
-def bare_environment(folder: Path, wheel: Path, extras: Iterable[str] = ()) -> Path:
+def bare_environment(folder: Path, wheels: Sequence[Path], extras: Iterable[str] = ()) -> Path:
     """A new environment's ``bin``."""
     venv.create(folder, with_pip=False)
     python = folder / "bin" / "python"
     pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet", "--no-deps", "--no-index"]
-    subprocess.run([*pip, str(wheel)], check=True, capture_output=True)
+    subprocess.run([*pip, *map(str, wheels)], check=True, capture_output=True)
     (packages,) = folder.glob("lib/python*/site-packages")
-    own = PathDistribution(next(packages.glob("mesh_motion_server-*.dist-info")))
+    own = [PathDistribution(next(packages.glob(f"{wheel.name.partition('-')[0]}-*.dist-info"))) for wheel in wheels]
     for found in _required(own, set(extras)):
         _link(found, packages)
     return folder / "bin"
 
 
-def _required(own: Distribution, extras: set[str]) -> list[Distribution]:
-    """What the distribution requires with these extras, and what that requires."""
-    found: dict[str, Distribution] = {}
-    waiting = [(own, extras)]
+def _required(own: Sequence[Distribution], extras: set[str]) -> list[Distribution]:
+    """What distributions require with these extras, and what that requires."""
+    found: dict[str, Distribution] = {each.name: each for each in own}
+    waiting: list[tuple[Distribution, set[str]]] = [(each, extras) for each in own]
     while waiting:
         current, wanted = waiting.pop()
         for line in current.requires or []:
@@ -58,7 +60,7 @@ def _required(own: Distribution, extras: set[str]) -> list[Distribution]:
             except PackageNotFoundError:  # for other systems or versions of Python
                 continue
             waiting.append((found[name], set(re.split(r"\s*,\s*", inner or ""))))
-    return list(found.values())
+    return list(found.values())[len(own) :]
 
 
 def _link(found: Distribution, packages: Path) -> None:
@@ -67,6 +69,15 @@ def _link(found: Distribution, packages: Path) -> None:
         source, link = Path(str(found.locate_file(name))), packages / name
         if not link.exists():
             link.symlink_to(source)
+
+
+def tracked() -> list[str]:
+    """What git keeps of the checkout, or will."""
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    if listed.returncode:
+        pytest.skip("not in a git checkout")
+    return [name for name in listed.stdout.split("\0") if name and (ROOT / name).exists()]
 
 
 def names_in(wheel: Path) -> set[str]:

@@ -24,7 +24,7 @@ from mok_benchmark.meshes import FluidMesh, channel_mesh, wall_lattice, write_fl
 __all__ = ["History", "RunFailed", "Size", "compute", "kratos_python", "missing_kratos", "prepare", "run", "watch"]
 
 _ROOT = Path(__file__).resolve().parents[3]
-_SOURCES = ("protocol", "adapters/python", "adapters/kratos")
+_SOURCES = ("adapters/python", "adapters/kratos")
 _APPLICATIONS = ("MeshMoving", "LinearSolvers", "FluidDynamics", "StructuralMechanics", "CoSimulation", "Mapping")
 
 

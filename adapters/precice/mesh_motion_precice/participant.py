@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mesh_motion_client import Credentials, InvalidInput, Mesh, Patch, Server, Session, SessionError
+from mesh_motion_client import Credentials, InvalidInput, Mesh, Server, Session, SessionError
 from mesh_motion_protocol.shared_nodes import Torn, united
 from numpy.typing import NDArray
 
@@ -23,8 +23,6 @@ from mesh_motion_precice.api import Coupling
 from mesh_motion_precice.configuration import Configuration
 from mesh_motion_precice.run_length import count_windows
 from mesh_motion_precice.vertices import VolumeVertices, WetVertices
-from mesh_motion_server.errors import InvalidInput as FileError
-from mesh_motion_server.files import read_mesh
 
 __all__ = ["Participant", "Window", "load_mesh", "resume_session"]
 
@@ -193,23 +191,8 @@ class Participant:
 
 
 def load_mesh(configuration: Configuration) -> Mesh:
-    """The mesh file with the patches' roles.
-
-    Raises
-    ------
-    InvalidInput
-        The file cannot be read, or its patches are not those that have roles.
-    """
-    try:
-        file = read_mesh(configuration.mesh_file, configuration.mesh_zone)
-    except FileError as error:
-        raise InvalidInput(error.message, hint=error.hint) from None
-    roles = configuration.patches
-    if odd := sorted(set(file.patches) ^ set(roles)):
-        known = ", ".join(sorted(file.patches)) or "none"
-        raise InvalidInput(f"[patches] must have the patches of {configuration.mesh_file} ({known}); see {odd[0]!r}")
-    patches = {name: Patch(role, file.patches[name]) for name, role in roles.items()}
-    return Mesh(file.points, file.cells, patches)
+    """The mesh file with the patches' roles; raises InvalidInput if they do not agree, or it cannot be read."""
+    return Mesh.load(configuration.mesh_file, configuration.patches, zone=configuration.mesh_zone)
 
 
 def resume_session(server: Server, mesh: Mesh, credentials: Path) -> Session:

@@ -12,12 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import precice
+from mesh_motion_client import Mesh
 
 HERE = Path(__file__).resolve().parent
 EXAMPLES = HERE.parents[2] / "examples"
 sys.path.insert(0, str(EXAMPLES / "mock_fsi"))
 
-from fluid import LoadStub, read_mesh  # noqa: E402
+from fluid import ROLES, LoadStub  # noqa: E402
 from solid import Beam, Structure  # noqa: E402
 
 DT = 0.05  # the window of precice-config.xml
@@ -39,7 +40,7 @@ def windows(coupling):
 
 def fluid(config: str, out: Path) -> None:
     """Loads from the moved mesh; hands the solid's displacement on to the mesh motion."""
-    mesh = read_mesh(EXAMPLES / "turek_hron_flag" / "mesh.npz")
+    mesh = Mesh.load(EXAMPLES / "turek_hron_flag" / "mesh.npz", ROLES)
     flag = mesh.patches["flag"].nodes
     load = LoadStub(mesh.points[flag], dt=DT, added_mass=20.0, amplitude=30.0, frequency=1.0)
     coupling = precice.Participant("Fluid", config, 0, 1)
@@ -61,7 +62,7 @@ def fluid(config: str, out: Path) -> None:
 
 def solid(config: str, _out: Path) -> None:
     """A beam on the flag's nodes."""
-    mesh = read_mesh(EXAMPLES / "turek_hron_flag" / "mesh.npz")
+    mesh = Mesh.load(EXAMPLES / "turek_hron_flag" / "mesh.npz", ROLES)
     points = mesh.points[mesh.patches["flag"].nodes]
     beam = Structure(Beam(), points, DT)
     coupling = precice.Participant("Solid", config, 0, 1)

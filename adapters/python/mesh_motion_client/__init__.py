@@ -20,12 +20,19 @@ keys: ``connect(endpoint, keys=Keys.load("alice.secret", "server.public"))``, or
 In a notebook: the objects describe themselves, ``mesh.plot()``, ``moved.plot()`` and ``session.plot()`` draw them, and
 ``progress(steps)`` shows how far a loop is.
 
+With an event loop the same calls are awaited: :mod:`.aio`. Meshes come from files (``Mesh.load``), from Gmsh, meshio
+and PyVista (``Mesh.from_gmsh()``, …), and go to PyVista (``moved.to_pyvista()``).
+
 Without MPI, the workers of a Dask cluster are the ranks of a session: :mod:`.dask_ranks`.
 
-Modules, from the outside in: :mod:`.server`, :mod:`.session`, :mod:`.moved`, :mod:`.mesh`, :mod:`.display`,
-:mod:`.credentials`, :mod:`.control`, :mod:`.connection`, :mod:`.keys`, :mod:`.embedded`, :mod:`.errors`.
+Modules, from the outside in: :mod:`.aio`, :mod:`.server`, :mod:`.session`, :mod:`.moved`, :mod:`.committed`,
+:mod:`.mesh`, :mod:`.exchange`, :mod:`.display`, :mod:`.settings`, :mod:`.quality`, :mod:`.credentials`,
+:mod:`.control`, :mod:`.connection`, :mod:`.keys`, :mod:`.embedded`, :mod:`.errors`.
 """
 
+from mesh_motion_protocol import __version__ as __version__
+
+from mesh_motion_client.committed import Committed
 from mesh_motion_client.credentials import Credentials
 from mesh_motion_client.display import progress
 from mesh_motion_client.errors import (
@@ -47,8 +54,10 @@ from mesh_motion_client.mesh import Mesh, Patch
 from mesh_motion_client.moved import Moved
 from mesh_motion_client.server import Server, connect
 from mesh_motion_client.session import Session
+from mesh_motion_client.settings import Settings
 
 __all__ = [
+    "Committed",
     "Credentials",
     "DataLoss",
     "InvalidInput",
@@ -64,6 +73,7 @@ __all__ = [
     "ServerFault",
     "Session",
     "SessionError",
+    "Settings",
     "StepsLost",
     "Timeout",
     "Unavailable",

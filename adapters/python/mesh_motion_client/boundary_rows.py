@@ -8,7 +8,7 @@ import numpy as np
 from mesh_motion_protocol.shared_nodes import AGREEMENT, Torn, united
 from numpy.typing import ArrayLike, NDArray
 
-from mesh_motion_client.errors import InvalidInput
+from mesh_motion_client.errors import InvalidInput, meant
 from mesh_motion_client.mesh import finite_rows
 
 __all__ = ["boundary_rows"]
@@ -60,9 +60,10 @@ def _by_patch(
 ) -> list[NDArray[np.float64]]:
     """(p, d) displacements of each patch, in the order of ``patches``."""
     if set(displacements) != set(patches):
+        alike = [meant(name, patches) for name in displacements if name not in patches]
         raise InvalidInput(
             f"displacements must name the moving patches {sorted(patches)}, got {sorted(displacements)}",
-            hint="or give rows in the order of session.moving_nodes",
+            hint=next(filter(None, alike), "or give rows in the order of session.moving_nodes"),
         )
     given = [finite_rows(displacements[name], f"displacements of patch {name!r}") for name in patches]
     for (name, nodes), rows in zip(patches.items(), given, strict=True):

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from mesh_motion_client.credentials import Credentials
 from mesh_motion_client.errors import InvalidInput, ResourceExhausted, SessionError
 from mesh_motion_client.mesh import Mesh
+from mesh_motion_client.quality import PredictedQuality
 from mesh_motion_client.server import Server, connect
 from mesh_motion_client.session import Session
 
@@ -31,7 +32,7 @@ class Answer:
 
     step: int
     iteration: int
-    quality: dict[str, Any]
+    quality: PredictedQuality
     correction: dict[str, Any]
     warnings: list[str]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import shutil
@@ -89,7 +88,7 @@ class EmbeddedServer:
         if not lines:
             return f"no output within {self._timeout} s", "give it more time: timeout=…"
         if "No module named" in lines[-1]:
-            way_out = "install the server beside the client (mesh-motion-server[server]), or give an endpoint"
+            way_out = "pip install 'mesh-motion-server[server]', or give an endpoint"
             return lines[-1], way_out
         try:
             said: dict[str, Any] = json.loads(lines[-1])
@@ -122,6 +121,8 @@ class EmbeddedServer:
 
 def _pipe() -> tuple[int, int]:
     """Return both ends of a pipe above the standard descriptors, which may be closed here and are others in a child."""
+    import fcntl  # noqa: PLC0415  (not on Windows, where the client can be imported all the same)
+
     ends = os.pipe()
     reader, writer = (fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 3) for end in ends)
     for end in ends:
@@ -140,4 +141,5 @@ def _leave_all_to_parent() -> None:
             server.leave_to_parent()
 
 
-os.register_at_fork(after_in_child=_leave_all_to_parent)
+if hasattr(os, "register_at_fork"):  # where processes fork
+    os.register_at_fork(after_in_child=_leave_all_to_parent)

@@ -17,6 +17,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
 from typing import Any
 
 from mesh_motion_protocol.messages import ErrorReply
@@ -35,6 +37,7 @@ __all__ = [
     "Unavailable",
     "Unsupported",
     "error_from",
+    "meant",
 ]
 
 
@@ -197,3 +200,9 @@ def error_from(reply: ErrorReply) -> MeshMotionError:
     """The exception for an ERROR; an unknown detail falls back to its canonical name."""
     kind = _BY_CODE.get(reply.code) or _BY_CODE.get(reply.code.partition(".")[0], ServerFault)
     return kind(reply.message, code=reply.code, hint=reply.hint, details=reply.details)
+
+
+def meant(word: str, known: Iterable[str]) -> str:
+    """A hint "did you mean …?" with the known word that is most similar; empty if there is none."""
+    alike = get_close_matches(word, list(known), n=1)
+    return f"did you mean {alike[0]!r}?" if alike else ""

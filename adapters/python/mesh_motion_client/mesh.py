@@ -6,6 +6,7 @@ import os
 import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -13,7 +14,8 @@ from mesh_motion_protocol.messages import Upload
 from numpy.typing import ArrayLike, NDArray
 
 from mesh_motion_client.display import Described, draw
-from mesh_motion_client.errors import InvalidInput
+from mesh_motion_client.errors import InvalidInput, meant
+from mesh_motion_client.exchange import Content, from_gmsh, from_meshio, from_pyvista, to_pyvista
 
 __all__ = ["CELL_NODES", "ROLES", "Mesh", "Patch", "finite_rows"]
 
@@ -98,21 +100,27 @@ class Mesh(Described):
             object.__setattr__(self, "global_ids", ids)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str], roles: Mapping[str, str]) -> Self:
-        """Read an ``.npz`` file, as ``mesh-motion convert`` writes it: of a mesh, or of one of its partitions.
+    def load(cls, path: str | os.PathLike[str], roles: Mapping[str, str], *, zone: str = "") -> Self:
+        """Read a mesh file.
 
         Parameters
         ----------
         path : path
-            With ``points``, ``cells_<type>``, ``patch_<name>``, and of a partition ``global_ids``.
+            ``.npz``, as ``mesh-motion convert`` writes it: ``points``, ``cells_<type>``, ``patch_<name>``, and of a
+            partition ``global_ids``. Where the server's package is installed too, every file that ``mesh-motion check``
+            reads: of Gmsh, OpenFOAM, SU2, VTK, CGNS, …
         roles : dict
             Name of each patch → its role. A partition need not have all of them.
+        zone : str
+            Name or number of a zone, if the file has several.
 
         Raises
         ------
         InvalidInput
             Naming the file, if it cannot be read, holds other arrays, or has a patch without a role.
         """
+        if zone or Path(path).suffix.lower() != ".npz":
+            return cls._of(_read_by_server(path, zone), roles, f"{os.fspath(path)}: ")
         try:
             with np.load(path, allow_pickle=False) as file:
                 _check_unpacked(path, sum(member.file_size for member in file.zip.infolist()))
@@ -133,18 +141,86 @@ class Mesh(Described):
                 f"{path}: expected 'points', 'cells_<type>', 'patch_<name>' and 'global_ids', got {sorted(arrays)}",
                 hint="mesh-motion convert writes such a file",
             )
-        without = sorted(set(nodes) - set(roles))
+        return cls._of(Content(arrays["points"], cells, nodes), roles, f"{path}: ", arrays.get("global_ids"))
+
+    @classmethod
+    def from_pyvista(cls, dataset: Any, roles: Mapping[str, str]) -> Self:
+        """The mesh of a dataset of PyVista.
+
+        Parameters
+        ----------
+        dataset : pyvista.DataSet
+        roles : dict
+            Name of each patch → its role. The patch's nodes are those where the point array ``name`` or
+            ``patch_<name>`` is not 0.
+
+        Raises
+        ------
+        InvalidInput
+            If an array is missing, or the mesh has other cells than the seven types.
+        """
+        return cls._of(from_pyvista(dataset, roles), roles)
+
+    @classmethod
+    def from_meshio(cls, mesh: Any, roles: Mapping[str, str]) -> Self:
+        """The mesh of a ``meshio.Mesh``.
+
+        Parameters
+        ----------
+        mesh : meshio.Mesh
+        roles : dict
+            Name of each patch → its role. A patch is a set of points, a set of cells, or a named physical group of
+            Gmsh.
+
+        Raises
+        ------
+        InvalidInput
+            As :meth:`from_pyvista` does.
+        """
+        return cls._of(from_meshio(mesh, roles), roles)
+
+    @classmethod
+    def from_gmsh(cls, roles: Mapping[str, str]) -> Self:
+        """The mesh of Gmsh's current model, its nodes in the order of their tags.
+
+        Parameters
+        ----------
+        roles : dict
+            Name of each physical group of the boundary → its role; a group without a name has its number.
+
+        Raises
+        ------
+        InvalidInput
+            If there is no mesh, a group has no role, or the mesh has other cells than the seven types.
+        """
+        return cls._of(from_gmsh(), roles, "Gmsh's model: ")
+
+    def to_pyvista(self) -> Any:
+        """``pyvista.UnstructuredGrid`` of the mesh, with a point array ``patch_<name>`` for each patch."""
+        return to_pyvista(self, self.points)
+
+    @classmethod
+    def _of(
+        cls, content: Content, roles: Mapping[str, str], where: str = "", global_ids: NDArray[np.int64] | None = None
+    ) -> Self:
+        """The mesh with a role for each patch; a patch that has a role must be there, except in a partition."""
+        without, unknown = sorted(set(content.patches) - set(roles)), sorted(set(roles) - set(content.patches))
         if without:
             raise InvalidInput(
-                f"{path}: patch {without[0]!r} has no role; roles are given of {sorted(roles)}",
+                f"{where}patch {without[0]!r} has no role; roles are given of {sorted(roles)}",
                 hint=f"add {without[0]!r}: 'moving' or 'fixed'",
             )
-        patches = {name: Patch(roles[name], of) for name, of in nodes.items()}
+        if unknown and global_ids is None:
+            raise InvalidInput(
+                f"{where}there is no patch {unknown[0]!r}; the mesh has {sorted(content.patches)}",
+                hint=meant(unknown[0], content.patches) or "roles name the patches of the mesh",
+            )
+        patches = {name: Patch(roles[name], nodes) for name, nodes in content.patches.items()}
         try:
-            return cls(arrays["points"], cells, patches, arrays.get("global_ids"))
+            return cls(content.points, content.cells, patches, global_ids)
         except InvalidInput as error:
             raise InvalidInput(
-                f"{path}: {error.message}", code=error.code, hint=error.hint, details=error.details
+                f"{where}{error.message}", code=error.code, hint=error.hint, details=error.details
             ) from None
 
     @property
@@ -229,6 +305,24 @@ class Mesh(Described):
             hint="node numbers count from 0",
             details={"row": first[0], "value": int(nodes[first])},
         )
+
+
+def _read_by_server(path: str | os.PathLike[str], zone: str) -> Content:
+    """The content of a mesh file, by the readers of the server's package."""
+    try:
+        # not in every environment of a client
+        from mesh_motion_server.errors import InvalidInput as Unusable  # noqa: PLC0415
+        from mesh_motion_server.files import read_mesh  # noqa: PLC0415
+    except ImportError as error:
+        raise InvalidInput(
+            f"{os.fspath(path)}: all mesh files but .npz are read by the server's package: {error}",
+            hint="pip install 'mesh-motion-server[server]', or give the .npz of mesh-motion convert",
+        ) from error
+    try:
+        read = read_mesh(Path(path), zone)
+    except Unusable as error:
+        raise InvalidInput(error.message, code=error.code, hint=error.hint, details=error.details) from error
+    return Content(read.points, dict(read.cells), dict(read.patches))
 
 
 def _check_unpacked(path: str | os.PathLike[str], held: int) -> None:

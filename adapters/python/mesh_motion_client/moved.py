@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +10,9 @@ from mesh_motion_protocol import messages
 
 from mesh_motion_client.display import Described, draw
 from mesh_motion_client.errors import InvalidInput
+from mesh_motion_client.exchange import to_pyvista
 from mesh_motion_client.mesh import Mesh
+from mesh_motion_client.quality import PredictedQuality
 
 __all__ = ["Moved"]
 
@@ -22,19 +23,23 @@ class Moved(Described, messages.Moved):
 
     Attributes
     ----------
+    displacement : (n, d) array, mesh length unit
+        Of all nodes of the partition, in the frame of the move.
+    quality : PredictedQuality
     mesh : Mesh or None
         None in a session that was resumed.
     is_total : bool
         Whether displacements count from the reference mesh.
     """
 
+    quality: PredictedQuality  # type: ignore[assignment]  # what the message's dict holds
     mesh: Mesh | None = None
     is_total: bool = True
 
     def description(self) -> list[str]:
         """Where it stands, its quality, how far it went, what it warns of."""
         quality, kind = self.quality, self.correction.get("method", "none")
-        plain, kept = (quality[name].get("metric", {}).get("min") or math.nan for name in ("standard", "corrected"))
+        plain, kept = quality["standard"]["metric"]["min"], quality["corrected"]["metric"]["min"]
         corrected = f", {plain:.3f} without the correction {kind!r}" if kind != "none" else ", not corrected"
         farthest = np.linalg.norm(self.displacement, axis=1).max(initial=0.0)
         return [
@@ -52,11 +57,30 @@ class Moved(Described, messages.Moved):
         InvalidInput
             If the mesh is not known, or displacements count from the committed state.
         """
+        mesh, title = self._known_mesh(), self.description()[1].partition(";")[0]
+        worst = self.quality["corrected"]["worst"]
+        return draw(mesh, mesh.points + self.displacement, f"step {self.step}, {title}", worst)
+
+    def to_pyvista(self) -> Any:
+        """``pyvista.UnstructuredGrid`` of the moved mesh, with the point array ``displacement`` (n, 3).
+
+        Raises
+        ------
+        InvalidInput
+            As :meth:`plot` does.
+        ModuleNotFoundError
+            Without PyVista.
+        """
+        mesh = self._known_mesh()
+        grid = to_pyvista(mesh, mesh.points + self.displacement)
+        grid.point_data["displacement"] = np.pad(self.displacement, ((0, 0), (0, 3 - mesh.dimension)))
+        return grid
+
+    def _known_mesh(self) -> Mesh:
+        """The mesh, if its moved nodes are known."""
         if self.mesh is None or not self.is_total:
             raise InvalidInput(
                 "a picture needs the mesh, and displacements since the reference mesh",
                 hint="plot in the session that uploaded the mesh, and move with frame='reference'",
             )
-        title = self.description()[1].partition(";")[0]
-        worst = self.quality["corrected"].get("worst", [])
-        return draw(self.mesh, self.mesh.points + self.displacement, f"step {self.step}, {title}", worst)
+        return self.mesh

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Self
 
+from mesh_motion_protocol import __version__
 from mesh_motion_protocol.messages import (
     Hello,
     List,
@@ -26,22 +27,24 @@ from mesh_motion_protocol.shared_memory import FEATURE, SUPPORTED
 from mesh_motion_client.connection import ConnectionLost, seconds_left
 from mesh_motion_client.control import Control
 from mesh_motion_client.credentials import Credentials
+from mesh_motion_client.display import Described
 from mesh_motion_client.embedded import EmbeddedServer
 from mesh_motion_client.errors import InvalidInput, MeshMotionError, SessionError, Timeout, Unavailable
 from mesh_motion_client.keys import Keys
 from mesh_motion_client.mesh import Mesh
 from mesh_motion_client.session import Session
+from mesh_motion_client.settings import Settings
 
 __all__ = ["Server", "connect"]
 
-AGENT = "mesh_motion_client 1.0"
+AGENT = f"mesh_motion_client {__version__}"
 #: A worker that falls while the mesh is uploaded leaves nothing to resume: the session is opened again so often.
 _OPEN_ATTEMPTS = 3
 #: A server's first session waits until a worker has started, which takes long where the machine is busy.
 _COLD_START_SECONDS = 300.0
 
 
-class Server:
+class Server(Described):
     """A connection to a server; used by one thread. Made by :func:`connect`.
 
     Attributes
@@ -80,13 +83,14 @@ class Server:
     def open(
         self,
         mesh: Mesh,
-        settings: Mapping[str, Any] | None = None,
+        settings: Settings | Mapping[str, Any] | None = None,
         *,
         partitions: int = 1,
         partition: int = 0,
         label: str = "",
         durability: str | None = None,
         evaluation: str = "server",
+        show_progress: bool = False,
         announce: Callable[[Credentials], None] | None = None,
     ) -> Session:
         """Open a session and upload its mesh.
@@ -95,7 +99,7 @@ class Server:
         ----------
         mesh : Mesh
             With several partitions: this partition's part, with ``global_ids``.
-        settings : dict, optional
+        settings : Settings, optional
             Keys of the case file's ``[method]``; what is left out has its default.
         partitions, partition : int
             How many partitions the session has, and which this one is.
@@ -108,6 +112,8 @@ class Server:
         evaluation : {"server", "client"}
             Who moves and judges the nodes of the volume. "client": only the boundary is uploaded, and this process
             evaluates the field that each move answers; it needs ``mesh-motion-server[server]`` here.
+        show_progress : bool
+            Show how much of the mesh is sent, and when it is built, as :func:`.display.progress` does.
         announce : callable, optional
             Called with the credentials before the upload: with several partitions, hand them to the others, who call
             :meth:`join`; the upload ends when all have sent their part.
@@ -123,7 +129,9 @@ class Server:
         while True:
             attempts -= 1
             try:
-                return self._open(mesh, settings, partitions, partition, label, durability, evaluation, announce)
+                return self._open(
+                    mesh, settings, partitions, partition, label, durability, evaluation, show_progress, announce
+                )
             except (Unavailable, SessionError) as error:
                 # NOT_FOUND of what was just opened: the server was started again before it was built
                 gone = isinstance(error, Unavailable) or error.code == "NOT_FOUND"
@@ -133,12 +141,13 @@ class Server:
     def _open(
         self,
         mesh: Mesh,
-        settings: Mapping[str, Any] | None,
+        settings: Settings | Mapping[str, Any] | None,
         partitions: int,
         partition: int,
         label: str,
         durability: str | None,
         evaluation: str,
+        show_progress: bool,
         announce: Callable[[Credentials], None] | None,
     ) -> Session:
         opened = self._connected.ask(
@@ -158,7 +167,7 @@ class Server:
             session.join(opened.endpoint, opened.epoch)
             if announce is not None:
                 announce(session.credentials)
-            session.upload(mesh, partitions)
+            session.upload(mesh, partitions, shown=show_progress)
         return session
 
     def join(self, credentials: Credentials, mesh: Mesh | None = None, *, partition: int) -> Session:
@@ -210,6 +219,15 @@ class Server:
             found += page.sessions
             more, after = page.more, found[-1]["session"] if found else ""
         return found
+
+    def description(self) -> list[str]:
+        """Where it is, what it is, and whether it is private or closed."""
+        kind = "closed" if self._closed else "private" if self._embedded else "connected"
+        version = ".".join(map(str, self.welcome.version))
+        return [
+            f"Server {self.endpoint}: {kind}",
+            f"{self.welcome.server}, protocol {version}, durability {self.welcome.durability[0]!r} by default",
+        ]
 
     def close(self) -> None:
         """End the connection, and the embedded server if there is one; idempotent."""

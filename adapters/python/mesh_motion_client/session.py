@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, cast
 
 import numpy as np
 from mesh_motion_protocol import messages
@@ -17,7 +17,6 @@ from mesh_motion_protocol.messages import (
     Close,
     Closed,
     Commit,
-    Committed,
     Fetch,
     Fetched,
     Joined,
@@ -26,19 +25,23 @@ from mesh_motion_protocol.messages import (
     RolledBack,
     Status,
     StatusReport,
+    Upload,
     Uploaded,
 )
 from numpy.typing import ArrayLike, NDArray
 
 from mesh_motion_client.boundary_rows import boundary_rows
+from mesh_motion_client.committed import Committed
 from mesh_motion_client.control import Control
 from mesh_motion_client.courier import Courier
 from mesh_motion_client.credentials import Credentials
-from mesh_motion_client.display import Described, draw
+from mesh_motion_client.display import Described, draw, progress
 from mesh_motion_client.errors import InvalidInput, MeshMotionError, MeshMotionWarning, SessionError
 from mesh_motion_client.mesh import Mesh
 from mesh_motion_client.moved import Moved
 from mesh_motion_client.own_cells import OwnCells
+from mesh_motion_client.quality import QualitySummary
+from mesh_motion_client.settings import Settings
 from mesh_motion_client.volume import Volume
 
 __all__ = ["Frame", "Report", "Session"]
@@ -70,10 +73,12 @@ class Session(Described):
         Moves of the step under way, 0 = none.
     moving_nodes : (k,) int array
         The nodes whose displacement every move gives, ascending.
-    settings : dict
+    settings : Settings
         The settings in force, as BUILT reported them; empty in a session that was resumed.
-    mesh_report, quality : dict
+    mesh_report : dict
         What BUILT said of the mesh; empty in a session that was resumed.
+    quality : QualitySummary or None
+        Of the mesh as it was uploaded; None in a session that was resumed.
     """
 
     def __init__(
@@ -91,9 +96,9 @@ class Session(Described):
         self.durable_step = 0
         self.dimension = 0
         self.moving_nodes: NDArray[np.int64] = np.empty(0, dtype=np.int64)
-        self.settings: dict[str, Any] = {}
+        self.settings: Settings = {}
         self.mesh_report: dict[str, Any] = {}
-        self.quality: dict[str, Any] = {}
+        self.quality: QualitySummary | None = None
         self._patches: dict[str, NDArray[np.int64]] = {}
         self._extent = 0.0
         self._mesh: Mesh | None = None
@@ -196,12 +201,12 @@ class Session(Described):
             With durability "relaxed", as any call: the server crashed, and committed steps with it.
         """
         commit = Commit(**self._address, step=self.step + 1, final_step=final_step)
-        committed = self._courier.deliver(commit, Committed, timeout or self._compute_timeout)
+        committed = self._courier.deliver(commit, messages.Committed, timeout or self._compute_timeout)
         self._courier.step, self._courier.iteration, self._courier.trial = committed.step, 0, ()
         if self._own_cells is not None:
             self._own_cells.keep(committed.step)
         self.durable_step = committed.durable_step
-        return committed
+        return Committed(**vars(committed))
 
     def rollback(self, *, timeout: float | None = None) -> None:
         """Drop the trial."""
@@ -300,15 +305,20 @@ class Session(Described):
             self._patches = {name: nodes for (name, _), nodes in zip(joined.moving_patches, parts, strict=False)}
         return joined
 
-    def upload(self, mesh: Mesh, partitions: int) -> Built:
+    def upload(self, mesh: Mesh, partitions: int, *, shown: bool = False) -> Built:
         """Send the mesh and wait until all partitions have sent theirs and the server has checked the whole."""
         self.take(mesh)
-        for part in (self._own_cells.volume if self._own_cells else mesh).parts(**self._courier.address):
-            self._courier.deliver(part, Uploaded, self._timeout)
-        built = self._courier.deliver(Build(**self._courier.address), Built, self._compute_timeout)
+        parts = (self._own_cells.volume if self._own_cells else mesh).parts(**self._courier.address)
+        requests: list[Upload | Build] = [*parts, Build(**self._courier.address)]
+        for request in progress(requests, "mesh sent in parts, and built") if shown else requests:
+            if isinstance(request, Upload):
+                self._courier.deliver(request, Uploaded, self._timeout)
+            else:
+                built = self._courier.deliver(request, Built, self._compute_timeout)
         self.moving_nodes = self._in_mesh(built.moving_nodes)
         self._courier.may_resume = partitions == 1
-        self.settings, self.mesh_report, self.quality = built.settings, built.mesh, built.quality
+        self.settings, self.mesh_report = cast(Settings, built.settings), built.mesh
+        self.quality = cast(QualitySummary, built.quality)
         self._extent = float(np.ptp(built.mesh["box"], axis=0).max())
         return built
 

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import inspect
 import re
+import textwrap
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import mesh_motion_client
-from mesh_motion_client import dask_ranks, dask_worker
+from mesh_motion_client import aio, dask_ranks, dask_worker, quality
 
 __all__ = ["python_client"]
 
 #: In the order in which a program meets them; the errors follow.
-_FIRST = ("connect", "Server", "Session", "Mesh", "Patch", "Credentials", "Keys")
+_FIRST = (
+    "connect", "Server", "Session", "Mesh", "Patch", "Settings", "Moved", "Committed", "progress",
+    "Credentials", "Keys",
+)  # fmt: skip
 #: Methods by which the client's own modules work together.
 _INNER = {
     "Session": ("join", "upload", "take", "take_again", "leave", "forget_correction"),
@@ -23,11 +27,12 @@ _INNER = {
     "Server": ("embedded",),
 }
 #: What is made by a call of another object.
-_MADE_ELSEWHERE = ("Server", "Session", "DaskSession", "Answer")
+_MADE_ELSEWHERE = ("Server", "Session", "Moved", "Committed", "DaskSession", "Answer")
 #: An annotation as inspect shows it: quoted, for it is not evaluated.
 _ANNOTATION = re.compile(r"(: |-> )'([^']*)'")
 _WIDTH = 100
 _ROLE = re.compile(r":[a-z]+:`~?([^`]+)`")
+_EXAMPLE = re.compile(r"^::\n\n((?: {4}.*\n|\n)+)", re.MULTILINE)
 _TITLE = re.compile(r"^(\w[\w ]*)\n-{3,}$", re.MULTILINE)
 
 
@@ -39,6 +44,9 @@ def python_client() -> str:
         "## Errors\n",
         *(f"### {name}\n\n{_described(name, getattr(mesh_motion_client, name))}" for name in errors),
     ]
+    parts += ["## Quality reports\n\nIn `mesh_motion_client.quality`.\n"]
+    parts += [f"### {name}\n\n{_described(name, getattr(quality, name))}" for name in quality.__all__]
+    parts += [f"## With an event loop\n\nIn `mesh_motion_client.aio`.\n\n{_markdown(aio)}"]
     workers = (dask_ranks.open_on_workers, dask_ranks.DaskSession, dask_worker.Answer)
     parts += ["## Dask workers as ranks\n\nIn `mesh_motion_client.dask_ranks`: [what for](../distributed.md).\n"]
     return "\n".join([*parts, *(f"### {of.__name__}\n\n{_described(of.__name__, of)}" for of in workers)])
@@ -51,6 +59,9 @@ def _described(name: str, value: Any) -> str:
     if issubclass(value, Exception):
         bases = ", ".join(f"`{base.__name__}`" for base in value.__bases__)
         return f"{_markdown(value)}\nA kind of {bases}.\n"
+    if issubclass(value, dict):
+        keys = ", ".join(f"`{key}`" for key in value.__annotations__)
+        return f"{_markdown(value)}\nKeys: {keys}.\n"
     head = "" if name in _MADE_ELSEWHERE else _block(_signature(name, value))
     return "\n".join([head + _markdown(value), *(_member(name, *member) for member in _members(name, value))])
 
@@ -88,6 +99,7 @@ def _block(text: str) -> str:
 def _markdown(value: Any) -> str:
     """A numpydoc docstring: sections are lists, roles are code, examples are blocks."""
     text = _ROLE.sub(lambda role: f"`{role[1].rpartition('.')[2]}`", inspect.getdoc(value) or "").replace("``", "`")
+    text = _EXAMPLE.sub(lambda found: _block(textwrap.dedent(found[1]).strip()), text)
     summary, *sections = _TITLE.split(text)
     parts = [summary.strip()]
     for title, body in zip(sections[::2], sections[1::2], strict=True):

@@ -5,6 +5,7 @@ As docs/tutorials/own_code_in_c.md installs it.
 
 import os
 import re
+from pathlib import Path
 
 import pytest
 
@@ -79,6 +80,18 @@ def consumer(tmp_path):
 
 
 @pytest.fixture(scope="module")
+def packaged(tmp_path_factory, tools, zmq_flags):
+    """The prefix in a package of Debian: CMake has installed for /usr, below a folder, for one architecture."""
+    tools["need"]("cmake", "gcc")
+    folder = tmp_path_factory.mktemp("packaged")
+    places = ["-DCMAKE_INSTALL_PREFIX=/usr", "-DCMAKE_INSTALL_LIBDIR=lib/x86_64-linux-gnu"]
+    tools["compile"](["cmake", "-S", tools["source"], "-B", folder / "build", *places])
+    tools["compile"](["cmake", "--build", folder / "build"])
+    tools["run"](["cmake", "--install", folder / "build"], env=os.environ | {"DESTDIR": str(folder / "package")})
+    return folder / "package" / "usr"
+
+
+@pytest.fixture(scope="module")
 def made(tmp_path_factory, tools, zmq_flags):
     """The prefix that the Makefile has installed into."""
     tools["need"]("make", "gcc")
@@ -112,13 +125,19 @@ def test_temporaries_are_no_arrays_of_a_mesh(tools, tmp_path):
     tools["compile"](["g++", *flags, tmp_path / "temporaries.cpp"])
 
 
-@pytest.mark.parametrize("prefix", ["installed", "made"])
-def test_pkg_config(prefix, consumer, tools, request):
+@pytest.mark.parametrize(
+    ("prefix", "folder"), [("installed", "lib"), ("made", "lib"), ("packaged", "lib/x86_64-linux-gnu")]
+)
+def test_pkg_config(prefix, folder, consumer, tools, request):
     prefix = request.getfixturevalue(prefix)
-    environment = os.environ | {"PKG_CONFIG_PATH": str(prefix / "lib" / "pkgconfig")}
+    environment = os.environ | {"PKG_CONFIG_PATH": str(prefix / folder / "pkgconfig")}
+    known = tools["run"](["pkg-config", "--variable=prefix", "mesh_motion"], env=environment)
+    assert Path(known.strip()).resolve() == prefix
     flags = tools["run"](["pkg-config", "--cflags", "--libs", "mesh_motion"], env=environment).split()
     tools["compile"](["gcc", consumer / "consumer.c", *flags, "-o", consumer / "consumer"])
-    assert tools["run"]([consumer / "consumer"], env=os.environ | {"LD_LIBRARY_PATH": str(prefix / "lib")}) == ANSWER
+    assert tools["run"]([consumer / "consumer"], env=os.environ | {"LD_LIBRARY_PATH": str(prefix / folder)}) == ANSWER
+    licence = (tools["source"].parents[1] / "LICENSE").read_text()
+    assert (prefix / "share" / "doc" / "mesh_motion" / "LICENSE").read_text() == licence
 
 
 def test_a_static_library(made, consumer, tools, zmq_flags):

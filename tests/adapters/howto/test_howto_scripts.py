@@ -21,7 +21,7 @@ from mesh_motion_server.files import read_mesh
 ROOT = Path(__file__).parents[3]
 NAMED = (os.environ.get("NGSOLVE_PYTHON"), os.environ.get("DOLFINX_PYTHON"))
 PYTHONS = (*filter(None, NAMED), sys.executable, "/usr/bin/python3")
-PATHS = os.pathsep.join(str(ROOT / part) for part in (".", "protocol", "adapters/python"))
+PATHS = os.pathsep.join(str(ROOT / part) for part in (".", "adapters/python"))
 
 
 @functools.cache

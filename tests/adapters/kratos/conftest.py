@@ -27,7 +27,7 @@ def run_in_kratos():
         pytest.skip(f"KRATOS_PYTHON cannot be run: {error.strerror}")
     if done.returncode:
         pytest.skip("Kratos is not installed (adapters/kratos/README.md; KRATOS_PYTHON names its interpreter)")
-    path = [str(ROOT / inner) for inner in ("protocol", "adapters/python", "adapters/kratos")]
+    path = [str(ROOT / inner) for inner in ("adapters/python", "adapters/kratos")]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path), "OMP_NUM_THREADS": "1"}
 
     def run(script, *arguments, folder):

@@ -1,0 +1,142 @@
+"""The client for programs with an event loop: the same calls, awaited.
+
+::
+
+    from mesh_motion_client import aio
+
+    async with aio.connect("tcp://127.0.0.1:7440") as server, server.open(mesh, {"support_radius": 0.5}) as session:
+        moved = await session.move(displacements)
+        await session.commit()
+
+Each server and each session waits in a thread of its own: the loop goes on meanwhile, and several sessions move at the
+same time. The calls, their arguments and errors are those of :mod:`.server` and :mod:`.session`. A call whose task is
+cancelled goes on in its thread; the next one waits for it, and the same call gets its answer.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import AsyncIterator, Callable, Coroutine
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from functools import partial, wraps
+from typing import Any, Concatenate, Generic, Literal, ParamSpec, TypeVar
+
+from mesh_motion_client import server, session
+
+__all__ = ["Server", "Session", "connect"]
+
+P = ParamSpec("P")
+R = TypeVar("R")
+Inner = TypeVar("Inner", bound=server.Server | session.Session)
+
+
+class _InThread(Generic[Inner]):
+    """An object of the client, and the one thread that calls it."""
+
+    def __init__(self, inner: Inner, thread: ThreadPoolExecutor) -> None:
+        self.inner = inner
+        self.thread = thread
+
+    def __repr__(self) -> str:
+        return repr(self.inner)
+
+
+def _awaited(
+    method: Callable[Concatenate[Inner, P], R],
+) -> Callable[Concatenate[_InThread[Inner], P], Coroutine[Any, Any, R]]:
+    """The method, called in the thread and awaited."""
+
+    @wraps(method)
+    async def call(self: _InThread[Inner], /, *arguments: P.args, **named: P.kwargs) -> R:
+        called = partial(method, self.inner, *arguments, **named)
+        return await asyncio.get_running_loop().run_in_executor(self.thread, called)
+
+    return call
+
+
+def _opened(
+    method: Callable[Concatenate[server.Server, P], session.Session], outcome: Literal["keep", "discard"]
+) -> Callable[Concatenate[Server, P], AbstractAsyncContextManager[Session]]:
+    """The method, called in the server's thread, as the context of its session.
+
+    ``outcome`` is that of a session whose caller was cancelled before it was there.
+    """
+
+    @wraps(method)
+    @asynccontextmanager
+    async def open_session(self: Server, /, *arguments: P.args, **named: P.kwargs) -> AsyncIterator[Session]:
+        made = self.thread.submit(partial(method, self.inner, *arguments, **named))
+        async with _open(made, ThreadPoolExecutor(1), lambda late: late.close(outcome)) as (inner, thread):
+            yield Session(inner, thread)
+
+    return open_session
+
+
+def _connected(function: Callable[P, server.Server]) -> Callable[P, AbstractAsyncContextManager[Server]]:
+    """The function as the context of its server."""
+
+    @wraps(function)
+    @asynccontextmanager
+    async def connect_server(*arguments: P.args, **named: P.kwargs) -> AsyncIterator[Server]:
+        own = ThreadPoolExecutor(1)
+        made = own.submit(partial(function, *arguments, **named))
+        async with _open(made, own, server.Server.close) as (inner, thread):
+            yield Server(inner, thread)
+
+    return connect_server
+
+
+@asynccontextmanager
+async def _open(
+    made: Future[Inner], thread: ThreadPoolExecutor, close_late: Callable[[Inner], None]
+) -> AsyncIterator[tuple[Inner, ThreadPoolExecutor]]:
+    """What is made, open in the context and closed in the thread; ``close_late`` ends what comes too late."""
+    try:
+        inner = await asyncio.wrap_future(made)
+    except BaseException:
+        made.add_done_callback(lambda done: None if done.cancelled() or done.exception() else close_late(done.result()))
+        thread.shutdown(wait=False)
+        raise
+    try:
+        yield inner, thread
+    finally:
+        await asyncio.get_running_loop().run_in_executor(thread, inner.__exit__, *sys.exc_info())
+        thread.shutdown(wait=False)
+
+
+class Session(_InThread[session.Session]):
+    """A session whose calls are awaited; made by :class:`Server`.
+
+    Attributes
+    ----------
+    inner : mesh_motion_client.Session
+        The session itself, for its attributes, as ``inner.moving_nodes``; read them while no call is under way.
+    """
+
+    move = _awaited(session.Session.move)
+    commit = _awaited(session.Session.commit)
+    rollback = _awaited(session.Session.rollback)
+    points = _awaited(session.Session.points)
+    status = _awaited(session.Session.status)
+    close = _awaited(session.Session.close)
+
+
+class Server(_InThread[server.Server]):
+    """A connection to a server whose calls are awaited; made by :func:`connect`.
+
+    ``open``, ``join`` and ``resume`` are contexts of a :class:`Session`; they run one after the other.
+
+    Attributes
+    ----------
+    inner : mesh_motion_client.Server
+    """
+
+    open = _opened(server.Server.open, "discard")
+    join = _opened(server.Server.join, "keep")
+    resume = _opened(server.Server.resume, "keep")
+    sessions = _awaited(server.Server.sessions)
+
+
+connect = _connected(server.connect)

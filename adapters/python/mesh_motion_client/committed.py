@@ -1,0 +1,36 @@
+"""The reply to a Commit, as a user meets it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mesh_motion_protocol import messages
+
+from mesh_motion_client.display import Described
+from mesh_motion_client.quality import QualitySummary
+
+__all__ = ["Committed"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Committed(Described, messages.Committed):
+    """A step that is kept; its fields are those of the message.
+
+    Attributes
+    ----------
+    step : int
+    durable_step : int
+        No crash and no power loss takes the session back behind it.
+    digest : bytes
+        Of the committed state.
+    quality : QualitySummary
+        Of the committed mesh.
+    """
+
+    quality: QualitySummary  # type: ignore[assignment]  # what the message's dict holds
+
+    def description(self) -> list[str]:
+        """Its step, how far the session is durable, the worst quality."""
+        durable = "durable" if self.durable_step == self.step else f"durable up to step {self.durable_step}"
+        least, inverted = self.quality["metric"]["min"], self.quality["inverted"]
+        return [f"Committed: step {self.step}, {durable}", f"quality: minimum {least:.3f}, {inverted} inverted cells"]

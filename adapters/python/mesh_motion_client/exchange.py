@@ -1,0 +1,161 @@
+"""Meshes of other packages as they lie in memory: PyVista, meshio, Gmsh. Each package is imported when it is needed.
+
+What comes from them has cells of several dimensions and three coordinates: those of the highest dimension are the mesh,
+the others are its patches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_client.errors import InvalidInput, meant
+
+if TYPE_CHECKING:
+    from mesh_motion_client.mesh import Mesh
+
+__all__ = ["Content", "from_gmsh", "from_meshio", "from_pyvista", "to_pyvista"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.integer]
+
+#: Dimension of each cell type, and its numbers in VTK and in Gmsh.
+_TYPES = {
+    "line": (1, 3, 1),
+    "triangle": (2, 5, 2),
+    "quad": (2, 9, 3),
+    "tetra": (3, 10, 4),
+    "pyramid": (3, 14, 7),
+    "wedge": (3, 13, 6),
+    "hexahedron": (3, 12, 5),
+}
+_PREFIX = "patch_"
+
+
+class Content(NamedTuple):
+    """What a mesh is made of: points (n, d), cells by type, the nodes of each patch."""
+
+    points: Floats
+    cells: dict[str, Ints]
+    patches: dict[str, NDArray[Any]]
+
+
+# --- PyVista ---------------------------------------------------------------------------------------------------------
+
+
+def to_pyvista(mesh: Mesh, points: Floats) -> Any:
+    """``pyvista.UnstructuredGrid`` of a mesh, its nodes at points (n, d); arrays ``patch_<name>`` mark the patches."""
+    types = [np.full(len(nodes), _TYPES[name][1], dtype=np.uint8) for name, nodes in mesh.cells.items()]
+    rows = [np.insert(nodes, 0, nodes.shape[1], axis=1).ravel() for nodes in mesh.cells.values()]
+    in_space = np.zeros((len(points), 3))
+    in_space[:, : points.shape[1]] = points
+    grid = import_module("pyvista").UnstructuredGrid(np.concatenate(rows), np.concatenate(types), in_space)
+    for name, patch in mesh.patches.items():
+        marks = np.zeros(len(points), dtype=np.uint8)
+        marks[patch.nodes] = 1
+        grid.point_data[_PREFIX + name] = marks
+    return grid
+
+
+def from_pyvista(dataset: Any, wanted: Iterable[str]) -> Content:
+    """The content of a dataset; the patch ``name`` is where its point array ``name`` or ``patch_<name>`` is not 0."""
+    grid = dataset.cast_to_unstructured_grid()
+    names = {number: name for name, (_, number, _) in _TYPES.items()}
+    cells = {names.get(int(kind), f"VTK's type {kind}"): nodes for kind, nodes in grid.cells_dict.items()}
+    marks = {name.removeprefix(_PREFIX): values for name, values in grid.point_data.items()}
+    _check_patches("the point arrays", wanted, marks)
+    return _content(grid.points, cells, {name: np.flatnonzero(marks[name]) for name in wanted})
+
+
+# --- meshio ----------------------------------------------------------------------------------------------------------
+
+
+def from_meshio(mesh: Any, wanted: Iterable[str]) -> Content:
+    """The content of a ``meshio.Mesh``; a patch is a set of points or cells, or a named physical group of Gmsh."""
+    blocks: dict[str, list[Ints]] = {}
+    for block in mesh.cells:
+        if block.type != "vertex":
+            blocks.setdefault(block.type, []).append(np.asarray(block.data))
+    found = {name: np.asarray(nodes) for name, nodes in mesh.point_sets.items()}
+    for name, rows in mesh.cell_sets.items():
+        found[name] = _nodes(block.data[chosen] for block, chosen in zip(mesh.cells, rows, strict=True) if len(chosen))
+    groups = mesh.cell_data.get("gmsh:physical", [])
+    for name, (number, _) in mesh.field_data.items():
+        marked = zip(mesh.cells, groups, strict=False)
+        found.setdefault(name, _nodes(block.data[np.asarray(group) == number] for block, group in marked))
+    _check_patches("the sets of points and cells", wanted, found)
+    patches = {name: found[name] for name in wanted}
+    return _content(mesh.points, {name: np.concatenate(parts) for name, parts in blocks.items()}, patches)
+
+
+# --- Gmsh ------------------------------------------------------------------------------------------------------------
+
+
+def from_gmsh() -> Content:
+    """The content of Gmsh's current model; its physical groups below the cells' dimension are the patches.
+
+    Nodes are in the order of their tags. A group without a name has its number.
+    """
+    gmsh = import_module("gmsh")
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    order = np.argsort(tags)
+    tags, points = np.asarray(tags)[order], np.reshape(coordinates, (-1, 3))[order]
+    names = {number: name for name, (_, _, number) in _TYPES.items()}
+    cells: dict[str, Ints] = {}
+    for kind, _, nodes in zip(*gmsh.model.mesh.getElements(), strict=True):
+        name, dimension, _, count, *_ = gmsh.model.mesh.getElementProperties(kind)
+        if dimension:
+            cells[names.get(int(kind), f"Gmsh's type {name}")] = np.searchsorted(tags, nodes).reshape(-1, count)
+    if not cells:
+        raise InvalidInput("Gmsh's model has no mesh", hint="call gmsh.model.mesh.generate(…) before")
+    highest = max(_TYPES[name][0] for name in cells if name in _TYPES) if set(cells) & set(_TYPES) else 0
+    patches = {
+        gmsh.model.getPhysicalName(dimension, number) or str(number): np.unique(
+            np.searchsorted(tags, gmsh.model.mesh.getNodesForPhysicalGroup(dimension, number)[0])
+        )
+        for dimension, number in gmsh.model.getPhysicalGroups()
+        if dimension < highest
+    }
+    return _content(points, cells, patches)
+
+
+# --- what they share -------------------------------------------------------------------------------------------------
+
+
+def _content(points: Any, cells: Mapping[str, Ints], patches: dict[str, Ints]) -> Content:
+    """Keep the cells of the highest dimension, and as many coordinates."""
+    odd = sorted(set(cells) - set(_TYPES))
+    if odd or not cells:
+        raise InvalidInput(
+            f"the mesh has {'cells of type ' + odd[0] if odd else 'no cells'}; expected {', '.join(_TYPES)}",
+            hint="first-order cells: divide polygons and polyhedra, save curved cells by their corners" if odd else "",
+        )
+    highest = max(_TYPES[name][0] for name in cells)
+    points = np.asarray(points, dtype=np.float64)
+    beyond = points[:, highest:]
+    if beyond.size and np.ptp(beyond, axis=0).max() > 1e-12 * max(1.0, float(np.abs(points).max())):
+        raise InvalidInput(
+            f"the cells are {highest}D, but the coordinate {'xyz'[highest]} varies",
+            hint="a plane mesh lies in the x-y plane; a mesh in space needs its volume cells",
+        )
+    own = {name: nodes for name, nodes in cells.items() if _TYPES[name][0] == highest}
+    return Content(points[:, :highest], own, patches)
+
+
+def _nodes(parts: Iterable[Any]) -> Ints:
+    """The nodes of some cells, each once."""
+    return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *(np.ravel(part) for part in parts)]))
+
+
+def _check_patches(where: str, wanted: Iterable[str], found: Mapping[str, Any]) -> None:
+    """Raise InvalidInput for a patch that is not there."""
+    for name in wanted:
+        if name not in found:
+            raise InvalidInput(
+                f"patch {name!r} is not among {where} {sorted(found)}",
+                hint=meant(name, found) or "roles name the patches",
+            )

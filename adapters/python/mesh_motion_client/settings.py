@@ -1,0 +1,40 @@
+"""The settings of a session as types: an editor completes the keys, a type checker finds a wrong one.
+
+The keys are those of the case file's ``[method]``; docs/method.md says what each means. A test compares them with it.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, TypedDict
+
+__all__ = ["Settings"]
+
+
+class Settings(TypedDict, total=False):
+    """Settings of a session; what is left out, or None, is chosen by the server. Lengths are in the mesh's unit."""
+
+    basis: Literal[
+        "wendland-c0", "wendland-c2", "wendland-c4", "wendland-c6", "ctps-c0", "ctps-c1", "ctps-c2a", "ctps-c2b",
+        "tps", "mqb", "imqb", "iqb", "gauss",
+    ]  # fmt: skip
+    support_radius: float | None
+    displacement: Literal["relative", "absolute", "reanchored"] | None
+    boundary_layer_thickness: float | None
+    sub_steps: Literal["auto", "never", "always"]
+    correction: Literal["none", "smooth", "imposed-gradient", "explicit", "enrichment", "optimised"] | None
+    correction_target: Literal["auto", "threshold", "maximum"]
+    quality_metric: Literal[
+        "relative-size-skew", "size-skew", "size-skew-root", "size-skew-product", "size", "skew"
+    ]  # fmt: skip
+    quality_threshold: float
+    refuse_below_threshold: bool
+    allow_invalid: bool
+    max_enrichment_points: int
+    enrichment_radius: float | None
+    quality_report: Literal["every-move", "first-and-commit"]
+    reduction: Literal[
+        "none", "greedy", "one-point", "greedy-combined", "error-peaks", "incremental-lu", "recurrence-cholesky",
+        "grouped-circular", "multilevel-subspace", "multi-step", "multiscale", "grid-clustering",
+    ]  # fmt: skip
+    reduction_tolerance: float
+    max_control_points: int

@@ -1,0 +1,146 @@
+"""Meshes come from Gmsh, meshio and PyVista, and go to PyVista, with their patches."""
+
+import sys
+import types
+
+import gmsh
+import meshio
+import numpy as np
+import pytest
+from mesh_motion_client import InvalidInput, Mesh, Patch
+from mesh_motion_client.exchange import _TYPES, to_pyvista
+from mesh_motion_client.mesh import CELL_NODES
+from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkPoints
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkUnstructuredGrid
+from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
+
+from mesh_motion_server.files import MeshFile, write_mesh
+from mesh_motion_server.files.gmsh import _TYPES as GMSH_TYPES
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
+
+ROLES = {"bottom": "moving", "top": "fixed"}
+CUBE = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
+#: A unit cube as two wedges.
+WEDGES = Mesh(
+    CUBE,
+    {"wedge": [[0, 1, 2, 4, 5, 6], [1, 3, 2, 5, 7, 6]]},
+    {name: Patch(role, np.arange(4) + 4 * k) for k, (name, role) in enumerate(ROLES.items())},
+)
+
+
+class Grid:
+    """As much of ``pyvista.UnstructuredGrid`` as is used, on VTK's grid."""
+
+    def __init__(self, cells, kinds, points):
+        self.vtk, self.points, self.point_data = vtkUnstructuredGrid(), points, {}
+        held, blocks, at = vtkCellArray(), {}, 0
+        for kind in kinds:
+            nodes = cells[at + 1 : at + 1 + cells[at]]
+            held.InsertNextCell(len(nodes), nodes.tolist())
+            blocks.setdefault(kind, []).append(nodes)
+            at += 1 + cells[at]
+        corners = vtkPoints()
+        corners.SetData(numpy_to_vtk(points, deep=True))
+        self.vtk.SetPoints(corners)
+        self.vtk.SetCells(kinds.tolist(), held)
+        self.cells_dict = {kind: np.array(rows) for kind, rows in blocks.items()}
+
+    def cast_to_unstructured_grid(self):
+        return self
+
+    def volumes(self):
+        measured = vtkCellSizeFilter()
+        measured.SetInputData(self.vtk)
+        measured.Update()
+        return vtk_to_numpy(measured.GetOutput().GetCellData().GetArray("Volume"))
+
+
+@pytest.fixture
+def pyvista(monkeypatch):
+    """VTK's grid under PyVista's name, which is not installed for the tests."""
+    monkeypatch.setitem(sys.modules, "pyvista", types.SimpleNamespace(UnstructuredGrid=Grid))
+
+
+def same(one, other):
+    np.testing.assert_allclose(one.points, other.points, rtol=0, atol=1e-14)  # a text file may round
+    assert {name: nodes.tolist() for name, nodes in one.cells.items()} == {
+        name: nodes.tolist() for name, nodes in other.cells.items()
+    }
+    assert {name: (patch.role, patch.nodes.tolist()) for name, patch in one.patches.items()} == {
+        name: (patch.role, patch.nodes.tolist()) for name, patch in other.patches.items()
+    }
+
+
+def test_the_types_are_those_of_the_client_the_server_and_gmsh():
+    assert set(_TYPES) == set(CELL_NODES)
+    assert {name: kind[0] for name, kind in _TYPES.items()} == {n: kind.dimension for n, kind in CELL_TYPES.items()}
+    assert {kind[2]: name for name, kind in _TYPES.items()} == GMSH_TYPES
+
+
+@pytest.mark.usefixtures("pyvista")
+def test_to_pyvista_and_back():
+    grid = WEDGES.to_pyvista()
+    assert grid.volumes().tolist() == pytest.approx([0.5, 0.5])  # a wedge in another order of nodes is negative
+    assert grid.point_data["patch_top"].tolist() == [0] * 4 + [1] * 4
+    same(Mesh.from_pyvista(grid, ROLES), WEDGES)
+    flat = Mesh(CUBE[:4, :2], {"quad": [[0, 1, 3, 2]]}, {"low": Patch("moving", [0, 1])})
+    assert to_pyvista(flat, flat.points + 1).points[:, 2].tolist() == [0.0] * 4
+    same(Mesh.from_pyvista(flat.to_pyvista(), {"low": "moving"}), flat)
+    with pytest.raises(InvalidInput, match=r"patch 'botom' is not among the point arrays .*did you mean 'bottom'"):
+        Mesh.from_pyvista(grid, {"botom": "moving"})
+
+
+@pytest.mark.usefixtures("pyvista")
+def test_a_moved_mesh_goes_to_pyvista_with_its_displacement(session):
+    moved = session.move({"left": [[0.0, 0.25]] * 4})
+    grid = moved.to_pyvista()
+    assert (grid.points[:, :2] == moved.mesh.points + moved.displacement).all()
+    assert grid.point_data["displacement"].tolist() == [[0.0, 0.25, 0.0]] * 16
+
+
+def test_from_meshio_by_sets_and_by_names_of_physical_groups():
+    lower, upper = (("quad", [[0, 1, 3, 2]]), ("quad", [[4, 5, 7, 6]]))
+    cells = [("wedge", WEDGES.cells["wedge"]), lower, upper]
+    by_cells = meshio.Mesh(CUBE, cells, point_sets={"top": [4, 5, 6, 7]}, cell_sets={"bottom": [[], [0], []]})
+    same(Mesh.from_meshio(by_cells, ROLES), WEDGES)
+    groups = {"bottom": np.array([7, 2]), "top": np.array([8, 2])}
+    by_groups = meshio.Mesh(CUBE, cells, cell_data={"gmsh:physical": [[1, 1], [7], [8]]}, field_data=groups)
+    same(Mesh.from_meshio(by_groups, ROLES), WEDGES)
+    with pytest.raises(InvalidInput, match=r"cells of type triangle6; expected .*save curved cells by their corners"):
+        Mesh.from_meshio(meshio.Mesh(CUBE, [("triangle6", [[0, 1, 2, 3, 4, 5]])]), {})
+    with pytest.raises(InvalidInput, match="cells are 2D, but the coordinate z varies"):
+        Mesh.from_meshio(meshio.Mesh(CUBE, [lower, upper]), {})
+
+
+def test_from_gmsh_as_its_file_is_read(tmp_path):
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        with pytest.raises(InvalidInput, match=r"no mesh .*gmsh.model.mesh.generate"):
+            Mesh.from_gmsh({})
+        square = gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(2, [square], name="fluid")
+        gmsh.model.addPhysicalGroup(1, [1], name="bottom")
+        gmsh.model.addPhysicalGroup(1, [3], 9)
+        gmsh.model.mesh.generate(2)
+        gmsh.write(str(tmp_path / "square.msh"))
+        roles = {"bottom": "moving", "9": "fixed"}
+        same(Mesh.from_gmsh(roles), Mesh.load(tmp_path / "square.msh", roles))
+        with pytest.raises(InvalidInput, match="Gmsh's model: patch '9' has no role"):
+            Mesh.from_gmsh({"bottom": "moving"})
+    finally:
+        gmsh.finalize()
+
+
+def test_load_reads_what_the_server_reads(tmp_path):
+    path, cells = tmp_path / "cube.vtu", {"hexahedron": np.array([[0, 1, 3, 2, 4, 5, 7, 6]])}
+    write_mesh(path, MeshFile(CUBE, cells, {name: patch.nodes for name, patch in WEDGES.patches.items()}, path))
+    same(Mesh.load(path, ROLES), Mesh(CUBE, cells, WEDGES.patches))
+    with pytest.raises(InvalidInput, match=r"there is no patch 'tpo'; .*did you mean 'top'"):
+        Mesh.load(path, {"bottom": "moving", "top": "fixed", "tpo": "fixed"})
+    with pytest.raises(InvalidInput, match=r"a\.stl: unknown kind of mesh file"):
+        Mesh.load(tmp_path / "a.stl", {})
+    with pytest.raises(InvalidInput, match="has no zones"):
+        Mesh.load(path, ROLES, zone="1")

@@ -1,0 +1,69 @@
+"""The client's distribution: what it contains, and that its page, README.md, is true without the server's package."""
+
+import tarfile
+from collections.abc import Callable
+from email.parser import Parser
+from pathlib import Path
+from zipfile import ZipFile
+
+from bare_environment import ROOT, build, names_in, tracked
+
+from mesh_motion_server import __version__
+from proofs.server_process import ServerProcess
+from tools.wheel import client_example
+
+FOLDER = Path("adapters/python")
+PACKAGES = ("mesh_motion_client", "mesh_motion_protocol")
+
+
+def files() -> set[str]:
+    """What git keeps in the distribution's folder."""
+    return {str(Path(name).relative_to(FOLDER)) for name in tracked() if Path(name).is_relative_to(FOLDER)}
+
+
+def test_the_wheel_is_for_any_platform_and_has_each_file_of_its_packages(client_wheel: Path) -> None:
+    assert client_wheel.name == f"mesh_motion_client-{__version__}-py3-none-any.whl"
+    own = {name for name in names_in(client_wheel) if ".dist-info/" not in name}
+    assert own == {name for name in files() if name.startswith(PACKAGES)}
+    assert {f"{package}/py.typed" for package in PACKAGES} <= own
+
+
+def test_it_requires_three_packages_and_has_the_project_s_licence(client_wheel: Path) -> None:
+    about = f"mesh_motion_client-{__version__}.dist-info"
+    with ZipFile(client_wheel) as archive:
+        metadata = Parser().parsestr(archive.read(f"{about}/METADATA").decode())
+        assert archive.read(f"{about}/licenses/LICENSE") == (ROOT / "LICENSE").read_bytes()
+    assert sorted(line.partition(">")[0] for line in metadata.get_all("Requires-Dist")) == ["msgpack", "numpy", "pyzmq"]
+    assert metadata["Version"] == __version__
+
+
+def test_its_sources_alone_build_the_same_wheel(client_wheel: Path, tmp_path: Path) -> None:
+    with tarfile.open(build("sdist", tmp_path, ROOT / FOLDER)) as archive:
+        archive.extractall(tmp_path / "unpacked", filter="data")
+    (unpacked,) = (tmp_path / "unpacked").iterdir()
+    assert {str(path.relative_to(unpacked)) for path in unpacked.rglob("*") if path.is_file()} == {*files(), "PKG-INFO"}
+    assert build("wheel", tmp_path / "again", unpacked).read_bytes() == client_wheel.read_bytes()
+
+
+def test_the_program_of_its_page_moves_a_mesh_where_the_server_is_not_installed(
+    client_alone: Callable, tmp_path: Path
+) -> None:
+    with ServerProcess(tmp_path) as server:
+        ended = client_alone("python", "-c", client_example(ROOT), server.endpoint)
+    assert ended.stdout == "(45, 2) 0\n", ended.stderr
+
+
+def test_what_needs_the_server_s_package_says_so(client_alone: Callable) -> None:
+    mesh = "m.Mesh([[0.0], [1.0]], {'line': [[0, 1]]}, {'a': m.Patch('moving', [0, 1])})"
+    for call in ("m.connect()", f"Volume({mesh})", "m.Mesh.load('mesh.su2', {})"):
+        program = f"import mesh_motion_client as m; from mesh_motion_client.volume import Volume; {call}"
+        last = client_alone("python", "-c", program).stderr.splitlines()[-1]
+        assert "pip install 'mesh-motion-server[server]'" in last, last
+
+
+def test_it_is_imported_on_a_system_without_fork_and_fcntl(client_alone: Callable) -> None:
+    """As on Windows."""
+    program = "import os, sys, numpy, zmq; del os.register_at_fork; sys.modules['fcntl'] = None; "
+    program += "sys.platform = 'win32'; "
+    ended = client_alone("python", "-c", program + "import mesh_motion_client, mesh_motion_protocol.codec")
+    assert ended.returncode == 0, ended.stderr
