@@ -18,12 +18,14 @@ from pathlib import Path
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.gmsh_values import AsciiValues, BinaryValues, Values
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, group_names
+from mesh_motion_server.files.moved import Place, edit, replaced
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
-__all__ = ["read_gmsh"]
+__all__ = ["GMSH", "read_gmsh"]
 
 _VERTEX = 15
 _TYPES = {1: "line", 2: "triangle", 3: "quad", 4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
@@ -50,6 +52,7 @@ class _Content:
     groups: dict[tuple[int, int], tuple[int, ...]] = field(default_factory=dict)  # physical tags of an entity (4.1)
     tags: Integers = field(default_factory=lambda: np.empty(0, dtype=np.int64))  # (n,) node tags
     points: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    places: list[Place] = field(default_factory=list)  # of the points
     blocks: list[_Block] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
@@ -140,6 +143,7 @@ def _read_nodes_41(content: _Content, values: Values) -> None:
         count = int(values.sizes(1)[0])
         columns = 3 + (int(dimension) if parametric else 0)
         tags.append(values.sizes(count))
+        content.places.append(values.place(count, columns))
         points.append(values.doubles(count * columns).reshape(count, columns)[:, :3])
     content.tags, content.points = np.concatenate(tags), np.concatenate(points)
     _require_count("nodes", announced, len(content.tags))
@@ -168,7 +172,9 @@ def _require_count(what: str, announced: int, read: int) -> None:
 
 def _read_nodes_22(content: _Content, values: Values) -> None:
     """$Nodes: a count, then tag and coordinates of each node."""
-    content.tags, content.points = values.numbered_points(values.text_count())
+    count = values.text_count()
+    content.places.append(values.place(count, 3, tags=1))
+    content.tags, content.points = values.numbered_points(count)
 
 
 def _read_parametric_nodes_22(content: _Content, values: Values) -> None:
@@ -177,6 +183,7 @@ def _read_parametric_nodes_22(content: _Content, values: Values) -> None:
     content.tags, content.points = np.empty(count, dtype=np.int64), np.empty((count, 3))
     for row in range(count):
         content.tags[row] = values.ints(1)[0]
+        content.places.append(values.place(1, 3))
         content.points[row] = values.doubles(3)
         dimension, _ = values.ints(2)
         values.doubles(int(dimension) if dimension in (1, 2) else 0)
@@ -289,3 +296,11 @@ def _patches(content: _Content, rows: _NodeRows) -> dict[str, Integers]:
         for group in block.groups:
             found[names[block.dimension, group]].append(rows(block.nodes.ravel()))
     return {name: np.concatenate(parts) for name, parts in found.items()}
+
+
+def _move(source: Path, target: Path, points: Floats) -> None:
+    """Write the file with other coordinates of the nodes."""
+    edit(source, target, lambda data: replaced(data, _read_sections(data).places, points))
+
+
+GMSH = Format("a Gmsh mesh", (".msh",), re.compile(rb"(?m)^\s*\$(MeshFormat|NOD)\b"), read_gmsh, move=_move)

@@ -11,6 +11,7 @@ On cells, only cells of lower dimension than the mesh count: the faces of a 3D m
 
 import contextlib
 import io
+import re
 import tempfile
 from collections import defaultdict
 from dataclasses import replace
@@ -21,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, group_names
 from mesh_motion_server.files.packages import check_unpacked, load_meshio, most_unpacked, reason_of
 from mesh_motion_server.files.vtk_pieces import PatchKey, VtkPiece, joined, separated, sources
@@ -28,7 +30,7 @@ from mesh_motion_server.files.vtu_inline import inlined, unpacked_bytes
 from mesh_motion_server.numerics.arrays import Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
-__all__ = ["NUMBERED_PATCH_ARRAYS", "PATCH_PREFIX", "read_vtk"]
+__all__ = ["NUMBERED_PATCH_ARRAYS", "PATCH_PREFIX", "VTK", "VTU", "read_vtk"]
 
 PATCH_PREFIX = "patch_"
 NUMBERED_PATCH_ARRAYS = ("patch", "gmsh:physical", "CellEntityIds")
@@ -144,3 +146,7 @@ def _collect(
     elif name in NUMBERED_PATCH_ARRAYS and values.dtype.kind in "iu":
         for value in np.unique(values[values > 0]):
             found[dimension, int(value)].append(nodes[values == value].ravel())
+
+
+VTU = Format("a VTU mesh", (".vtu", ".pvtu"), re.compile(rb"<VTKFile\b"), read_vtk)
+VTK = Format("a VTK mesh", (".vtk",), re.compile(rb"\A\s*# vtk DataFile"), read_vtk)

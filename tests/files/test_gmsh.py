@@ -151,8 +151,8 @@ HEADER = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("", "does not begin with"),
-        ("hello", "does not begin with"),
+        ("", "neither a Gmsh mesh nor a Fluent mesh"),
+        ("hello", "neither a Gmsh mesh nor"),
         ("$MeshFormat\n4.0 0 8\n$EndMeshFormat\n", "version 4.0"),
         (HEADER, "no cells"),
         (HEADER + "$Nodes\n2\n1 0 0 0\n2 1 0 0\n", "malformed"),
