@@ -26,7 +26,6 @@ def convert(folder: Path, *arguments: object) -> tuple[int, str, str]:
 
 @pytest.mark.parametrize("suffix", ["npz", "vtu"])
 def test_there_and_back_and_moved(tmp_path: Path, suffix: str) -> None:
-    pytest.importorskip("meshio")
     mesh = read_mesh(EXAMPLE)
     status, out, _ = convert(tmp_path, EXAMPLE, f"mesh.{suffix}")
     assert (status, out) == (0, f"mesh.{suffix}: 2D, 723 nodes, 1342 triangle, 2 patches\n")

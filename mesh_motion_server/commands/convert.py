@@ -1,4 +1,4 @@
-"""``mesh-motion convert``: a mesh as an archive, in partitions, for ParaView, or as its own file with other coordinates."""
+"""``mesh-motion convert``: a mesh as an archive, in partitions, for ParaView, or as its own file with moved nodes."""
 
 # ruff: noqa: PLC0415
 

@@ -60,12 +60,13 @@ def replaced(data: bytes, places: list[Place], points: Floats) -> bytes:
             texts.append((place, values))
     texts.sort(key=lambda one: one[0].text, reverse=True)  # from the end: text changes its length
     for (begin, end), group in groupby(texts, key=lambda one: one[0].text):
-        words = re.split(rb"(\s+)", data[begin:end].strip())  # numbers and blanks in turn
+        words = re.split(rb"(\s+)", data[begin:end])  # numbers and blanks in turn
+        ahead = 2 * (words[0] == b"")
         for place, values in group:
             for row, node in enumerate(values.tolist()):
                 for axis, value in enumerate(node):
-                    words[2 * (place.first + row * place.stride + axis)] = repr(value).encode()
-        content[begin:end] = b"\n" + b"".join(words) + b"\n"
+                    words[ahead + 2 * (place.first + row * place.stride + axis)] = repr(value).encode()
+        content[begin:end] = b"".join(words)
     return bytes(content)
 
 

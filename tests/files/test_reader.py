@@ -25,9 +25,9 @@ def test_a_folder_is_no_mesh(tmp_path: Path, suffix: str) -> None:
         read_mesh(tmp_path / f"folder{suffix}")
 
 
-def test_reading_imports_neither_meshio_nor_gmsh() -> None:
-    """Both are extras; only reading VTK files needs one."""
-    code = "import sys, mesh_motion_server.files; sys.exit('meshio' in sys.modules or 'gmsh' in sys.modules)"
+def test_reading_imports_neither_h5py_nor_gmsh() -> None:
+    """Both are extras; only reading HDF5 needs one."""
+    code = "import sys, mesh_motion_server.files; sys.exit('h5py' in sys.modules or 'gmsh' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
