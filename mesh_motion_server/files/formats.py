@@ -3,9 +3,11 @@
 import re
 
 from mesh_motion_server.files.cgns.zone import CGNS
+from mesh_motion_server.files.exodus import EXODUS
 from mesh_motion_server.files.fluent import FLUENT, FLUENT_HDF5
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.gmsh import GMSH
+from mesh_motion_server.files.med import MED
 from mesh_motion_server.files.npz import NPZ
 from mesh_motion_server.files.openfoam.polymesh import FOAM_FILE, OPENFOAM
 from mesh_motion_server.files.su2 import SU2
@@ -24,6 +26,8 @@ FORMATS: tuple[Format, ...] = (
     VTU,
     VTK,
     CGNS,
+    MED,
+    EXODUS,
     OPENFOAM,
     FOAM_FILE,
     # known by their beginning, and not read

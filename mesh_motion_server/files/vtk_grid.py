@@ -23,7 +23,15 @@ _HIGHER = {
 _ALIGNED = {8: ("quad", [0, 1, 3, 2]), 11: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6])}  # pixel, voxel
 _BOX = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
 _VERTICES = (0, 1, 2)  # no cell, a vertex, several
-_OTHERS = {4: "polylines", 6: "triangle strips", 7: "polygons", 41: "polygons", 42: "polyhedra"}
+_OTHERS = {
+    4: "polylines",
+    6: "triangle strips",
+    7: "polygons",
+    15: "prisms of five sides",
+    16: "prisms of six sides",
+    41: "polygons",
+    42: "polyhedra",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +88,7 @@ class VtkGrid:
                 continue
             name, order = _ALIGNED.get(code, (_FIRST.get(code) or _HIGHER.get(code, ""), None))
             if not name:
-                raise ValueError(f"cells of VTK's type {code}{f' ({_OTHERS[code]})' * (code in _OTHERS)}")
+                raise ValueError(f"cells of VTK's type {code} ({_OTHERS.get(code, 'of another shape')})")
             rows = np.flatnonzero(self.types == code)
             few = np.diff(self.offsets)[rows] < _CORNERS[name]
             if few.any():

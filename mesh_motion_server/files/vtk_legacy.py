@@ -105,7 +105,8 @@ def _read_structure(file: "_Cursor", content: Legacy, key: str, words: list[str]
         case "DATASET":
             content.kind = words[1].upper()
             if content.kind not in _KINDS:
-                raise ValueError(f"a grid of type {', '.join(_KINDS)} is read, not {content.kind}")
+                surface = "a surface (POLYDATA)" if content.kind == "POLYDATA" else f"a grid of type {content.kind}"
+                raise ValueError(f"{surface}, expected {', '.join(_KINDS)}")
         case "DIMENSIONS":
             content.counts = [int(word) for word in words[1:4]]
         case "SPACING" | "ASPECT_RATIO":

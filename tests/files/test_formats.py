@@ -1,11 +1,13 @@
 """The files of other programs: read with their patches, written back with moved nodes, refused in one clear line."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from format_files import CELLS, PATCHES, POINTS, WRITERS, fluent
+from format_files import CELLS, PATCHES, POINTS, WRITERS, exodus, exodus_hdf5, fluent, med
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh, write_mesh
@@ -33,7 +35,7 @@ def test_every_format_says_the_same_and_comes_back_with_moved_nodes(tmp_path: Pa
         key: nodes.tolist() for key, nodes in PATCHES.items()
     }
     write_mesh(tmp_path / f"back_{name}", replace(after, points=mesh.points))  # nothing but coordinates has changed
-    if path.is_file() and not name.endswith(("h5", "cgns", "med", "exo")):
+    if path.is_file() and not name.endswith(("h5", "cgns", "med", "exo", ".e")):
         assert (tmp_path / f"back_{name}").read_bytes().split() == path.read_bytes().split()
 
 
@@ -108,3 +110,85 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
 def test_a_file_of_another_kind_is_named(tmp_path: Path, name: str, content: str, message: str) -> None:
     (tmp_path / name).write_text(content)
     one_line(tmp_path / name, message)
+
+
+def test_gmsh_writes_med_with_its_groups(tmp_path: Path) -> None:
+    """A peer: the mesh of Gmsh's own file, of first and of second order."""
+    gmsh = pytest.importorskip("gmsh", exc_type=OSError)
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        if "Med" not in gmsh.option.getString("General.BuildOptions"):
+            pytest.skip("this Gmsh writes no MED")
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+        gmsh.model.addPhysicalGroup(2, [1, 2], name="wet wall")
+        gmsh.model.addPhysicalGroup(2, [3], name="outlet")
+        gmsh.model.addPhysicalGroup(3, [1], name="fluid")
+        gmsh.model.mesh.generate(3)
+        for order in (1, 2):
+            gmsh.model.mesh.setOrder(order)
+            for suffix in ("msh", "med"):
+                gmsh.write(str(tmp_path / f"{order}.{suffix}"))
+    finally:
+        gmsh.finalize()
+    for order in (1, 2):
+        ours, other = read_mesh(tmp_path / f"{order}.med"), read_mesh(tmp_path / f"{order}.msh")
+        assert ours.n_cells == other.n_cells
+        assert sorted(ours.patches) == sorted(other.patches) == ["outlet", "wet wall"]
+        for name, nodes in other.patches.items():
+            here, there = ours.points[ours.patches[name]], other.points[nodes]
+            np.testing.assert_allclose(
+                here[np.lexsort(here.round(9).T)], there[np.lexsort(there.round(9).T)], atol=1e-12
+            )
+        assert ours.notes == other.notes
+
+
+def test_vtk_reads_the_same_side_sets_of_exodus(tmp_path: Path) -> None:
+    """A peer: the file that the readers' test makes has the sets where VTK finds them."""
+    module = pytest.importorskip("vtkmodules.vtkIOExodus")
+    exodus(tmp_path / "m.exo")
+    reader = module.vtkExodusIIReader()
+    reader.SetFileName(str(tmp_path / "m.exo"))
+    reader.UpdateInformation()
+    kind = reader.SIDE_SET
+    names = [reader.GetObjectName(kind, number) for number in range(reader.GetNumberOfObjects(kind))]
+    assert [name.partition(" ")[0] for name in names] == list(PATCHES)
+    for name in names:
+        reader.SetObjectStatus(kind, name, 1)
+    reader.Update()
+    sets = reader.GetOutput().GetBlock(4)
+    for number, name in enumerate(PATCHES):
+        block = sets.GetBlock(number)
+        points = {tuple(np.round(block.GetPoint(k), 6)) for k in range(block.GetNumberOfPoints())}
+        assert points == {tuple(row) for row in POINTS[PATCHES[name]].round(6).tolist()}
+
+
+def changed_hdf5(path: Path, change: Callable[[Any], None]) -> Path:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "r+") as file:
+        change(file)
+    return path
+
+
+def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
+    path, step = tmp_path / "m.med", "ENS_MAA/box/-0000000000000000001-0000000000000000001"
+    med(path)
+    changed_hdf5(path, lambda file: file[f"{step}/MAI/HE8/NOD"].write_direct(np.full(64, 99)))
+    one_line(path, "element 1 of type HE8 names node 99")
+    med(path)
+    changed_hdf5(path, lambda file: file[f"{step}/MAI"].move("HE8", "POE"))
+    one_line(path, "elements of type POE; known are")
+    path.write_bytes(path.read_bytes()[:3000])
+    one_line(path, "malformed or damaged MED file")
+    path = tmp_path / "m.exo"
+    exodus(path)
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b"HEX8", b"NSID"))
+    one_line(path, "block 1 of elements of type 'NSID'")
+    path.write_bytes(data[:700])
+    one_line(path, "malformed or damaged Exodus file")
+    exodus_hdf5(path)
+    changed_hdf5(path, lambda file: file["side_ss2"].write_direct(np.full(16, 7, ">i4")))
+    one_line(path, "side 7 of a hexahedron, which has 6 sides")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from mesh_motion_server.files.sides import EXODUS
 from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
 Ints = NDArray[np.int64]
@@ -133,9 +134,83 @@ def fluent_hdf5(path: Path) -> None:
         zones["name"] = np.array([b"inside;far;sides;wall"])
 
 
+def med(path: Path) -> None:
+    """As Salome writes MED 4: components one after the other, families with groups."""
+    h5py = pytest.importorskip("h5py")
+    names = list(PATCHES)
+    with h5py.File(path, "w") as file:
+        mesh = file.create_group("ENS_MAA/box")
+        step = mesh.create_group("-0000000000000000001-0000000000000000001")
+        step.create_dataset("NOE/COO", data=POINTS.T.ravel()).attrs["NBR"] = N**3
+        step["NOE/FAM"] = np.zeros(N**3, np.int32)
+        step.create_dataset("MAI/HE8/NOD", data=CELLS.T.ravel() + 1).attrs["NBR"] = 8
+        outer = [face for face in FACES if face.patch]
+        quads = np.array([face.nodes for face in outer])
+        step.create_dataset("MAI/QU4/NOD", data=quads.T.ravel() + 1).attrs["NBR"] = len(quads)
+        step["MAI/QU4/FAM"] = np.array([-1 - names.index(face.patch) for face in outer], np.int32)
+        for number, name in enumerate(names):
+            family = file.create_group(f"FAS/box/ELEME/FAM_{-1 - number}_{name}")
+            family.attrs["NUM"] = -1 - number
+            family["GRO/NOM"] = np.frombuffer(name.encode().ljust(80, b"\0"), np.int8)[None]
+
+
+def exodus(path: Path) -> None:
+    """As Cubit writes it: side sets of the three patches, by their names."""
+    from scipy.io import netcdf_file  # noqa: PLC0415
+
+    numbers = {frozenset(corners): side for side, corners in enumerate(EXODUS["hexahedron"], start=1)}
+    with netcdf_file(path, "w", version=2) as file:
+        for name, size in (("num_dim", 3), ("num_nodes", N**3), ("num_elem", 8), ("num_el_blk", 1), ("num_el_in_blk1", 8), ("num_nod_per_el1", 8),
+                           ("num_side_sets", 3), ("len_name", 33)):  # fmt: skip
+            file.createDimension(name, size)
+        file.title, file.version, file.api_version = "box", np.float32(8.03), np.float32(8.03)
+        file.floating_point_word_size, file.file_size = np.int32(8), np.int32(1)
+        for kind, count, size in (("eb", 1, "num_el_blk"), ("ss", 3, "num_side_sets")):
+            file.createVariable(f"{kind}_status", "i", (size,))[:] = 1
+            prop = file.createVariable(f"{kind}_prop1", "i", (size,))
+            prop[:] = 1 + np.arange(count)
+            prop.name = "ID"
+        for axis, column in zip("xyz", POINTS.T, strict=True):
+            file.createVariable(f"coord{axis}", "d", ("num_nodes",))[:] = column
+        connect = file.createVariable("connect1", "i", ("num_el_in_blk1", "num_nod_per_el1"))
+        connect[:] = CELLS + 1
+        connect.elem_type = "HEX8"
+        names = file.createVariable("ss_names", "c", ("num_side_sets", "len_name"))
+        for number, name in enumerate(PATCHES, start=1):
+            names[number - 1] = np.frombuffer(name.encode().ljust(33, b"\0"), "S1")
+            own = [face for face in FACES if face.patch == name]
+            file.createDimension(f"num_side_ss{number}", len(own))
+            local = [frozenset(1 + CELLS[face.cells[0]].tolist().index(node) for node in face.nodes) for face in own]
+            for what, values in (
+                ("elem", [face.cells[0] + 1 for face in own]),
+                ("side", [numbers[key] for key in local]),
+            ):
+                file.createVariable(f"{what}_ss{number}", "i", (f"num_side_ss{number}",))[:] = values
+
+
+def exodus_hdf5(path: Path) -> None:
+    """The same in netCDF-4, which is HDF5."""
+    h5py = pytest.importorskip("h5py")
+    from scipy.io import netcdf_file  # noqa: PLC0415
+
+    exodus(path)
+    with netcdf_file(path, "r", mmap=False) as old:
+        content = {
+            name: (variable[:].copy(), getattr(variable, "elem_type", b"")) for name, variable in old.variables.items()
+        }
+    with h5py.File(path, "w") as file:
+        for name, (values, kind) in content.items():
+            file[name] = values
+            if kind:
+                file[name].attrs["elem_type"] = kind
+
+
 #: {file: writer}; every file holds POINTS, CELLS and PATCHES.
 WRITERS: dict[str, Callable[[Path], None]] = {
     "box.msh": fluent,
     "box.cas": fluent_binary,
     "box.msh.h5": fluent_hdf5,
+    "box.med": med,
+    "box.exo": exodus,
+    "box.e": exodus_hdf5,
 }
