@@ -26,7 +26,6 @@ def convert(folder: Path, *arguments: object) -> tuple[int, str, str]:
 
 @pytest.mark.parametrize("suffix", ["npz", "vtu"])
 def test_there_and_back_and_moved(tmp_path: Path, suffix: str) -> None:
-    pytest.importorskip("meshio")
     mesh = read_mesh(EXAMPLE)
     status, out, _ = convert(tmp_path, EXAMPLE, f"mesh.{suffix}")
     assert (status, out) == (0, f"mesh.{suffix}: 2D, 723 nodes, 1342 triangle, 2 patches\n")
@@ -43,7 +42,7 @@ def test_there_and_back_and_moved(tmp_path: Path, suffix: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((EXAMPLE, "mesh.su2"), "mesh.su2: .npz and .vtu are written (write .vtu, then meshio convert "),
+        ((EXAMPLE, "mesh.su2"), "mesh.su2: .npz and .vtu are written (name a file that ends so)"),
         (("none.msh", "mesh.npz"), "none.msh: no such mesh file"),
         ((EXAMPLE, "mesh.npz", "--points", "none.npy"), "none.npy: cannot be read"),
         (("none.msh", "missing/mesh.npz"), "missing/mesh.npz: there is no folder"),

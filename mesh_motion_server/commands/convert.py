@@ -1,4 +1,4 @@
-"""``mesh-motion convert``: a mesh as an archive, in partitions or for ParaView, with a run's coordinates if need be."""
+"""``mesh-motion convert``: a mesh as an archive, in partitions, for ParaView, or as its own file with moved nodes."""
 
 # ruff: noqa: PLC0415
 
@@ -20,7 +20,9 @@ def convert(
     source: Annotated[Path, typer.Argument(metavar="IN", help="A mesh file or an OpenFOAM case.", show_default=False)],
     target: Annotated[
         Path,
-        typer.Argument(metavar="OUT", help="Ends with .npz or .vtu; a folder with --partitions.", show_default=False),
+        typer.Argument(
+            metavar="OUT", help="Ends with .npz, .vtu, or as IN; a folder with --partitions.", show_default=False
+        ),
     ],
     points: Annotated[
         Path | None, typer.Option(metavar="FILE.npy", help="Coordinates in the order of IN's nodes: play's points.npy.")
@@ -31,11 +33,12 @@ def convert(
         typer.Option(metavar="N", min=1, help="Cut the mesh into N partitions: OUT/partition-000.npz and so on."),
     ] = None,
 ) -> None:
-    """Write a mesh as .npz, or as .vtu for ParaView and for meshio, which converts that further.
+    """Write a mesh as .npz, as .vtu for ParaView, or as the file it was read from, with other coordinates.
 
     \b
     mesh-motion convert mesh.msh wing.npz
     mesh-motion convert mesh.msh mesh.vtu
+    mesh-motion convert mesh.su2 moved.su2 --points out/points.npy
     mesh-motion convert mesh.msh parts --partitions 4
     """
     from mesh_motion_server.files import read_mesh
@@ -45,7 +48,10 @@ def convert(
     from mesh_motion_server.files.writer import check_target, write_mesh
 
     try:
-        (require_folder_place if partitions else check_target)(target)
+        if partitions:
+            require_folder_place(target)
+        else:
+            check_target(target, source)
         mesh = read_mesh(source, zone)
         if points is not None:
             mesh = replace(mesh, points=read_points(points, mesh.points.shape))

@@ -1,14 +1,6 @@
-"""Mesh files: one reader for all formats, and the writers of the results.
+"""Mesh files: one reader for all formats (:mod:`.formats` is their table), and the writers of the results.
 
-================  ======================================================================================
-``.npz``          ``points``, ``cells_<type>``, ``patch_<name>`` (:mod:`.npz`); read and written
-``.msh``          Gmsh 2.2 and 4.1, ASCII and binary; physical groups become patches (:mod:`.gmsh`)
-``.su2``          SU2; markers become patches (:mod:`.su2`)
-``.cgns``         an unstructured zone, read with the extra ``mesh``; families become patches (:mod:`.cgns`)
-folders, ``.foam``  OpenFOAM's polyMesh, ASCII and binary (:mod:`.openfoam`)
-``.vtk``, ``.vtu``  read with the extra ``mesh``; patches from arrays with agreed names (:mod:`.vtk`)
-``.vtu``, ``.pvd``  written for ParaView (:mod:`.vtu`)
-================  ======================================================================================
+A mesh is written as ``.npz``, as ``.vtu`` for ParaView, or as a copy of its own file with moved nodes (:mod:`.moved`).
 """
 
 from mesh_motion_server.files.mesh_file import MeshFile

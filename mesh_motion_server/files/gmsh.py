@@ -18,15 +18,21 @@ from pathlib import Path
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.gmsh_values import AsciiValues, BinaryValues, Values
-from mesh_motion_server.files.mesh_file import MeshFile, assemble, group_names
+from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, group_names
+from mesh_motion_server.files.moved import Place, edit, replaced
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
-__all__ = ["read_gmsh"]
+__all__ = ["GMSH", "read_gmsh"]
 
 _VERTEX = 15
 _TYPES = {1: "line", 2: "triangle", 3: "quad", 4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
+#: Second order: the corners come first, and so many nodes are there in all.
+_SECOND = {8: ("line", 3), 9: ("triangle", 6), 10: ("quad", 9), 11: ("tetra", 10), 12: ("hexahedron", 27),
+           13: ("wedge", 18), 14: ("pyramid", 14), 16: ("quad", 8), 17: ("hexahedron", 20), 18: ("wedge", 15),
+           19: ("pyramid", 13)}  # fmt: skip
 _HEADER = re.compile(rb"\s*\$MeshFormat\s+(\S+)\s+([01])\s+(\d+)[^\n]*\n")
 _SECTION = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
 _NAME = re.compile(r'^\s*(\d+)\s+(\d+)\s+"(.*)"\s*$')
@@ -34,12 +40,21 @@ _NAME = re.compile(r'^\s*(\d+)\s+(\d+)\s+"(.*)"\s*$')
 
 @dataclass(frozen=True, eq=False)
 class _Block:
-    """Elements of one type in the same physical groups: the type's name ("" for vertices), node tags (m, k)."""
+    """Elements of one type in the same physical groups: the type's name ("" for vertices), node tags (m, k).
+
+    ``entity`` is the number of the surface, curve or point; 0 if the elements have groups in version 2.2.
+    """
 
     dimension: int
     name: str
     nodes: Integers
     groups: tuple[int, ...]
+    entity: int
+
+    @property
+    def corners(self) -> Integers:
+        """(m, c) the corners of the cells, without the nodes between them of cells of higher order."""
+        return self.nodes[:, : CELL_TYPES[self.name].n_nodes] if self.name else self.nodes
 
 
 @dataclass(eq=False)
@@ -50,6 +65,7 @@ class _Content:
     groups: dict[tuple[int, int], tuple[int, ...]] = field(default_factory=dict)  # physical tags of an entity (4.1)
     tags: Integers = field(default_factory=lambda: np.empty(0, dtype=np.int64))  # (n,) node tags
     points: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    places: list[Place] = field(default_factory=list)  # of the points
     blocks: list[_Block] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
@@ -60,7 +76,7 @@ def read_gmsh(path: Path) -> MeshFile:
     Raises
     ------
     InvalidInput
-        For other versions, partitioned meshes, cells of higher order, and malformed sections.
+        For other versions, partitioned meshes, cells of third order and more, and malformed sections.
     """
     try:
         content = _read_sections(path.read_bytes())
@@ -69,6 +85,8 @@ def read_gmsh(path: Path) -> MeshFile:
     except (ValueError, IndexError, OverflowError) as error:
         raise InvalidInput(f"{path}: malformed or unsupported Gmsh file: {error}") from None
     mesh = assemble(path, content.points, cells, patches)
+    higher = (block for block in content.blocks if block.name and block.nodes.shape[1] > block.corners.shape[1])
+    content.notes += by_corners(sum(len(block.nodes) for block in higher if block.dimension == mesh.dimension))
     return replace(mesh, notes=(*mesh.notes, *content.notes))
 
 
@@ -140,6 +158,7 @@ def _read_nodes_41(content: _Content, values: Values) -> None:
         count = int(values.sizes(1)[0])
         columns = 3 + (int(dimension) if parametric else 0)
         tags.append(values.sizes(count))
+        content.places.append(values.place(count, columns))
         points.append(values.doubles(count * columns).reshape(count, columns)[:, :3])
     content.tags, content.points = np.concatenate(tags), np.concatenate(points)
     _require_count("nodes", announced, len(content.tags))
@@ -153,7 +172,7 @@ def _read_elements_41(content: _Content, values: Values) -> None:
         count = int(values.sizes(1)[0])
         name, n_nodes = _element_type(code)
         nodes = values.sizes(count * (1 + n_nodes)).reshape(count, 1 + n_nodes)[:, 1:]
-        content.blocks.append(_Block(dimension, name, nodes, content.groups.get((dimension, entity), ())))
+        content.blocks.append(_Block(dimension, name, nodes, content.groups.get((dimension, entity), ()), entity))
     _require_count("elements", announced, sum(len(block.nodes) for block in content.blocks))
 
 
@@ -168,7 +187,9 @@ def _require_count(what: str, announced: int, read: int) -> None:
 
 def _read_nodes_22(content: _Content, values: Values) -> None:
     """$Nodes: a count, then tag and coordinates of each node."""
-    content.tags, content.points = values.numbered_points(values.text_count())
+    count = values.text_count()
+    content.places.append(values.place(count, 3, tags=1))
+    content.tags, content.points = values.numbered_points(count)
 
 
 def _read_parametric_nodes_22(content: _Content, values: Values) -> None:
@@ -177,6 +198,7 @@ def _read_parametric_nodes_22(content: _Content, values: Values) -> None:
     content.tags, content.points = np.empty(count, dtype=np.int64), np.empty((count, 3))
     for row in range(count):
         content.tags[row] = values.ints(1)[0]
+        content.places.append(values.place(1, 3))
         content.points[row] = values.doubles(3)
         dimension, _ = values.ints(2)
         values.doubles(int(dimension) if dimension in (1, 2) else 0)
@@ -190,15 +212,18 @@ def _read_elements_22(content: _Content, values: Values) -> None:
     for (code, group), parts in rows.items():
         name, _ = _element_type(code)
         dimension = CELL_TYPES[name].dimension if name else 0
-        content.blocks.append(_Block(dimension, name, np.concatenate(parts), (group,) if group else ()))
+        groups = (group,) if group > 0 else ()
+        content.blocks.append(_Block(dimension, name, np.concatenate(parts), groups, max(-group, 0)))
 
 
 def _runs_22(values: Values, count: int) -> Iterator[tuple[int, int, Integers]]:
-    """Type, physical group and (m, k) node tags of each run of consecutive elements."""
+    """Type, group and (m, k) node tags of each run of consecutive elements: a physical group, or minus an entity."""
     done = 0
     while done < count:
         code, n_tags, rows = values.element_run(lambda code: _element_type(code)[1])
         groups = np.abs(rows[:, 0]) if n_tags else np.zeros(len(rows), dtype=np.int64)
+        if n_tags > 1:
+            groups = np.where(groups == 0, -np.abs(rows[:, 1]), groups)
         for group in np.unique(groups):
             yield code, int(group), rows[groups == group, n_tags:]
         done += len(rows)
@@ -231,8 +256,10 @@ def _element_type(code: int) -> tuple[str, int]:
     """Our name ("" for a vertex) and the number of nodes of Gmsh's element type."""
     if code == _VERTEX:
         return "", 1
+    if code in _SECOND:
+        return _SECOND[code]
     if code not in _TYPES:
-        raise ValueError(f"elements of Gmsh's type {code}; only first-order cells are read (Mesh.ElementOrder = 1)")
+        raise ValueError(f"elements of Gmsh's type {code}; first and second order are read (Mesh.ElementOrder = 1)")
     return _TYPES[code], CELL_TYPES[_TYPES[code]].n_nodes
 
 
@@ -272,7 +299,7 @@ def _cells(content: _Content, rows: _NodeRows) -> dict[str, Integers]:
 
 def _merge(blocks: list[_Block]) -> Integers:
     """(m, k) the nodes of all blocks; an element that is listed once for each of its groups appears once."""
-    nodes = np.concatenate([block.nodes for block in blocks])
+    nodes = np.concatenate([block.corners for block in blocks])
     if len({block.groups for block in blocks}) == 1:
         return nodes
     _, first = np.unique(nodes, axis=0, return_index=True)
@@ -283,9 +310,26 @@ def _patches(content: _Content, rows: _NodeRows) -> dict[str, Integers]:
     """{name: (p,) node rows, with repeats} of the groups of lower dimension than the mesh."""
     top = max((block.dimension for block in content.blocks), default=0)
     lower = [block for block in content.blocks if block.dimension < top]
+    if not any(block.groups for block in lower) and top > 1:
+        lower = [
+            replace(block, groups=(block.entity,)) for block in lower if block.entity and block.dimension == top - 1
+        ]
+        if lower:
+            what = "surfaces" if top == 3 else "curves"
+            content.notes.append(
+                f"it has no physical groups: the {what} of its geometry are the patches, by their numbers"
+            )
     names = group_names([(block.dimension, group) for block in lower for group in block.groups], content.names)
     found: dict[str, list[Integers]] = defaultdict(list)
     for block in lower:
         for group in block.groups:
             found[names[block.dimension, group]].append(rows(block.nodes.ravel()))
     return {name: np.concatenate(parts) for name, parts in found.items()}
+
+
+def _move(source: Path, target: Path, points: Floats) -> None:
+    """Write the file with other coordinates of the nodes."""
+    edit(source, target, lambda data: replaced(data, _read_sections(data).places, points))
+
+
+GMSH = Format("a Gmsh mesh", (".msh",), re.compile(rb"(?m)^\s*\$(MeshFormat|NOD)\b"), read_gmsh, move=_move)

@@ -6,6 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.files.moved import Place
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 
 __all__ = ["AsciiValues", "BinaryValues", "Values"]
@@ -23,6 +24,9 @@ class Values(Protocol):
     @property
     def end(self) -> int:
         """Position in the file after the values taken so far, before the section's end mark."""
+
+    def place(self, count: int, columns: int, tags: int = 0) -> Place:
+        """The place of the next ``count`` rows of ``tags`` C ``int`` values and ``columns`` doubles."""
 
     def require_end(self, name: str) -> None:
         """Refuse a section ``name`` that has more values than it announces."""
@@ -54,13 +58,16 @@ class AsciiValues:
     """Numbers of an ASCII section; integers up to 2⁵³ survive as float64."""
 
     def __init__(self, data: bytes, start: int, name: bytes) -> None:
-        self._stop = data.index(b"$End" + name, start)
+        self._start, self._stop = start, data.index(b"$End" + name, start)
         self._values = np.array(data[start : self._stop].split(), dtype=np.float64)
         self._next = 0
 
     @property
     def end(self) -> int:
         return self._stop
+
+    def place(self, count: int, columns: int, tags: int = 0) -> Place:
+        return Place(count, self._next + tags, columns + tags, text=(self._start, self._stop))
 
     def require_end(self, name: str) -> None:
         if self._next < len(self._values):
@@ -117,6 +124,9 @@ class BinaryValues:
     @property
     def end(self) -> int:
         return self._next
+
+    def place(self, count: int, columns: int, tags: int = 0) -> Place:
+        return Place(count, self._next + 4 * tags, 8 * columns + 4 * tags, dtype=f"{self._order}f8")
 
     def require_end(self, name: str) -> None:
         if not self._data[self._next : self._next + 8].lstrip().startswith(b"$End"):

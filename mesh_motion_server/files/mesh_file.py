@@ -12,7 +12,7 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 
-__all__ = ["MeshFile", "assemble", "chosen_zone", "group_names"]
+__all__ = ["MeshFile", "assemble", "by_corners", "chosen_zone", "group_names"]
 
 _KINDS = ("point", "curve", "surface", "volume")
 
@@ -92,6 +92,13 @@ def assemble(path: Path, points: Floats, cells: Mapping[str, Integers], patches:
     only_lines = ("the mesh is 1D, it has lines only: was the group of its surface or volume not saved?",)
     notes = only_lines if dimension == 1 else ()
     return MeshFile(points, used, nodes_of, path, notes=notes)
+
+
+def by_corners(count: int) -> list[str]:
+    """The note on cells of higher order."""
+    return [f"{count} cells of higher order are moved and judged by their corners; their other nodes move along"] * (
+        count > 0
+    )
 
 
 def group_names(groups: Iterable[tuple[int, int]], names: Mapping[tuple[int, int], str]) -> dict[tuple[int, int], str]:

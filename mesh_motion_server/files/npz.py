@@ -5,6 +5,7 @@
 whole mesh. Other arrays are refused. Narrower floats and integers are widened.
 """
 
+import re
 import zipfile
 from pathlib import Path
 from typing import TypeVar
@@ -13,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.packages import check_unpacked, reason_of
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.numerics.arrays import Floats
 
-__all__ = ["read_archive", "read_npz", "read_points", "write_npz"]
+__all__ = ["NPZ", "read_archive", "read_npz", "read_points", "write_npz"]
 
 _T = TypeVar("_T", bound=np.generic)
 #: RuntimeError: encrypted; MemoryError, OverflowError: a header with more rows than fit in memory.
@@ -110,3 +112,6 @@ def _as(array: NDArray[np.generic], kinds: str, dtype: type[_T], what: str) -> N
         wanted = "integers" if "f" not in kinds else "real numbers"
         raise InvalidInput(f"{what}: expected {wanted}, got dtype {array.dtype}", code="INVALID_ARGUMENT.DTYPE")
     return np.ascontiguousarray(array, dtype=dtype)
+
+
+NPZ = Format("a NumPy archive", (".npz",), re.compile(rb"\APK\x03\x04"), read_npz)

@@ -1,4 +1,4 @@
-"""The optional packages of some formats (extra ``mesh``): imported on demand; the text of their errors."""
+"""What readers of packed files share: the optional h5py (extra ``mesh``), what a file may hold, the text of errors."""
 
 from importlib import import_module
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Any
 
 from mesh_motion_server.errors import InvalidInput
 
-__all__ = ["check_unpacked", "load_h5py", "load_meshio", "most_unpacked", "reason_of"]
+__all__ = ["check_unpacked", "load_h5py", "most_unpacked", "reason_of"]
 
 #: A packed file may always hold so many bytes, and more if they are at most so many times those of the file. Packed
 #: meshes are 1.5 to 40 times as large; a file that is made to fill the memory, of zeros, 1000 times.
@@ -16,12 +16,14 @@ _UNPACKED_RATIO = 200
 
 def load_h5py(path: Path) -> Any:
     """The module h5py; InvalidInput if it is not installed."""
-    return _loaded("h5py", path)
-
-
-def load_meshio(path: Path) -> Any:
-    """The module meshio; InvalidInput if it is not installed."""
-    return _loaded("meshio", path)
+    try:
+        return import_module("h5py")
+    except ImportError:
+        raise InvalidInput(
+            f"{path}: {path.suffix} needs h5py, which is not installed",
+            code="UNIMPLEMENTED",
+            hint="pip install 'mesh-motion-server[mesh]', or take another format, such as .npz",
+        ) from None
 
 
 def most_unpacked(packed: int) -> int:
@@ -47,14 +49,3 @@ def check_unpacked(path: Path, packed: int, unpacked: int) -> None:
 def reason_of(error: BaseException) -> str:
     """One line for an error that a package raised."""
     return next(iter(str(error).splitlines()), "") or type(error).__name__
-
-
-def _loaded(package: str, path: Path) -> Any:
-    try:
-        return import_module(package)
-    except ImportError:
-        raise InvalidInput(
-            f"{path}: {path.suffix} needs {package}, which is not installed",
-            code="UNIMPLEMENTED",
-            hint="pip install 'mesh-motion-server[mesh]', or take another format, such as .npz",
-        ) from None

@@ -1,37 +1,21 @@
-"""One reader for every mesh file, chosen by the file's suffix."""
+"""One reader for every mesh file. What a file begins with decides on its format; its suffix, where that is unknown."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.cgns.zone import read_cgns
-from mesh_motion_server.files.gmsh import read_gmsh
+from mesh_motion_server.files.format import HEAD_BYTES, Format
+from mesh_motion_server.files.formats import FORMATS
 from mesh_motion_server.files.mesh_file import MeshFile
-from mesh_motion_server.files.npz import read_npz
-from mesh_motion_server.files.openfoam.polymesh import read_polymesh
-from mesh_motion_server.files.su2 import read_su2
-from mesh_motion_server.files.vtk import read_vtk
+from mesh_motion_server.files.openfoam.polymesh import OPENFOAM
 
-__all__ = ["READERS", "is_mesh", "read_mesh"]
+__all__ = ["SUFFIXES", "format_of", "is_mesh", "read_mesh"]
 
-READERS: dict[str, Callable[[Path], MeshFile]] = {
-    ".npz": read_npz,
-    ".msh": read_gmsh,
-    ".su2": read_su2,
-    ".vtk": read_vtk,
-    ".vtu": read_vtk,
-    ".pvtu": read_vtk,
-    ".cgns": read_cgns,
-    ".foam": read_polymesh,
-}
-
-#: Formats whose files may have several zones.
-_ZONED: dict[str, Callable[[Path, str], MeshFile]] = {".su2": read_su2, ".cgns": read_cgns}
+SUFFIXES = tuple(dict.fromkeys(suffix for one in FORMATS if one.read for suffix in one.suffixes))
 
 
 def is_mesh(path: Path) -> bool:
     """Whether the path is a mesh and not a case file: a known suffix, or a folder."""
-    return path.suffix.lower() in READERS or path.is_dir()
+    return path.suffix.lower() in SUFFIXES or path.is_dir()
 
 
 def read_mesh(path: Path | str, zone: str = "") -> MeshFile:
@@ -40,8 +24,7 @@ def read_mesh(path: Path | str, zone: str = "") -> MeshFile:
     Parameters
     ----------
     path : path
-        ``.npz``, ``.msh`` (Gmsh 2.2, 4.1), ``.su2``, ``.vtk``, ``.vtu``, ``.pvtu`` or ``.cgns``; an OpenFOAM case, its
-        ``.foam`` file or a polyMesh folder.
+        A file or a folder of one of :data:`.formats.FORMATS`.
     zone : str
         The name or number of a zone, if the file has several.
 
@@ -51,18 +34,54 @@ def read_mesh(path: Path | str, zone: str = "") -> MeshFile:
         If the file is missing, of another format, damaged, or holds no usable mesh.
     """
     path = Path(path)
-    folder = path.is_dir()
-    reader = read_polymesh if folder else READERS.get(path.suffix.lower())
-    if reader is None:
-        known = f"known are {', '.join(READERS)} and OpenFOAM's folders"
-        raise InvalidInput(f"{path}: unknown kind of mesh file; {known}", hint="a case file is named .toml")
-    if not folder and not path.is_file():
-        raise InvalidInput(f"{path}: no such mesh file", hint="paths in a case file are relative to the case file")
+    found = format_of(path)
+    if found.read is None:
+        raise InvalidInput(f"{path}: {found.name}, which is not read", hint=found.way_in)
+    if zone and not found.zoned:
+        raise InvalidInput(f"{path}: zone {zone!r} is asked for, but {found.name} has no zones", hint="leave zone out")
     try:
-        if not zone:
-            return reader(path)
-        if not folder and path.suffix.lower() in _ZONED:
-            return _ZONED[path.suffix.lower()](path, zone)
+        return found.read(path, zone) if found.zoned else found.read(path)
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be read: {error.strerror or error}") from None
-    raise InvalidInput(f"{path}: zone {zone!r} is asked for, but this format has no zones", hint="leave zone out")
+
+
+def format_of(path: Path) -> Format:
+    """The format of a file or folder.
+
+    A file whose beginning fits no format has that of its suffix, if one format alone has it: its reader says what is
+    wrong. So has a folder that fits none: OpenFOAM's.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such file, or no format fits.
+    """
+    suffix, folder = path.suffix.lower(), path.is_dir()
+    if not folder and not path.is_file():
+        raise InvalidInput(f"{path}: no such mesh file", hint="paths in a case file are relative to the case file")
+    head = _head(path)
+    formats = [one for one in FORMATS if one.folder == folder]
+    usual = [one for one in formats if suffix in one.suffixes]
+    for one in (*usual, *formats):
+        if one.fits(head):
+            return one
+    if len(usual) == 1:
+        return usual[0]
+    if folder:
+        return OPENFOAM
+    if usual:
+        names = " nor ".join(one.name for one in usual)
+        raise InvalidInput(f"{path}: neither {names}: it begins with {head[:40]!r}")
+    known = f"known are {', '.join(SUFFIXES)} and OpenFOAM's folders"
+    raise InvalidInput(f"{path}: unknown kind of mesh file; {known}", hint="a case file is named .toml")
+
+
+def _head(path: Path) -> bytes:
+    """The beginning of a file; the names in a folder, one a line."""
+    try:
+        if path.is_dir():
+            return "\n".join(sorted(entry.name for entry in path.iterdir())).encode()
+        with path.open("rb") as file:
+            return file.read(HEAD_BYTES)
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be read: {error.strerror or error}") from None

@@ -6,6 +6,7 @@ without blanks or empty, rows with or without their number at the end, two count
 https://su2code.github.io/docs_v7/Mesh-File/
 """
 
+import re
 import warnings
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,11 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, chosen_zone
-from mesh_motion_server.numerics.arrays import Integers
+from mesh_motion_server.files.moved import edit_lines, move_rows
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
-__all__ = ["read_su2"]
+__all__ = ["SU2", "read_su2"]
 
 #: Name and number of nodes of each SU2 type number (the same as in VTK); a marker may also have vertices.
 _CELLS = {cell_type.vtk: (cell_type.name, cell_type.n_nodes) for cell_type in CELL_TYPES.values()}
@@ -189,3 +192,24 @@ def _columns(rows: _Rows, columns: Sequence[int], dtype: type[np.generic]) -> ND
         given, needed = len(rows[0].split()), max(columns) + 1
         reason = f"{given} numbers, expected {needed}" if given < needed else str(error).partition(" at row")[0]
         raise ValueError(f"{rows[0].strip()!r}: {reason}") from None
+
+
+def _move(source: Path, target: Path, points: Floats, zone: str) -> None:
+    """Write the file with other coordinates of one zone's nodes."""
+    chosen = read_su2(source, zone).zone
+
+    def change(lines: list[bytes]) -> None:
+        current = ""
+        for place, line in enumerate(lines):
+            key, value = _key_of(line.decode("utf-8", errors="replace").partition("%")[0])
+            if key == "IZONE":
+                current = value
+            if key == "NPOIN" and current in ("", chosen):
+                move_rows(lines, place + 1, points, comment=b"%")
+
+    edit_lines(source, target, change)
+
+
+SU2 = Format(
+    "a SU2 mesh", (".su2",), re.compile(rb"(?im)^\s*(NDIME|NZONE|IZONE|NELEM|NPOIN)\s*="), read_su2, True, _move
+)

@@ -1,146 +1,199 @@
-"""VTK's legacy and XML meshes, read with meshio (extra ``mesh``).
+"""VTK's legacy and XML meshes.
 
-These formats have no patches. They are taken from arrays with agreed names:
+These formats have no patches. They are taken from arrays, first of all from those with agreed names:
 
 - ``patch_<name>`` on points or cells: nonzero marks the patch ``<name>`` (this project's writer uses it);
-- ``patch`` (or Gmsh's ``gmsh:physical``, ``CellEntityIds``), an integer array on points or cells: each value v > 0 is
-  the patch ``"v"``; one of curves is ``"curve_v"`` if one of surfaces has the same number.
-
-On cells, only cells of lower dimension than the mesh count: the faces of a 3D mesh, the edges of a 2D mesh.
+- whole numbers on the cells of lower dimension than the mesh, the faces of a 3D mesh and the edges of a 2D mesh, in one
+  of :data:`NUMBERED_PATCH_ARRAYS`, which other programs and their converters write: each value is the patch of that
+  name; one of curves is ``"curve_v"`` if one of surfaces has the same number;
+- the same array on points, if no such cells have it.
 """
 
-import contextlib
-import io
-import tempfile
+import re
 from collections import defaultdict
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.mesh_file import MeshFile, assemble, group_names
-from mesh_motion_server.files.packages import check_unpacked, load_meshio, most_unpacked, reason_of
-from mesh_motion_server.files.vtk_pieces import PatchKey, VtkPiece, joined, separated, sources
-from mesh_motion_server.files.vtu_inline import inlined, unpacked_bytes
-from mesh_motion_server.numerics.arrays import Integers
+from mesh_motion_server.files.format import Format
+from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, group_names
+from mesh_motion_server.files.moved import edit, replaced
+from mesh_motion_server.files.packages import reason_of
+from mesh_motion_server.files.vtk_grid import VtkGrid
+from mesh_motion_server.files.vtk_legacy import read_legacy
+from mesh_motion_server.files.vtk_pieces import PatchKey, VtkPiece, joined, sources
+from mesh_motion_server.files.vtk_xml import read_xml
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
-__all__ = ["NUMBERED_PATCH_ARRAYS", "PATCH_PREFIX", "read_vtk"]
+__all__ = ["NUMBERED_PATCH_ARRAYS", "PATCH_PREFIX", "VTK", "VTU"]
 
 PATCH_PREFIX = "patch_"
-NUMBERED_PATCH_ARRAYS = ("patch", "gmsh:physical", "CellEntityIds")
+#: Arrays of numbers that name patches; the first one that is there counts. Behind it the program that writes it.
+NUMBERED_PATCH_ARRAYS = {
+    "patch": "this project's",
+    "gmsh:physical": "Gmsh, by meshio",
+    "CellEntityIds": "Gmsh, by VTK",
+    "cell_tags": "MED, by meshio: families, negative ones of cells",
+    "point_tags": "MED, by meshio",
+    "medit:ref": "Medit, by meshio",
+    "netgen:index": "Netgen, by meshio",
+    "ObjectId": "Exodus' sets, by ParaView",
+    "gmsh:geometrical": "Gmsh, by meshio: surfaces and curves of the geometry",
+}
 #: VTK's array of flags, and the flag of a cell that another piece has, too.
 _GHOSTS, _DUPLICATE = "vtkGhostType", 1
 
 
-def read_vtk(path: Path) -> MeshFile:
-    """Read a mesh from ``.vtk``, ``.vtu`` or ``.pvtu``.
+def _read_vtu(path: Path) -> MeshFile:
+    """Read a mesh from ``.vtu``, ``.vts`` or ``.pvtu``.
 
     Raises
     ------
     InvalidInput
-        Without the extra ``mesh``, for a file meshio cannot read, and for cells other than first-order ones.
+        For other XML files, damaged ones, and polygons or polyhedra.
     """
-    files = sources(path) if path.suffix.lower() == ".pvtu" else [path]
-    meshes = [(file, mesh) for file in files for mesh in read_with_meshio(file)]
-    types = {block.type for _, mesh in meshes for block in mesh.cells} & set(CELL_TYPES)
-    dimension = max((CELL_TYPES[name].dimension for name in types), default=0)
-    pieces = [_piece(file, mesh, dimension, ghosts=len(meshes) == 1) for file, mesh in meshes]
+    return _mesh(path, read_xml, sources(path) if path.suffix.lower() == ".pvtu" else [path])
+
+
+def _read_vtk(path: Path) -> MeshFile:
+    """Read a mesh from ``.vtk``.
+
+    Raises
+    ------
+    InvalidInput
+        For surfaces, damaged files, and polygons or polyhedra.
+    """
+    return _mesh(path, lambda file: [read_legacy(file.read_bytes()).grid()], [path])
+
+
+def _mesh(path: Path, read: Callable[[Path], list[VtkGrid]], files: list[Path]) -> MeshFile:
+    """The mesh of all grids in the files."""
+    grids, listed = [], []
+    for file in files:
+        try:
+            for grid in read(file):
+                grids.append((file, grid))
+                listed.append(grid.cells())
+        except (OSError, InvalidInput):
+            raise
+        except Exception as error:
+            hint = (
+                "divide polygons and polyhedra into simple cells: ParaView's filters Triangulate and Tetrahedralize do"
+            )
+            raise InvalidInput(
+                f"{file}: not readable as {file.suffix}: {reason_of(error)}",
+                hint=hint if " (poly" in str(error) else "",
+            ) from None
+    dimension = max((CELL_TYPES[name].dimension for cells in listed for name, _, _ in cells), default=0)
+    pieces = [
+        _piece(grid, cells, dimension, ghosts=len(grids) == 1) for (_, grid), cells in zip(grids, listed, strict=True)
+    ]
     whole, notes = joined(path, pieces) if pieces else (VtkPiece(np.empty((0, 3)), {}, {}), [])
     names = group_names([key for key in whole.patches if not isinstance(key, str)], {})
     patches: dict[str, list[Integers]] = defaultdict(list)
     for key, nodes in whole.patches.items():
         patches[key if isinstance(key, str) else names[key]].append(nodes)
     mesh = assemble(path, whole.points, whole.cells, {name: np.concatenate(parts) for name, parts in patches.items()})
+    notes = [*notes, *by_corners(sum(int(grid.is_higher.sum()) for _, grid in grids))]
+    if not patches:
+        notes += _no_patches([grid for _, grid in grids])
     return replace(mesh, notes=(*mesh.notes, *notes))
 
 
-def _piece(path: Path, mesh: Any, dimension: int, *, ghosts: bool) -> VtkPiece:
-    """The content of a mesh of meshio, a part of one of this dimension; without ghost cells unless ``ghosts``."""
-    foreign = sorted({block.type for block in mesh.cells} - set(CELL_TYPES) - {"vertex"})
-    if foreign:
-        raise InvalidInput(
-            f"{path}: cells of type {', '.join(foreign)}; known are {', '.join(CELL_TYPES)}",
-            hint="divide polygons and polyhedra into simple cells: ParaView's filters Triangulate and Tetrahedralize do"
-            if any(name.startswith("poly") for name in foreign)
-            else "save the mesh with first-order cells",
-        )
-    cells: dict[str, list[Integers]] = defaultdict(list)
-    flags = mesh.cell_data.get(_GHOSTS, [None] * len(mesh.cells))
-    for block, flag in zip(mesh.cells, flags, strict=True):
-        if block.type in CELL_TYPES:
-            nodes = np.asarray(block.data, dtype=np.int64)
-            cells[block.type].append(nodes if ghosts or flag is None else nodes[(np.ravel(flag) & _DUPLICATE) == 0])
+def _no_patches(grids: list[VtkGrid]) -> list[str]:
+    """What the file has instead of patches."""
+    found = {
+        what: sorted({repr(name) for grid in grids for name in getattr(grid, f"{what}_arrays")})
+        for what in ("point", "cell")
+    }
+    texts = [f"{', '.join(names[:8])} on {what}s" for what, names in found.items() if names]
+    return [
+        f"its arrays are {' and '.join(texts) or 'none'}, and none of them names patches: give it an array "
+        "patch_<name> on points, or faces with whole numbers in an array patch"
+    ]
+
+
+def _piece(grid: VtkGrid, cells: list[tuple[str, Integers, Integers]], dimension: int, *, ghosts: bool) -> VtkPiece:
+    """The content of a grid that is a part of a mesh of this dimension; without ghost cells unless ``ghosts``."""
+    flags = grid.cell_arrays.get(_GHOSTS)
+    kept = np.ones(len(grid.types), bool)
+    if flags is not None and not ghosts and flags.dtype.kind in "iu":
+        kept = (flags.ravel().astype(np.int64) & _DUPLICATE) == 0
+    own: dict[str, list[Integers]] = defaultdict(list)
+    for name, rows, nodes in cells:
+        own[name].append(nodes[kept[rows]])
     return VtkPiece(
-        mesh.points, {name: np.concatenate(parts) for name, parts in cells.items()}, _patches(mesh, dimension)
+        grid.points, {name: np.concatenate(parts) for name, parts in own.items()}, _patches(grid, cells, dimension)
     )
 
 
-def read_with_meshio(path: Path) -> list[Any]:
-    """Read the file as meshes of meshio: one for each piece that has cells."""
-    meshio = load_meshio(path)
-    chatter = io.StringIO()  # meshio prints its warnings; this reader raises errors
-    try:
-        with contextlib.redirect_stdout(chatter), contextlib.redirect_stderr(chatter):
-            return _read(meshio, path)
-    except (OSError, InvalidInput):
-        raise
-    except (Exception, SystemExit) as error:  # meshio raises every kind of error on damaged files, and may exit
-        raise InvalidInput(f"{path}: not readable as {path.suffix}: {_reason(error, chatter.getvalue())}") from None
-
-
-def _reason(error: BaseException, chatter: str) -> str:
-    """The error of meshio; if it exits, the first line that it printed."""
-    if isinstance(error, KeyError):
-        return f"meshio does not know {error}"
-    printed = [line.strip() for line in chatter.splitlines() if line.strip()]
-    return printed[0] if isinstance(error, SystemExit) and printed else reason_of(error)
-
-
-def _read(meshio: Any, path: Path) -> list[Any]:
-    """Read the file, or copies of it without appended data and with one piece each."""
-    raw = path.read_bytes() if path.suffix.lower() == ".vtu" else b""
-    copied = inlined(raw) if raw else None
-    if b"compressor" in raw:
-        check_unpacked(path, len(raw), unpacked_bytes(copied or raw, most_unpacked(len(raw))))
-    if copied is None and raw.count(b"<Piece") < 2:
-        return [meshio.read(path)]
-    found = []
-    with tempfile.TemporaryDirectory(prefix="mesh-motion-") as folder:
-        copy = Path(folder, "copy.vtu")
-        for content in separated(raw if copied is None else copied):
-            copy.write_bytes(content)
-            found.append(meshio.read(copy))
-    return found
-
-
-def _patches(mesh: Any, dimension: int) -> dict[PatchKey, Integers]:
-    """{name or group: (p,) node ids, with repeats} from the arrays with agreed names."""
+def _patches(grid: VtkGrid, cells: list[tuple[str, Integers, Integers]], dimension: int) -> dict[PatchKey, Integers]:
+    """{name or group: (p,) node ids, with repeats} from the arrays."""
+    facets = [(0, np.flatnonzero(grid.types == 1))]
+    facets += [(CELL_TYPES[name].dimension, rows) for name, rows, _ in cells]
+    facets = [(own, rows) for own, rows in facets if own < dimension and len(rows)]
     found: dict[PatchKey, list[Integers]] = defaultdict(list)
-    everything = np.arange(len(mesh.points))[:, None]
-    for name, values in (mesh.point_data or {}).items():
-        _collect(found, name, values, everything, dimension - 1)
-    for name, per_block in mesh.cell_data.items():
-        for block, values in zip(mesh.cells, per_block, strict=True):
-            own = 0 if block.type == "vertex" else CELL_TYPES[block.type].dimension
-            if own < dimension:
-                _collect(found, name, values, np.asarray(block.data, dtype=np.int64), own)
+    everything = np.arange(len(grid.points))
+    for name, values in _flat(grid.point_arrays).items():
+        if name.startswith(PATCH_PREFIX):
+            found[name.removeprefix(PATCH_PREFIX)].append(everything[values != 0])
+    for name, values in _flat(grid.cell_arrays).items():
+        if name.startswith(PATCH_PREFIX):
+            for _, rows in facets:
+                found[name.removeprefix(PATCH_PREFIX)].append(_nodes_of(grid, rows[values[rows] != 0]))
+    for name in NUMBERED_PATCH_ARRAYS:
+        on_cells, on_points = _numbers(grid.cell_arrays, name), _numbers(grid.point_arrays, name)
+        marked: list[tuple[int, Integers, Integers | None]] = []
+        if on_cells is not None:
+            marked = [(own, on_cells[rows], rows) for own, rows in facets]
+        if not any((values != 0).any() for _, values, _ in marked):
+            marked = [] if on_points is None else [(dimension - 1, on_points, None)]
+        for own, values, chosen_rows in marked:
+            for value in np.unique(values[values != 0 if name == "cell_tags" else values > 0]).tolist():
+                chosen = values == value
+                found[own, value].append(
+                    everything[chosen] if chosen_rows is None else _nodes_of(grid, chosen_rows[chosen])
+                )
+        if marked and found:
+            break
     return {name: np.concatenate(parts) for name, parts in found.items()}
 
 
-def _collect(
-    found: dict[PatchKey, list[Integers]], name: str, values: NDArray[Any], nodes: Integers, dimension: int
-) -> None:
-    """Add the nodes (m, k) whose row the array ``values`` (m,) marks; numbers count apart in each dimension."""
-    values = np.asarray(values)
-    if values.size != len(nodes):
-        return
-    values = values.reshape(len(nodes))
-    if name.startswith(PATCH_PREFIX):
-        found[name.removeprefix(PATCH_PREFIX)].append(nodes[values != 0].ravel())
-    elif name in NUMBERED_PATCH_ARRAYS and values.dtype.kind in "iu":
-        for value in np.unique(values[values > 0]):
-            found[dimension, int(value)].append(nodes[values == value].ravel())
+def _flat(arrays: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.generic]]:
+    """The arrays of one value a row."""
+    return {name: values.ravel() for name, values in arrays.items() if values.size == len(values)}
+
+
+def _numbers(arrays: Mapping[str, NDArray[np.generic]], name: str) -> Integers | None:
+    """An array of whole numbers, one a row."""
+    values = _flat(arrays).get(name)
+    return values.astype(np.int64) if values is not None and values.dtype.kind in "iu" else None
+
+
+def _nodes_of(grid: VtkGrid, rows: Integers) -> Integers:
+    """All nodes of some cells, also those between corners."""
+    counts = np.diff(grid.offsets)[rows]
+    starts = np.repeat(grid.offsets[rows] - np.cumsum([0, *counts[:-1]])[: len(rows)], counts)
+    nodes: Integers = grid.connectivity[starts + np.arange(int(counts.sum()))]
+    return nodes
+
+
+def _move(source: Path, target: Path, points: Floats) -> None:
+    """Write the legacy file with other coordinates of the points."""
+
+    def changed(data: bytes) -> bytes:
+        places = read_legacy(data).places
+        if not places:
+            raise InvalidInput(f"{source}: a grid without a list of points", hint="take .vtu")
+        return replaced(data, places, points)
+
+    edit(source, target, changed)
+
+
+VTU = Format("a VTK file in XML", (".vtu", ".pvtu", ".vts"), re.compile(rb"<VTKFile\b"), _read_vtu)
+VTK = Format("a legacy VTK file", (".vtk",), re.compile(rb"\A\s*# vtk DataFile"), _read_vtk, move=_move)

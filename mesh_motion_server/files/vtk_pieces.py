@@ -8,7 +8,7 @@ https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
 """
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -18,7 +18,7 @@ import numpy as np
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats, Integers
 
-__all__ = ["PatchKey", "VtkPiece", "joined", "separated", "sources"]
+__all__ = ["PatchKey", "VtkPiece", "joined", "sources"]
 
 #: The name of a patch, or the dimension and the number of a group.
 PatchKey = str | tuple[int, int]
@@ -31,25 +31,6 @@ class VtkPiece:
     points: Floats
     cells: dict[str, Integers]
     patches: dict[PatchKey, Integers]
-
-
-def separated(raw: bytes) -> Iterator[bytes]:
-    """A ``.vtu`` file for each piece of a ``.vtu`` file without raw appended data."""
-    if raw.count(b"<Piece") < 2:
-        yield raw
-        return
-    root = ElementTree.fromstring(raw)
-    if root.get("type") != "UnstructuredGrid":
-        yield raw  # its reader refuses it
-        return
-    for grid in root:
-        pieces = grid.findall("Piece")
-        for piece in pieces:
-            for other in grid.findall("Piece"):
-                grid.remove(other)
-            grid.append(piece)
-            if int(piece.get("NumberOfCells", "0")):
-                yield ElementTree.tostring(root)
 
 
 def sources(path: Path) -> list[Path]:

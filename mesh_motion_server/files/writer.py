@@ -1,4 +1,4 @@
-"""Writing a mesh: as this project's archive, or as VTU, which ParaView and meshio read."""
+"""Writing a mesh: as this project's archive, as VTU for ParaView, or as its own file with the nodes moved."""
 
 from pathlib import Path
 
@@ -6,47 +6,72 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput, ResourceError
+from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.npz import write_npz
-from mesh_motion_server.files.replace import require_file_place
+from mesh_motion_server.files.reader import format_of
+from mesh_motion_server.files.replace import require_file_place, require_folder_place
 from mesh_motion_server.files.vtk import PATCH_PREFIX
 from mesh_motion_server.files.vtu import write_vtu
 
 __all__ = ["check_target", "patch_marks", "write_mesh"]
 
 
-def check_target(path: Path) -> None:
+def check_target(path: Path, source: Path | None = None) -> Format | None:
     """Check before any work that a mesh can be written there.
+
+    Returns
+    -------
+    Format or None
+        The format of ``source``, if a copy of that file with moved nodes is to be written.
 
     Raises
     ------
     InvalidInput
-        For formats other than ``.npz`` and ``.vtu``, and a path that is a folder or has no folder.
+        For formats other than ``.npz``, ``.vtu`` and that of ``source``; for a path that is a folder or has no folder.
     ResourceError
         If the folder is not writable.
     """
-    if path.suffix.lower() not in (".npz", ".vtu"):
-        raise InvalidInput(
-            f"{path}: .npz and .vtu are written",
-            hint=f"write .vtu, then meshio convert {path.with_suffix('.vtu').name} {path.name}",
-        )
-    require_file_place(path)
+    if path.suffix.lower() in (".npz", ".vtu"):
+        require_file_place(path)
+        return None
+    own = format_of(source) if source is not None else None
+    if (
+        source is None
+        or own is None
+        or own.move is None
+        or path.suffix.lower() not in (source.suffix.lower(), *own.suffixes)
+    ):
+        also = f" and, as {own.name}, {source.suffix or 'a folder'}" if source and own and own.move else ""
+        raise InvalidInput(f"{path}: .npz and .vtu are written{also}", hint="name a file that ends so")
+    if own.folder or source.suffix.lower() == ".foam":
+        require_folder_place(path)
+        if path.exists():
+            raise InvalidInput(f"{path}: exists already", hint="name a new folder for the polyMesh")
+    else:
+        require_file_place(path)
+    return own
 
 
 def write_mesh(path: Path, mesh: MeshFile) -> None:
-    """Write a mesh in the format of the file's suffix; in ``.vtu`` its patches are point arrays ``patch_<name>``.
+    """Write a mesh in the format of the file's suffix.
+
+    In ``.vtu`` its patches are point arrays ``patch_<name>``. In the format of the file that the mesh was read from, it
+    is that file with the coordinates of the mesh.
 
     Raises
     ------
     InvalidInput, ResourceError
         As :func:`check_target`.
     """
-    check_target(path)
+    own = check_target(path, mesh.path)
     try:
-        if path.suffix.lower() == ".npz":
+        if own is not None and own.move is not None:
+            own.move(mesh.path, path, mesh.points, *([mesh.zone] if own.zoned else []))
+        elif path.suffix.lower() == ".npz":
             write_npz(path, mesh)
-            return
-        write_vtu(path, mesh.points, mesh.cell_table, point_data=patch_marks(mesh))
+        else:
+            write_vtu(path, mesh.points, mesh.cell_table, point_data=patch_marks(mesh))
     except OSError as error:
         raise ResourceError(f"{path}: cannot be written: {error.strerror or error}") from None
 

@@ -1,6 +1,7 @@
 """Gmsh writes, we read: every version and form gives the same mesh, in the file's node order."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files import read_mesh
+from mesh_motion_server.files import read_mesh, write_mesh
 
 gmsh = pytest.importorskip("gmsh", exc_type=OSError)
 
@@ -105,11 +106,52 @@ def test_elements_without_a_group_stand_beside_those_in_groups(model: Any, tmp_p
 
 
 @pytest.mark.parametrize(("version", "binary"), FORMS)
-def test_second_order_cells_are_refused(model: Any, tmp_path: Path, version: float, binary: int) -> None:
+def test_second_order_cells_are_read_by_their_corners(model: Any, tmp_path: Path, version: float, binary: int) -> None:
     square(model)
+    flat = read_mesh(save(tmp_path / "flat.msh", version, binary))
     model.mesh.setOrder(2)
-    with pytest.raises(InvalidInput, match=r"square\.msh: .*first-order"):
-        read_mesh(save(tmp_path / "square.msh", version, binary))
+    mesh = read_mesh(save(tmp_path / "square.msh", version, binary))
+    assert mesh.notes == (
+        f"{mesh.n_cells} cells of higher order are moved and judged by their corners; their other nodes move along",
+    )
+    assert mesh.n_cells == flat.n_cells
+    assert _areas(mesh.points[mesh.cells["triangle"]]).sum() == pytest.approx(1.0, rel=1e-12)
+    assert len(mesh.patches["bottom"]) == 2 * len(flat.patches["bottom"]) - 1
+
+
+@pytest.mark.parametrize(("version", "binary"), FORMS)
+def test_without_groups_the_curves_of_the_geometry_are_patches(
+    model: Any, tmp_path: Path, version: float, binary: int
+) -> None:
+    model.occ.addRectangle(0, 0, 0, 1, 1)
+    model.occ.synchronize()
+    model.mesh.generate(2)
+    mesh = read_mesh(save(tmp_path / "m.msh", version, binary))
+    assert sorted(mesh.patches) == ["1", "2", "3", "4"]
+    assert (mesh.points[mesh.patches["1"], 1] == 0.0).all()
+    assert mesh.notes == ("it has no physical groups: the curves of its geometry are the patches, by their numbers",)
+
+
+def numbers(path: Path) -> list[float | str]:
+    """The words of a text; those that are numbers as numbers."""
+    return [float(word) if word[-1:].isdigit() else word for word in path.read_text().split()]
+
+
+@pytest.mark.parametrize(("version", "binary"), FORMS)
+def test_a_file_comes_back_with_moved_nodes(model: Any, tmp_path: Path, version: float, binary: int) -> None:
+    """Gmsh itself reads what is written."""
+    square(model)
+    mesh = read_mesh(save(tmp_path / "m.msh", version, binary))
+    write_mesh(tmp_path / "moved.msh", replace(mesh, points=mesh.points * 1.1 + 1 / 3))
+    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.msh").points, mesh.points * 1.1 + 1 / 3)
+    write_mesh(tmp_path / "back.msh", mesh)
+    if binary:
+        assert (tmp_path / "back.msh").read_bytes() == (tmp_path / "m.msh").read_bytes()
+    else:
+        assert numbers(tmp_path / "back.msh") == numbers(tmp_path / "m.msh")
+    gmsh.open(str(tmp_path / "moved.msh"))
+    _, xyz, _ = model.mesh.getNodes()
+    np.testing.assert_allclose(np.reshape(xyz, (-1, 3))[:, :2].min(axis=0), 1 / 3)
 
 
 def test_a_surface_in_space_is_refused(model: Any, tmp_path: Path) -> None:
@@ -151,8 +193,8 @@ HEADER = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("", "does not begin with"),
-        ("hello", "does not begin with"),
+        ("", "neither a Gmsh mesh nor a Fluent mesh"),
+        ("hello", "neither a Gmsh mesh nor"),
         ("$MeshFormat\n4.0 0 8\n$EndMeshFormat\n", "version 4.0"),
         (HEADER, "no cells"),
         (HEADER + "$Nodes\n2\n1 0 0 0\n2 1 0 0\n", "malformed"),

@@ -7,26 +7,27 @@ import pytest
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh
-from mesh_motion_server.files.reader import READERS
+from mesh_motion_server.files.reader import SUFFIXES
 
 
 def test_a_missing_file_and_an_unknown_suffix(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="no such mesh file"):
         read_mesh(tmp_path / "none.npz")
+    (tmp_path / "mesh.odd").touch()
     with pytest.raises(InvalidInput, match=r"known are \.npz, \.msh"):
-        read_mesh(tmp_path / "mesh.stl")
+        read_mesh(tmp_path / "mesh.odd")
 
 
-@pytest.mark.parametrize("suffix", READERS)
+@pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_folder_is_no_mesh(tmp_path: Path, suffix: str) -> None:
     (tmp_path / f"folder{suffix}").mkdir()
     with pytest.raises(InvalidInput, match="neither an OpenFOAM case nor a polyMesh folder"):
         read_mesh(tmp_path / f"folder{suffix}")
 
 
-def test_reading_imports_neither_meshio_nor_gmsh() -> None:
-    """Both are extras; only reading VTK files needs one."""
-    code = "import sys, mesh_motion_server.files; sys.exit('meshio' in sys.modules or 'gmsh' in sys.modules)"
+def test_reading_imports_neither_h5py_nor_gmsh() -> None:
+    """Both are extras; only reading HDF5 needs one."""
+    code = "import sys, mesh_motion_server.files; sys.exit('h5py' in sys.modules or 'gmsh' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -164,7 +164,7 @@ def test_one_zone_of_several_is_chosen(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=r"no zone '3'; 2 zones: 1, 2"):
         read_mesh(path, "3")
     assert [read_mesh(path, zone).points[0, 1] for zone in ("1", "2")] == [0.0, -7.0]
-    with pytest.raises(InvalidInput, match="this format has no zones"):
+    with pytest.raises(InvalidInput, match="a NumPy archive has no zones"):
         read_mesh(REFERENCES / "thesis_slab.npz", "1")
 
 

@@ -59,8 +59,8 @@ def test_the_server_alone_plays_and_says_what_is_missing_for_more(installed: Ins
     assert played.returncode == 0, played.stderr
     assert "mesh-motion-server[plot]" in played.stderr
     assert "0 inverted cells" in played.stdout
-    (tmp_path / "mesh.vtk").touch()
-    told(run("mesh-motion", "check", tmp_path / "mesh.vtk"), "mesh")
+    (tmp_path / "mesh.cgns").touch()
+    told(run("mesh-motion", "check", tmp_path / "mesh.cgns"), "mesh")
 
 
 @pytest.mark.nightly
@@ -77,7 +77,7 @@ def test_with_pictures(installed: Installed) -> None:
 
 
 def test_every_required_package_is_known_by_its_extra() -> None:
-    known = {"scipy": "server", "prometheus_client.parser": "server", "meshio": "mesh", "dask.config": "dask"}
+    known = {"scipy": "server", "prometheus_client.parser": "server", "h5py": "mesh", "dask.config": "dask"}
     assert {module: extra_of(module) for module in known} == known
     assert extra_of("matplotlib") == "plot"
     assert extra_of("mesh_motion_client") is None

@@ -6,7 +6,7 @@ import numpy as np
 
 from mesh_motion_server.files.cgns.elements import NFACE, NGON, ListedElements
 from mesh_motion_server.files.cgns.tree import Node
-from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh
+from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, from_sides
 from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["NumberedFaces", "join_faces"]
@@ -43,7 +43,8 @@ def join_faces(zone: Node, points: Floats, sections: list[ListedElements]) -> Nu
     if len(twice):
         raise zone.refused(f"two of its NGON_n faces are element {int(numbers[order[twice[0]]])}")
     sides = _sides(zone, [s for s in sections if s.kind == NFACE], polygons, numbers[order], order)
-    return _ordered(zone, points, nodes, sizes, sides, numbers)
+    mesh, faces = from_sides(zone.path, points, nodes, sizes, sides)
+    return NumberedFaces(mesh, numbers[faces])
 
 
 def _sides(
@@ -78,23 +79,3 @@ def _sides(
     sides = np.full((len(rows), 2), -1, dtype=np.int64)
     sides[faces, side] = owners
     return sides
-
-
-def _ordered(
-    zone: Node, points: Floats, nodes: Integers, sizes: Integers, sides: Integers, numbers: Integers
-) -> NumberedFaces:
-    """The mesh with its inner faces first; faces that point into their only cell are turned."""
-    starts = np.concatenate([[0], np.cumsum(sizes)])
-    turned = sides[:, 0] < 0
-    order = np.argsort((sides < 0).any(axis=1), kind="stable")
-    cellless = np.flatnonzero((sides < 0).all(axis=1))
-    if len(cellless):
-        raise zone.refused(f"face {int(cellless[0])} of its NGON_n faces belongs to no cell")
-    new_starts = np.concatenate([[0], np.cumsum(sizes[order])])
-    within = np.arange(len(nodes)) - np.repeat(new_starts[:-1], sizes[order])
-    back = np.repeat(sizes[order], sizes[order]) - 1 - within
-    take = np.repeat(starts[:-1][order], sizes[order]) + np.where(np.repeat(turned[order], sizes[order]), back, within)
-    inner = int((sides >= 0).all(axis=1).sum())
-    owner = np.where(turned, sides[:, 1], sides[:, 0])[order]
-    mesh = FaceMesh(zone.path, points, new_starts, nodes[take], owner, sides[order[:inner], 1], ())
-    return NumberedFaces(mesh, numbers[order])

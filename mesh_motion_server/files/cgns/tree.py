@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.packages import check_unpacked, load_h5py, reason_of
+from mesh_motion_server.files.hdf5 import opened_hdf5
+from mesh_motion_server.files.packages import check_unpacked
 from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["Node", "open_cgns"]
@@ -35,16 +36,12 @@ def open_cgns(path: Path) -> Iterator[Node]:
     InvalidInput
         If it is no HDF5 file, or if h5py raises an error because the file is damaged.
     """
-    h5py = load_h5py(path)
     with path.open("rb") as file:
         beginning = file.read(32)
     if _ADF in beginning:
         raise InvalidInput(f"{path}: a CGNS file in the old ADF format", hint=f"adf2hdf {path.name} turns it into HDF5")
-    try:
-        with h5py.File(path, "r", locking=False) as root:
-            yield Node(path, "/", root)
-    except (OSError, KeyError, ValueError, RuntimeError, TypeError, OverflowError, MemoryError) as error:
-        raise InvalidInput(f"{path}: malformed or damaged CGNS file: {reason_of(error)}") from None
+    with opened_hdf5(path, "CGNS file") as root:
+        yield Node(path, "/", root)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +111,10 @@ class Node:
     def reals(self) -> Floats:
         """(k,) the array as real numbers."""
         return self._array("f").astype(np.float64).ravel()
+
+    def replace(self, values: Floats) -> None:
+        """Overwrite the array, of a file that is open for changes."""
+        self.group[_DATA][...] = values.reshape(self.group[_DATA].shape)
 
     @property
     def _has_data(self) -> bool:

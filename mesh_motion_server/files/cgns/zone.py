@@ -7,6 +7,7 @@ names; for polyhedra, these are the NGON_n sections that have no face between tw
 https://cgns.github.io/CGNS_docs_current/sids/index.html
 """
 
+import re
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
@@ -17,13 +18,15 @@ from mesh_motion_server.files.cgns.conditions import read_conditions
 from mesh_motion_server.files.cgns.elements import NFACE, NGON, VERTEX, Elements, ListedElements, read_elements
 from mesh_motion_server.files.cgns.faces import NumberedFaces, join_faces
 from mesh_motion_server.files.cgns.tree import Node, open_cgns
+from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, chosen_zone
+from mesh_motion_server.files.moved import copied_hdf5
 from mesh_motion_server.files.polyhedra.cells import find_cells
 from mesh_motion_server.files.polyhedra.pieces import divide
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
-__all__ = ["read_cgns"]
+__all__ = ["CGNS", "read_cgns"]
 
 _AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 
@@ -178,3 +181,14 @@ def _boundary_sections(listed: list[ListedElements], faces: NumberedFaces) -> di
         if part.kind == NGON and len(rows) and rows.min() >= faces.mesh.n_inner:
             found[part.section] = [rows]
     return found
+
+
+def _move(source: Path, target: Path, points: Floats, zone: str) -> None:
+    """Write the file with other coordinates of one zone's nodes."""
+    with copied_hdf5(source, target) as file:
+        _, chosen = _the_zone(Node(source, "/", file), zone)
+        for node, column in zip(_coordinate_nodes(chosen), points.T, strict=False):
+            node.replace(column[: int(chosen.integers()[0])])
+
+
+CGNS = Format("a CGNS mesh", (".cgns",), re.compile(rb"\A\x89HDF|ADF"), read_cgns, True, _move)

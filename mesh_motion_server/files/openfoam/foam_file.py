@@ -119,6 +119,16 @@ class FoamFile:
         count, values, _ = self._ascii()
         return self._counted(self._numbers(values, np.float64), 3 * count).reshape(count, 3)
 
+    def write_vectors(self, values: Floats) -> None:
+        """Replace the content by a list of vectors (n, 3), in the encoding of the file."""
+        if self.binary:
+            body = b"(" + values.astype(self.scalar).tobytes() + b")"
+        else:
+            rows = "\n".join(f"({x!r} {y!r} {z!r})" for x, y, z in values.tolist())
+            body = f"(\n{rows}\n)".encode()
+        content = b"%s\n\n%d\n%s\n" % (self.header, len(values), body)
+        self.path.write_bytes(gzip.compress(content) if self.path.suffix == ".gz" else content)
+
     def faces(self) -> tuple[Integers, Integers]:
         """The content as faces: (f + 1,) where the points of each face begin, and the points of all faces."""
         if self.kind == "faceCompactList":

@@ -5,20 +5,23 @@ layer of cells between empty or wedge patches becomes a mesh in the plane (:mod:
 OpenFOAM does the same. Patches keep their names; empty patches and patches without faces are dropped.
 """
 
+import re
+import shutil
 from pathlib import Path
 
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.openfoam.foam_file import FoamFile, dictionaries
 from mesh_motion_server.files.openfoam.plane import plane_axes, project
 from mesh_motion_server.files.polyhedra.cells import find_cells
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, FacePatch
 from mesh_motion_server.files.polyhedra.pieces import divide
-from mesh_motion_server.numerics.arrays import Integers
+from mesh_motion_server.numerics.arrays import Floats, Integers
 
-__all__ = ["read_face_mesh", "read_polymesh"]
+__all__ = ["FOAM_FILE", "OPENFOAM", "read_face_mesh", "read_polymesh"]
 
 
 def read_polymesh(path: Path) -> MeshFile:
@@ -104,3 +107,26 @@ def _read_boundary(file: FoamFile) -> tuple[FacePatch, ...]:
                 raise file.refused(f"patch {name!r}: {key} is {number!r}, expected a number of faces")
         found.append(FacePatch(name, entries.get("type", "patch"), int(numbers[0]), int(numbers[1])))
     return tuple(found)
+
+
+def _move(source: Path, target: Path, points: Floats) -> None:
+    """Write a polyMesh folder with other points.
+
+    Raises
+    ------
+    InvalidInput
+        For an axisymmetric mesh: its nodes are those of a plane.
+    """
+    folder = _polymesh_folder(source)
+    mesh = read_face_mesh(folder)
+    axes, moved = plane_axes(mesh), mesh.points.copy()
+    if any(patch.kind == "wedge" for patch in mesh.patches):
+        raise InvalidInput(f"{source}: an axisymmetric mesh is not written with moved points", hint="take .vtu")
+    moved[:, axes] = points[project(mesh, axes).node_of] if len(axes) == 2 else points[: len(moved)]
+    shutil.copytree(folder, target)
+    FoamFile.find(target, "points").write_vectors(moved)
+
+
+_IN_FOLDER = re.compile(rb"(?m)^(faces|faces\.gz|constant|polyMesh|system|processor0)$")
+OPENFOAM = Format("an OpenFOAM case", (), _IN_FOLDER, read_polymesh, move=_move, folder=True)
+FOAM_FILE = Format("an OpenFOAM case", (".foam",), re.compile(rb"(?!)"), read_polymesh, move=_move)

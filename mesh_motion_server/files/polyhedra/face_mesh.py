@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats, Integers
 
-__all__ = ["FaceMesh", "FacePatch", "corner_normals"]
+__all__ = ["FaceMesh", "FacePatch", "corner_normals", "from_sides"]
 
 
 @dataclass(frozen=True)
@@ -225,6 +225,40 @@ class FaceMesh:
         volumes = np.bincount(cells, pyramids, self.n_cells)
         centroid = _sums(cells, pyramids[:, None] * tips, self.n_cells) / volumes[:, None]
         return volumes.astype(np.float64), np.where(np.isfinite(centroid), centroid, estimate)
+
+
+def from_sides(
+    path: Path, points: Floats, nodes: Integers, sizes: Integers, sides: Integers
+) -> tuple[FaceMesh, Integers]:
+    """The mesh of faces in any order, and the row (f,) of each of its faces among them.
+
+    Inner faces come first; faces that point into their only cell are turned.
+
+    Parameters
+    ----------
+    nodes, sizes : (k,), (f,) arrays
+        The points of all faces, one face after the other, and how many each has.
+    sides : (f, 2) array
+        The cell that the face's normal points out of and the cell that it points into; -1 for none.
+
+    Raises
+    ------
+    InvalidInput
+        If a face has no cell, and as :class:`FaceMesh` does.
+    """
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    turned = sides[:, 0] < 0
+    order = np.argsort((sides < 0).any(axis=1), kind="stable")
+    cellless = np.flatnonzero((sides < 0).all(axis=1))
+    if len(cellless):
+        raise InvalidInput(f"{path}: face {int(cellless[0])} belongs to no cell")
+    new_starts = np.concatenate([[0], np.cumsum(sizes[order])])
+    within = np.arange(len(nodes)) - np.repeat(new_starts[:-1], sizes[order])
+    back = np.repeat(sizes[order], sizes[order]) - 1 - within
+    take = np.repeat(starts[:-1][order], sizes[order]) + np.where(np.repeat(turned[order], sizes[order]), back, within)
+    inner = int((sides >= 0).all(axis=1).sum())
+    owner = np.where(turned, sides[:, 1], sides[:, 0])[order]
+    return FaceMesh(path, points, new_starts, nodes[take], owner, sides[order[:inner], 1], ()), order
 
 
 def corner_normals(corners: Floats) -> Floats:

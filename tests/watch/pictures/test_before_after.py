@@ -16,7 +16,6 @@ from mesh_motion_server.numerics.mesh.finite_volume import FACE_METRICS, face_me
 from mesh_motion_server.watch.pictures.snapshot import Snapshot
 
 pytest.importorskip("matplotlib")
-pytest.importorskip("meshio")
 
 from mesh_motion_server.watch.pictures import mesh_axes
 from mesh_motion_server.watch.pictures.before_after import MeshPair, draw_before_after

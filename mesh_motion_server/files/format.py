@@ -1,0 +1,51 @@
+"""One mesh format: how a file of it is recognised, what reads it, and what writes its file with the moved nodes."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mesh_motion_server.files.mesh_file import MeshFile
+
+__all__ = ["HEAD_BYTES", "Format"]
+
+#: The beginning of a file that is searched for what identifies its format.
+HEAD_BYTES = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Format:
+    """A row of the table of formats.
+
+    Attributes
+    ----------
+    name : str
+        As in messages: "a Gmsh mesh".
+    suffixes : tuple of str
+        Usual endings of its files, lower case; empty for folders.
+    head : regular expression
+        Found in the first :data:`HEAD_BYTES` bytes of every file of this format. Of a folder: in the names of its
+        files, one a line.
+    read : function (path) or (path, zone)
+        Reads the file.
+    zoned : bool
+        Whether ``read`` and ``move`` take a zone.
+    move : function (source, target, points) or (source, target, points, zone), optional
+        Writes a copy of ``source`` in which the nodes have the coordinates ``points`` (n, d), as read by ``read``.
+    folder : bool
+        Whether it is a folder of files.
+    way_in : str
+        Of a format that is not read: how its files get in.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    head: re.Pattern[bytes]
+    read: Callable[..., MeshFile] | None = None
+    zoned: bool = False
+    move: Callable[..., None] | None = None
+    folder: bool = False
+    way_in: str = ""
+
+    def fits(self, head: bytes) -> bool:
+        """Whether a file that begins so is of this format."""
+        return self.head.search(head) is not None

@@ -1,0 +1,124 @@
+"""Salome's MED files: HDF5, read with h5py (extra ``mesh``). Groups of faces, edges and nodes become patches.
+
+Elements and nodes have families, and a family has the names of its groups. Arrays have one component after the other.
+
+https://docs.salome-platform.org/latest/dev/MEDCoupling/developer/med-file.html
+"""
+
+import re
+from collections import defaultdict
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mesh_motion_server.files.format import Format
+from mesh_motion_server.files.hdf5 import array_of, opened_hdf5
+from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, chosen_zone
+from mesh_motion_server.files.moved import copied_hdf5
+from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
+
+__all__ = ["MED"]
+
+#: Our type and the number of nodes of MED's types; those of higher order have their corners first.
+_TYPES = {
+    "PO1": ("", 1), "SE2": ("line", 2), "SE3": ("line", 3), "TR3": ("triangle", 3), "TR6": ("triangle", 6),
+    "TR7": ("triangle", 7), "QU4": ("quad", 4), "QU8": ("quad", 8), "QU9": ("quad", 9), "TE4": ("tetra", 4),
+    "T10": ("tetra", 10), "HE8": ("hexahedron", 8), "H20": ("hexahedron", 20), "H27": ("hexahedron", 27),
+    "PE6": ("wedge", 6), "P15": ("wedge", 15), "PE15": ("wedge", 15), "P18": ("wedge", 18), "PY5": ("pyramid", 5),
+    "P13": ("pyramid", 13),
+}  # fmt: skip
+
+
+def _read(path: Path, zone: str = "") -> MeshFile:
+    """Read a mesh from ``.med``; ``zone`` is the name or number of one of several meshes.
+
+    Raises
+    ------
+    InvalidInput
+        Without h5py; for several meshes if none is chosen, structured ones, polygons, polyhedra, and damaged files.
+    """
+    with opened_hdf5(path, "MED file") as file:
+        chosen = chosen_zone(path, list(file["ENS_MAA"]), zone)
+        mesh = _step(file, chosen)
+        groups = _groups(file, chosen)
+        points = _components(path, mesh["NOE/COO"], "f")
+        types, higher, dimension = _elements(path, mesh, len(points))
+        patches: dict[str, list[Integers]] = defaultdict(list)
+        if "FAM" in mesh["NOE"]:
+            families = array_of(path, mesh["NOE/FAM"], "iu")
+            for family in np.unique(families).tolist():
+                for name in groups.get(family, ()):
+                    patches[name].append(np.flatnonzero(families == family))
+        for key, (name, nodes) in types.items():
+            if "FAM" in mesh[f"MAI/{key}"] and (not name or CELL_TYPES[name].dimension < dimension):
+                families = array_of(path, mesh[f"MAI/{key}/FAM"], "iu")
+                for family in np.unique(families).tolist():
+                    for group in groups.get(family, ()):
+                        patches[group].append(nodes[families == family].ravel())
+        cells: dict[str, list[Integers]] = defaultdict(list)
+        for name, nodes in types.values():
+            if name:
+                cells[name].append(nodes[:, : CELL_TYPES[name].n_nodes])
+        joined = {name: np.concatenate(parts) for name, parts in cells.items()}
+        read = assemble(path, points, joined, {name: np.concatenate(parts) for name, parts in patches.items()})
+        return replace(read, zone=chosen, notes=(*read.notes, *by_corners(higher)))
+
+
+def _step(file: Any, name: str) -> Any:
+    """The group with nodes and elements: of the first time step, or before version 3 the mesh itself."""
+    mesh = file[f"ENS_MAA/{name}"]
+    return mesh if "NOE" in mesh else mesh[min(mesh)]
+
+
+def _components(path: Path, data: Any, kinds: str) -> Any:
+    """(n, c) an array that has one component after the other."""
+    count = int(data.attrs["NBR"])
+    return array_of(path, data, kinds).reshape(-1, count).T
+
+
+def _elements(path: Path, mesh: Any, n_points: int) -> tuple[dict[str, tuple[str, Integers]], int, int]:
+    """{MED's type: (our type, nodes (m, k))}, how many cells are of higher order, and the dimension of the cells."""
+    found = {}
+    for key in mesh.get("MAI", ()):
+        if key not in _TYPES:
+            raise ValueError(f"elements of type {key}; known are {', '.join(_TYPES)}")
+        name, count = _TYPES[key]
+        nodes = _components(path, mesh[f"MAI/{key}/NOD"], "iu") - 1
+        wrong = np.argwhere((nodes < 0) | (nodes >= n_points))
+        if nodes.shape[1] != count or len(wrong):
+            reason = f"names node {int(nodes[tuple(wrong[0])]) + 1}" if len(wrong) else f"has {nodes.shape[1]} nodes"
+            raise ValueError(f"element {int(wrong[0, 0]) + 1 if len(wrong) else 1} of type {key} {reason}")
+        found[key] = (name, nodes)
+    dimension = max((CELL_TYPES[name].dimension for name, _ in found.values() if name), default=0)
+    own = [(name, nodes) for name, nodes in found.values() if name and CELL_TYPES[name].dimension == dimension]
+    return found, sum(len(nodes) for name, nodes in own if nodes.shape[1] > CELL_TYPES[name].n_nodes), dimension
+
+
+def _groups(file: Any, mesh: str) -> dict[int, list[str]]:
+    """{number of a family: names of its groups}."""
+    found: dict[int, list[str]] = {}
+    for kind in ("ELEME", "NOEUD"):
+        families = file.get(f"FAS/{mesh}/{kind}", {})
+        for family in families.values():
+            names = family["GRO/NOM"][()] if "GRO/NOM" in family else []
+            found[int(family.attrs["NUM"])] = [
+                np.asarray(name).tobytes().split(b"\0")[0].decode("utf-8", errors="replace").strip() for name in names
+            ]
+    return found
+
+
+def _move(source: Path, target: Path, points: Floats, zone: str) -> None:
+    """Write the file with other coordinates of one mesh's nodes."""
+    with opened_hdf5(source, "MED file") as file:
+        chosen = chosen_zone(source, list(file["ENS_MAA"]), zone)
+    with copied_hdf5(source, target) as file:
+        data = _step(file, chosen)["NOE/COO"]
+        columns = data[()].reshape(-1, len(points))
+        columns[: points.shape[1]] = points.T
+        data[...] = columns.reshape(data.shape)
+
+
+MED = Format("a MED mesh", (".med", ".rmed"), re.compile(rb"\A\x89HDF"), _read, True, _move)

@@ -1,0 +1,139 @@
+"""Copies of mesh files in which only the coordinates are new: everything else stays as another program wrote it.
+
+Coordinates are replaced where they stand: numbers in the rows of a text, values in a binary block, data sets of HDF5.
+Text has as many digits as needed to be read as the same number again.
+"""
+
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.packages import load_h5py
+from mesh_motion_server.files.replace import replaced_by_name, replacing
+from mesh_motion_server.numerics.arrays import Floats
+
+__all__ = ["Place", "copied_hdf5", "edit", "edit_lines", "move_rows", "replaced"]
+
+_NUMBER = re.compile(rb"[^\s,()]+")
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the coordinates of the next ``count`` nodes stand in a file.
+
+    Attributes
+    ----------
+    first, stride : int
+        The first node's x, and how much further the next node's is: in bytes of the file, or in numbers of its text.
+    dtype : str
+        Type of a binary coordinate.
+    text : tuple of int
+        Where the text begins and ends, if it is text.
+    """
+
+    count: int
+    first: int
+    stride: int
+    dtype: str = ""
+    text: tuple[int, int] = (0, 0)
+
+
+def replaced(data: bytes, places: list[Place], points: Floats) -> bytes:
+    """The file with other coordinates (n, d) of the nodes at these places, which are in the order of the nodes."""
+    starts = np.cumsum([0, *(place.count for place in places)])
+    content = bytearray(data)
+    texts = []
+    for place, start in zip(places, starts, strict=False):
+        values = points[start : start + place.count]
+        if place.dtype:
+            shape, strides = values.shape, (place.stride, np.dtype(place.dtype).itemsize)
+            np.ndarray(shape, place.dtype, content, place.first, strides)[:] = values
+        else:
+            texts.append((place, values))
+    texts.sort(key=lambda one: one[0].text, reverse=True)  # from the end: text changes its length
+    for (begin, end), group in groupby(texts, key=lambda one: one[0].text):
+        words = re.split(rb"(\s+)", data[begin:end])  # numbers and blanks in turn
+        ahead = 2 * (words[0] == b"")
+        for place, values in group:
+            for row, node in enumerate(values.tolist()):
+                for axis, value in enumerate(node):
+                    words[ahead + 2 * (place.first + row * place.stride + axis)] = repr(value).encode()
+        content[begin:end] = b"".join(words)
+    return bytes(content)
+
+
+def edit(source: Path, target: Path, change: Callable[[bytes], bytes]) -> None:
+    """Write the changed content of ``source`` to ``target``."""
+    content = change(source.read_bytes())
+    with replacing(target) as file:
+        file.write(content)
+
+
+def edit_lines(source: Path, target: Path, change: Callable[[list[bytes]], None]) -> None:
+    """Write ``source`` with changed lines; ``change`` gets them with their ends."""
+
+    def changed(data: bytes) -> bytes:
+        lines = data.splitlines(keepends=True)
+        change(lines)
+        return b"".join(lines)
+
+    edit(source, target, changed)
+
+
+def move_rows(
+    lines: list[bytes], first: int, points: Floats, *, column: int = 0, comment: bytes = b"", number: str = "%r"
+) -> int:
+    """Replace the coordinates in the rows from line ``first`` on, one for each node; the line after the last one.
+
+    Parameters
+    ----------
+    points : (n, d) array
+        The numbers ``column`` to ``column + d - 1`` of the rows, counted from 0. Other numbers of a row stay.
+    comment : bytes
+        Lines that begin so are no rows; nor are blank ones.
+    number : str
+        How a coordinate is written, as of Python's operator %.
+
+    Raises
+    ------
+    InvalidInput
+        If a row has fewer numbers, or there are fewer rows.
+    """
+    place = first
+    for node, values in enumerate(points.tolist()):
+        while place < len(lines) and (
+            lines[place].isspace() or (comment and lines[place].lstrip().startswith(comment))
+        ):
+            place += 1
+        line = lines[place] if place < len(lines) else b""
+        found = [match.span() for match in _NUMBER.finditer(line)][column : column + len(values)]
+        if len(found) < len(values):
+            raise InvalidInput(
+                f"line {place + 1}, expected as the row of node {node}, has no {len(values)} numbers: {line[:40]!r}",
+                hint="take .npz or .vtu",
+            )
+        parts, end = [], 0
+        for (begin, stop), value in zip(found, values, strict=True):
+            parts += [line[end:begin], (number % value).encode()]
+            end = stop
+        lines[place] = b"".join([*parts, line[end:]])
+        place += 1
+    return place
+
+
+@contextmanager
+def copied_hdf5(source: Path, target: Path) -> Iterator[Any]:
+    """A copy of an HDF5 file, open for changes; it has the name ``target`` once the block ends without an error."""
+    h5py = load_h5py(source)
+    with replaced_by_name(target) as partial:
+        shutil.copyfile(source, partial)
+        with h5py.File(partial, "r+", locking=False) as file:
+            yield file

@@ -1,0 +1,115 @@
+"""What a file of VTK holds: points, cells of all types in one list, and named arrays on both."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
+
+__all__ = ["VtkGrid", "structured_cells"]
+
+Arrays = dict[str, NDArray[np.generic]]
+
+#: Our type, and which nodes are its corners, of VTK's type numbers. Cells of higher order have their corners first.
+_CORNERS = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5}
+_FIRST = {3: "line", 5: "triangle", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}
+_HIGHER = {
+    21: "line", 22: "triangle", 23: "quad", 24: "tetra", 25: "hexahedron", 26: "wedge", 27: "pyramid", 28: "quad",
+    29: "hexahedron", 30: "quad", 31: "wedge", 32: "wedge", 33: "hexahedron", 34: "triangle", 35: "line", 37: "pyramid",
+    68: "line", 69: "triangle", 70: "quad", 71: "tetra", 72: "hexahedron", 73: "wedge", 74: "pyramid",
+}  # fmt: skip
+_ALIGNED = {8: ("quad", [0, 1, 3, 2]), 11: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6])}  # pixel, voxel
+_BOX = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+_VERTICES = (0, 1, 2)  # no cell, a vertex, several
+_OTHERS = {
+    4: "polylines",
+    6: "triangle strips",
+    7: "polygons",
+    15: "prisms of five sides",
+    16: "prisms of six sides",
+    41: "polygons",
+    42: "polyhedra",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class VtkGrid:
+    """A grid, or one piece of it.
+
+    Attributes
+    ----------
+    points : (n, 3) array
+    types : (m,) array
+        VTK's type number of each cell.
+    offsets, connectivity : (m + 1,), (k,) arrays
+        Where the nodes of each cell begin, and the nodes.
+    point_arrays, cell_arrays : dict of str to (n,) | (n, c), (m,) | (m, c) arrays
+
+    Raises
+    ------
+    ValueError
+        If the arrays do not fit together.
+    """
+
+    points: Floats
+    types: Integers
+    offsets: Integers
+    connectivity: Integers
+    point_arrays: Arrays
+    cell_arrays: Arrays
+
+    def __post_init__(self) -> None:
+        sizes = np.diff(self.offsets)
+        if len(self.offsets) != len(self.types) + 1 or (len(sizes) and (sizes.min() < 0 or self.offsets[0] != 0)):
+            raise ValueError(f"{len(self.types)} cells, but offsets that do not run upwards from 0 for so many")
+        if len(self.offsets) and self.offsets[-1] != len(self.connectivity):
+            raise ValueError(f"cells of {int(self.offsets[-1])} nodes, but a connectivity of {len(self.connectivity)}")
+        for arrays, count, what in (
+            (self.point_arrays, len(self.points), "points"),
+            (self.cell_arrays, len(sizes), "cells"),
+        ):
+            for name, values in arrays.items():
+                if len(values) != count:
+                    raise ValueError(f"array {name!r} has {len(values)} rows, but there are {count} {what}")
+
+    def cells(self) -> list[tuple[str, Integers, Integers]]:
+        """Our type's name, rows (m,) among all cells, and corner nodes (m, k), of each type of cell.
+
+        Raises
+        ------
+        ValueError
+            For polygons, polyhedra and unknown types; for a cell with fewer nodes than its type has.
+        """
+        found = []
+        for code in np.unique(self.types).tolist():
+            if code in _VERTICES:
+                continue
+            name, order = _ALIGNED.get(code, (_FIRST.get(code) or _HIGHER.get(code, ""), None))
+            if not name:
+                raise ValueError(f"cells of VTK's type {code} ({_OTHERS.get(code, 'of another shape')})")
+            rows = np.flatnonzero(self.types == code)
+            few = np.diff(self.offsets)[rows] < _CORNERS[name]
+            if few.any():
+                raise ValueError(f"cell {int(rows[few][0])} is of type {name}, but has fewer nodes")
+            local = np.arange(_CORNERS[name]) if order is None else np.array(order)
+            found.append((name, rows, self.connectivity[self.offsets[rows, None] + local]))
+        return found
+
+    @property
+    def is_higher(self) -> Marks:
+        """(m,) which cells have nodes between their corners."""
+        return np.isin(self.types, list(_HIGHER))
+
+
+def structured_cells(counts: Sequence[int]) -> tuple[int, Integers]:
+    """VTK's type and nodes (m, k) of the cells of a block of ``counts`` nodes in each direction, the first fastest."""
+    sides = [count for count in counts if count > 1]
+    number = np.arange(int(np.prod(sides, dtype=np.int64))).reshape(sides[::-1]).T
+    parts = [
+        number[tuple(slice(step, size - 1 + step) for step, size in zip(corner, sides, strict=False))]
+        for corner in _BOX[: 2 ** len(sides)]
+    ]
+    nodes = np.stack([part.T.ravel() for part in parts], axis=1)
+    return {1: 1, 2: 3, 4: 9, 8: 12}[len(parts)], nodes

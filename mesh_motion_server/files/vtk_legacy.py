@@ -1,0 +1,236 @@
+"""VTK's legacy files, ``# vtk DataFile``: all grids, in text and binary, of versions 1 to 5.1.
+
+https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html#legacy-file-format
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.files.moved import Place
+from mesh_motion_server.files.vtk_grid import VtkGrid, structured_cells
+from mesh_motion_server.numerics.arrays import Floats, Integers
+
+__all__ = ["Legacy", "read_legacy"]
+
+_TYPES = {
+    "bit": "u1", "unsigned_char": "u1", "char": "i1", "unsigned_short": "u2", "short": "i2", "unsigned_int": "u4",
+    "int": "i4", "unsigned_long": "u8", "long": "i8", "float": "f4", "double": "f8", "vtkidtype": "i8",
+    "vtktypeint64": "i8", "vtktypeint32": "i4", "vtktypeuint8": "u1", "vtktypeuint64": "u8", "vtktypeuint32": "u4",
+}  # fmt: skip
+_KINDS = ("UNSTRUCTURED_GRID", "STRUCTURED_GRID", "RECTILINEAR_GRID", "STRUCTURED_POINTS")
+_WIDTHS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6, "GLOBAL_IDS": 1, "PEDIGREE_IDS": 1, "EDGE_FLAGS": 1}
+
+
+@dataclass(eq=False)
+class Legacy:
+    """The content read so far; ``places`` of the points, if the file lists them."""
+
+    kind: str = ""
+    counts: list[int] = field(default_factory=list)
+    points: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    places: list[Place] = field(default_factory=list)
+    axes: dict[str, Floats] = field(default_factory=dict)
+    spacing: list[float] = field(default_factory=lambda: [1.0] * 3)
+    origin: list[float] = field(default_factory=lambda: [0.0] * 3)
+    cells: tuple[Integers, Integers] | None = None
+    types: Integers = field(default_factory=lambda: np.empty(0, np.int64))
+    arrays: dict[str, dict[str, NDArray[np.generic]]] = field(
+        default_factory=lambda: {"POINT_DATA": {}, "CELL_DATA": {}}
+    )
+
+    def grid(self) -> VtkGrid:
+        """The grid."""
+        points, types, cells = self.points, self.types, self.cells
+        if self.kind != "UNSTRUCTURED_GRID":
+            if self.kind == "RECTILINEAR_GRID":
+                points = _lattice([self.axes.get(f"{axis}_COORDINATES", np.zeros(1)) for axis in "XYZ"])
+            elif self.kind == "STRUCTURED_POINTS":
+                ranges = zip(self.origin, self.spacing, self.counts, strict=True)
+                points = _lattice(
+                    [(start + step * np.arange(count)).astype(np.float64) for start, step, count in ranges]
+                )
+            if len(points) != np.prod(self.counts, dtype=np.int64):
+                raise ValueError(f"{len(points)} points, but DIMENSIONS {self.counts}")
+            code, nodes = structured_cells(self.counts)
+            types = np.full(len(nodes), code)
+            cells = nodes.shape[1] * np.arange(len(nodes) + 1), nodes.ravel()
+        if cells is None:
+            raise ValueError("it has no CELLS")
+        return VtkGrid(points, types, *cells, self.arrays["POINT_DATA"], self.arrays["CELL_DATA"])
+
+
+def _lattice(axes: list[Floats]) -> Floats:
+    """(n, 3) all points of three axes, the first fastest."""
+    z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
+    return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+
+
+def read_legacy(data: bytes) -> Legacy:
+    """Read a file.
+
+    Raises
+    ------
+    ValueError
+        For surfaces (POLYDATA), unknown keywords, and values that do not fit.
+    """
+    file = _Cursor(data)
+    if not file.line().startswith("# vtk DataFile"):
+        raise ValueError("it does not begin with '# vtk DataFile'")
+    file.line(blank=True)
+    form = file.line()
+    if form not in ("ASCII", "BINARY"):
+        raise ValueError(f"its third line is {form[:30]!r}, expected ASCII or BINARY")
+    file.binary = form == "BINARY"
+    content, owner, rows = Legacy(), "", 0
+    while line := file.line():
+        words = line.split()
+        key = words[0].upper()
+        if key in ("POINT_DATA", "CELL_DATA"):
+            owner, rows = key, int(words[1])
+        elif key == "METADATA":
+            file.skip_metadata()
+        elif owner or key == "FIELD":
+            _read_array(file, content.arrays.get(owner, {}), key, words, rows)
+        else:
+            _read_structure(file, content, key, words)
+    return content
+
+
+def _read_structure(file: "_Cursor", content: Legacy, key: str, words: list[str]) -> None:
+    """A section before the data."""
+    match key:
+        case "DATASET":
+            content.kind = words[1].upper()
+            if content.kind not in _KINDS:
+                surface = "a surface (POLYDATA)" if content.kind == "POLYDATA" else f"a grid of type {content.kind}"
+                raise ValueError(f"{surface}, expected {', '.join(_KINDS)}")
+        case "DIMENSIONS":
+            content.counts = [int(word) for word in words[1:4]]
+        case "SPACING" | "ASPECT_RATIO":
+            content.spacing = [float(word) for word in words[1:4]]
+        case "ORIGIN":
+            content.origin = [float(word) for word in words[1:4]]
+        case "POINTS":
+            content.places = [file.place(int(words[1]), words[2])]
+            content.points = file.values(3 * int(words[1]), words[2]).astype(np.float64).reshape(-1, 3)
+            if not file.binary:
+                content.places = [Place(int(words[1]), 0, 3, text=(content.places[0].text[0], file.position))]
+        case "X_COORDINATES" | "Y_COORDINATES" | "Z_COORDINATES":
+            content.axes[key] = file.values(int(words[1]), words[2]).astype(np.float64)
+        case "CELLS":
+            content.cells = _read_cells(file, int(words[1]), int(words[2]))
+        case "CELL_TYPES":
+            content.types = file.values(int(words[1]), "int").astype(np.int64)
+        case _:
+            raise ValueError(f"the keyword {words[0][:30]!r} is not known")
+
+
+def _read_cells(file: "_Cursor", count: int, size: int) -> tuple[Integers, Integers]:
+    """Where the nodes of each cell begin, and the nodes."""
+    begin = file.position
+    words = file.line().split()
+    if words[:1] == ["OFFSETS"]:
+        offsets = file.values(count, words[1]).astype(np.int64)
+        words = file.line().split()
+        return offsets, file.values(size, words[1]).astype(np.int64)
+    file.position = begin
+    listed = file.values(size, "int").astype(np.int64)
+    starts, place, numbers = np.empty(count + 1, np.int64), 0, listed.tolist()
+    for cell in range(count):
+        starts[cell] = place - cell
+        if place >= size or not 0 < numbers[place] < size - place:
+            raise ValueError(f"cell {cell} has no number of nodes, or fewer nodes than it says")
+        place += 1 + numbers[place]
+    starts[count] = place - count
+    return starts, np.delete(listed, starts[:-1] + np.arange(count))
+
+
+def _read_array(file: "_Cursor", arrays: dict[str, Any], key: str, words: list[str], rows: int) -> None:
+    """An array of point or cell data; ``rows`` values or vectors."""
+    if key == "SCALARS":
+        width = int(words[3]) if len(words) > 3 else 1
+        begin = file.position
+        if not file.line().startswith("LOOKUP_TABLE"):
+            file.position = begin
+        arrays[words[1]] = file.values(rows * width, words[2]).reshape(rows, width)
+    elif key == "FIELD":
+        for _ in range(int(words[2])):
+            while (head := file.line().split())[:1] == ["METADATA"]:
+                file.skip_metadata()
+            arrays[head[0]] = file.values(int(head[1]) * int(head[2]), head[3]).reshape(int(head[2]), int(head[1]))
+    elif key == "LOOKUP_TABLE":
+        file.values(4 * int(words[2]), "unsigned_char" if file.binary else "float")
+    elif key == "COLOR_SCALARS":
+        file.values(rows * int(words[2]), "unsigned_char" if file.binary else "float")
+    elif key in _WIDTHS or key == "TEXTURE_COORDINATES":
+        width = int(words[2]) if key == "TEXTURE_COORDINATES" else _WIDTHS[key]
+        arrays[words[1]] = file.values(rows * width, words[-1]).reshape(rows, width)
+    else:
+        raise ValueError(f"the keyword {words[0][:30]!r} is not known")
+
+
+class _Cursor:
+    """Lines and values of a file, one after the other."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self.position = 0
+        self.binary = False
+
+    def line(self, *, blank: bool = False) -> str:
+        """The next line that is not blank, or the next one; "" at the end of the file."""
+        while self.position < len(self._data):
+            end = self._data.find(b"\n", self.position)
+            end = len(self._data) if end < 0 else end
+            text = self._data[self.position : end].decode("utf-8", errors="replace").strip()
+            self.position = end + 1
+            if text or blank:
+                return text
+        return ""
+
+    def skip_metadata(self) -> None:
+        """Skip the lines to the next blank one."""
+        while self.line(blank=True):
+            pass
+
+    def place(self, count: int, kind: str) -> Place:
+        """The place of ``count`` points that follow; of text, where it begins."""
+        if self.binary:
+            dtype = np.dtype(">" + _TYPES[kind.lower()])
+            return Place(count, self.position, 3 * dtype.itemsize, dtype=dtype.str)
+        return Place(count, 0, 3, text=(self.position, self.position))
+
+    def values(self, count: int, kind: str) -> NDArray[Any]:
+        """The next ``count`` values of a type."""
+        if kind.lower() not in _TYPES or count < 0:
+            raise ValueError(f"{count} values of type {kind[:20]!r}")
+        dtype = np.dtype(">" + _TYPES[kind.lower()])
+        if not self.binary:
+            return np.array(self._words(count), dtype=np.float64 if dtype.kind == "f" else np.int64)
+        size = -(-count // 8) if kind.lower() == "bit" else count * dtype.itemsize
+        found = self._data[self.position : self.position + size]
+        if len(found) < size:
+            raise ValueError(f"{count} values of type {kind} go beyond the file")
+        self.position += size
+        return (
+            np.unpackbits(np.frombuffer(found, np.uint8))[:count]
+            if kind.lower() == "bit"
+            else np.frombuffer(found, dtype)
+        )
+
+    def _words(self, count: int) -> list[bytes]:
+        """The next words; a word and its blank have at least two bytes, and a value ends with its line."""
+        words: list[bytes] = []
+        while len(words) < count and self.position < len(self._data):
+            end = self._data.find(b"\n", self.position + 2 * (count - len(words)) - 2)
+            end = len(self._data) if end < 0 else end
+            words += self._data[self.position : end].split()
+            self.position = end + 1
+        if len(words) != count:
+            raise ValueError(
+                f"{count} values are expected, but {'only ' if len(words) < count else ''}{len(words)} are found"
+            )
+        return words

@@ -1,0 +1,157 @@
+"""VTK's XML files: unstructured and structured grids, with values as text, in base64, or appended, packed or not.
+
+https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
+"""
+
+import base64
+import lzma
+import re
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.files.packages import check_unpacked, most_unpacked
+from mesh_motion_server.files.vtk_grid import VtkGrid, structured_cells
+from mesh_motion_server.numerics.arrays import Integers
+
+__all__ = ["read_xml"]
+
+_APPENDED = re.compile(rb"<AppendedData\s[^>]*encoding\s*=\s*[\"'](raw|base64)[\"'][^>]*>\s*_")
+_END = b"</AppendedData>"
+_UNPACKERS: dict[str, Callable[[], Any]] = {
+    "vtkZLibDataCompressor": zlib.decompressobj,
+    "vtkLZMADataCompressor": lzma.LZMADecompressor,
+}
+_TYPES = {
+    **{f"Float{bits}": f"f{bits // 8}" for bits in (32, 64)},
+    **{f"{sign}Int{bits}": f"{kind}{bits // 8}" for sign, kind in (("", "i"), ("U", "u")) for bits in (8, 16, 32, 64)},
+}
+
+
+def read_xml(path: Path) -> list[VtkGrid]:
+    """The pieces of a ``.vtu`` or ``.vts`` file that have cells.
+
+    Raises
+    ------
+    ValueError
+        For other kinds of files, and damaged ones; XML errors and those of zlib and lzma pass through.
+    """
+    raw = path.read_bytes()
+    values = _Values(path, raw)
+    kind = values.root.get("type")
+    if kind not in ("UnstructuredGrid", "StructuredGrid"):
+        raise ValueError(f"a file of type {kind}, expected UnstructuredGrid or StructuredGrid")
+    read = _unstructured if kind == "UnstructuredGrid" else _structured
+    pieces = [piece for grid in values.root.iter(kind) for piece in grid.findall("Piece")]
+    if not pieces:
+        raise ValueError("it has no Piece")
+    grids = [read(values, piece) for piece in pieces]
+    return [grid for grid in grids if len(grid.types)]
+
+
+def _unstructured(values: "_Values", piece: ElementTree.Element) -> VtkGrid:
+    cells = values.arrays(piece, "Cells")
+    if not int(piece.get("NumberOfCells", "0")):
+        cells = {name: np.empty(0, np.int64) for name in ("offsets", "connectivity", "types")}
+    missing = {"offsets", "connectivity", "types"} - cells.keys()
+    if missing:
+        raise ValueError(f"its Cells have no {min(missing)}")
+    offsets = np.concatenate([[0], cells["offsets"].astype(np.int64)])
+    return _grid(values, piece, cells["types"].astype(np.int64), offsets, cells["connectivity"].astype(np.int64))
+
+
+def _structured(values: "_Values", piece: ElementTree.Element) -> VtkGrid:
+    extent = [int(word) for word in piece.get("Extent", "").split()]
+    if len(extent) != 6:
+        raise ValueError(f"a piece of the extent {piece.get('Extent')!r}, expected six numbers")
+    code, nodes = structured_cells([high - low + 1 for low, high in zip(extent[::2], extent[1::2], strict=True)])
+    offsets = nodes.shape[1] * np.arange(len(nodes) + 1)
+    return _grid(values, piece, np.full(len(nodes), code), offsets, nodes.ravel())
+
+
+def _grid(values: "_Values", piece: ElementTree.Element, *cells: Integers) -> VtkGrid:
+    points = values.arrays(piece, "Points")
+    if len(points) != 1:
+        raise ValueError(f"{len(points)} arrays of points, expected one")
+    (xyz,) = points.values()
+    types, offsets, nodes = cells
+    data = values.arrays(piece, "PointData"), values.arrays(piece, "CellData")
+    return VtkGrid(xyz.reshape(-1, 3).astype(np.float64), types, offsets, nodes, *data)
+
+
+class _Values:
+    """The arrays of one file."""
+
+    def __init__(self, path: Path, raw: bytes) -> None:
+        begin = _APPENDED.search(raw)
+        self._path, self._packed, self._unpacked = path, len(raw), 0
+        self._data, self._encoding = b"", ""
+        if begin is not None:
+            end = raw.rfind(_END)
+            line = raw.rfind(b"\n", 0, end)  # the last line is not data
+            self._data, self._encoding = raw[begin.end() : line if raw[line:end].isspace() else end], begin[1].decode()
+            raw = raw[: begin.start()] + raw[end + len(_END) :]
+        self.root = ElementTree.fromstring(raw)
+        order = ">" if self.root.get("byte_order") == "BigEndian" else "<"
+        self._order = order
+        self._integer = np.dtype(order + ("u8" if self.root.get("header_type") == "UInt64" else "u4"))
+        self._compressor = self.root.get("compressor")
+        if self._compressor and self._compressor not in _UNPACKERS:
+            raise ValueError(f"it is packed by {self._compressor}; known are {', '.join(_UNPACKERS)}")
+
+    def arrays(self, piece: ElementTree.Element, section: str) -> dict[str, NDArray[np.generic]]:
+        """The arrays of a section of a piece; those of text are left out."""
+        found = piece.find(section)
+        arrays = found.findall("DataArray") if found is not None else []
+        named = [(array.get("Name", section), array) for array in arrays if array.get("type") in _TYPES]
+        return {name: self._array(name, array) for name, array in named}
+
+    def _array(self, name: str, array: ElementTree.Element) -> NDArray[np.generic]:
+        dtype = np.dtype(self._order + _TYPES[array.get("type", "")])
+        text = (array.text or "").strip()
+        try:
+            if array.get("format") == "ascii":
+                values = np.array(text.split(), dtype=dtype)
+            else:
+                values = np.frombuffer(self._bytes(array, text), dtype)
+            width = int(array.get("NumberOfComponents", "1"))
+            return values.reshape(-1, width) if width > 1 else values
+        except ValueError as error:
+            raise ValueError(f"array {name!r}: {error}") from None
+
+    def _bytes(self, array: ElementTree.Element, text: str) -> bytes:
+        if array.get("format") != "appended":
+            return self._unpack(text.encode(), coded=True) if text else b""
+        return self._unpack(self._data[int(array.get("offset", "0")) :], coded=self._encoding == "base64")
+
+    def _unpack(self, data: bytes, *, coded: bool) -> bytes:
+        """The values after their header: the count of bytes, or the counts of blocks and of the bytes of each."""
+        size = self._integer.itemsize
+        count = int(np.frombuffer(_taken(data, 0, size, coded=coded), self._integer)[0])
+        if not self._compressor:
+            return _taken(data, 0, size + count, coded=coded)[size:]
+        if not count:
+            return b""
+        head = size * (3 + count)
+        sizes = np.frombuffer(_taken(data, 0, head, coded=coded), self._integer)[3:].tolist()
+        blocks = _taken(data, 4 * -(-head // 3) if coded else head, sum(sizes), coded=coded)
+        unpacked, begin = [], 0
+        for length in sizes:
+            most = most_unpacked(self._packed) + 1 - self._unpacked
+            unpacked.append(_UNPACKERS[self._compressor or ""]().decompress(blocks[begin : begin + length], most))
+            begin, self._unpacked = begin + length, self._unpacked + len(unpacked[-1])
+            check_unpacked(self._path, self._packed, self._unpacked)
+        return b"".join(unpacked)
+
+
+def _taken(data: bytes, place: int, count: int, *, coded: bool) -> bytes:
+    """``count`` bytes from ``place`` on; in base64 if ``coded``."""
+    found = base64.b64decode(data[place : place + 4 * -(-count // 3)])[:count] if coded else data[place : place + count]
+    if len(found) < count:
+        raise ValueError(f"{count} bytes go beyond the data")
+    return found

@@ -1,0 +1,194 @@
+"""The files of other programs: read with their patches, written back with moved nodes, refused in one clear line."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from format_files import CELLS, PATCHES, POINTS, WRITERS, exodus, exodus_hdf5, fluent, med
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files import read_mesh, write_mesh
+from mesh_motion_server.numerics.quality.orientation import oriented
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_every_format_says_the_same_and_comes_back_with_moved_nodes(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    WRITERS[name](path)
+    mesh = read_mesh(path)
+    np.testing.assert_array_equal(mesh.points, POINTS)
+    assert {key: nodes.tolist() for key, nodes in mesh.patches.items()} == {
+        key: nodes.tolist() for key, nodes in PATCHES.items()
+    }
+    (block,) = oriented(mesh.points, mesh.cell_table).cells
+    assert sorted(map(sorted, block.nodes.tolist())) == sorted(map(sorted, CELLS.tolist()))
+    moved = mesh.points * [1.5, 1.0, 1 / 3] + 0.1
+    write_mesh(tmp_path / f"moved_{name}", replace(mesh, points=moved))
+    after = read_mesh(tmp_path / f"moved_{name}")
+    np.testing.assert_array_equal(after.points, moved)
+    for kind, nodes in mesh.cells.items():
+        np.testing.assert_array_equal(after.cells[kind], nodes)
+    assert {key: nodes.tolist() for key, nodes in after.patches.items()} == {
+        key: nodes.tolist() for key, nodes in PATCHES.items()
+    }
+    write_mesh(tmp_path / f"back_{name}", replace(after, points=mesh.points))  # nothing but coordinates has changed
+    if path.is_file() and not name.endswith(("h5", "cgns", "med", "exo", ".e")):
+        assert (tmp_path / f"back_{name}").read_bytes().split() == path.read_bytes().split()
+
+
+def one_line(path: Path, message: str) -> None:
+    """The file is refused in one line that names it."""
+    with pytest.raises(InvalidInput, match=message) as caught:
+        read_mesh(path)
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("(2 3)", "(2 4)", "4 dimensions, expected 2 or 3"),
+        ("(10 (1 1 1b 1 3)", "(10 (1 1 1c 1 3)", "nodes 1 to 28 are 84 coordinates, but 81 follow"),
+        ("(13 (5 ", "(58 (1 2 3)(4))\n(13 (5 ", "hanging nodes"),
+        ("(13 (5 21", "(13 (5 22", "faces 34 to 36 are 18 numbers, but 24 follow"),
+        ("(13 (5 21 24", "(13 (5 22 25", "face 33 is expected, but face 34 follows"),
+        ("wall wall 1)())", "wall wall 1)()", "does not end"),
+    ],
+)
+def test_fluent_meshes_that_do_not_fit(tmp_path: Path, old: str, new: str, message: str) -> None:
+    fluent(tmp_path / "m.msh")
+    text = (tmp_path / "m.msh").read_text()
+    assert old in text
+    (tmp_path / "m.msh").write_text(text.replace(old, new))
+    one_line(tmp_path / "m.msh", message)
+
+
+def test_fluent_in_the_plane_with_a_polygon(tmp_path: Path) -> None:
+    """A pentagon beside a triangle; the zones have no names."""
+    (tmp_path / "m.msh").write_text(
+        "(2 2)\n(10 (1 1 6 1 2)(\n0 0\n1 0\n1.5 1\n.5 1.5\n-.5 1\n2 0\n))\n(12 (1 1 2 1 0))\n"
+        "(13 (2 1 1 2 2)(\n2 3 1 2\n))\n"
+        "(13 (3 2 5 3 2)(\n1 2 1 0\n3 4 1 0\n4 5 1 0\n5 1 1 0\n))\n(13 (4 6 7 a 0)(\n2 2 6 2 0\n2 6 3 2 0\n))\n"
+    )
+    mesh = read_mesh(tmp_path / "m.msh")
+    assert {name: len(nodes) for name, nodes in mesh.cells.items()} == {"triangle": 6}
+    np.testing.assert_allclose(mesh.points[6], [0.5, 0.7])  # the pentagon's middle
+    assert {key: nodes.tolist() for key, nodes in mesh.patches.items()} == {
+        "wall-3": [0, 1, 2, 3, 4],
+        "velocity-inlet-4": [1, 2, 5],
+    }
+    write_mesh(tmp_path / "moved.msh", replace(mesh, points=mesh.points * 2))
+    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.msh").points[:6], mesh.points[:6] * 2)
+
+
+def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
+    """A peer: VTK's reader of .cas finds the hexahedra that the file is made of."""
+    geometry = pytest.importorskip("vtkmodules.vtkIOGeometry")
+    numpy_support = pytest.importorskip("vtkmodules.util.numpy_support")
+    fluent(tmp_path / "m.cas")
+    reader = geometry.vtkFLUENTReader()
+    reader.SetFileName(str(tmp_path / "m.cas"))
+    reader.Update()
+    grid = reader.GetOutput().GetBlock(4)  # after the zones of faces
+    nodes = numpy_support.vtk_to_numpy(grid.GetCells().GetConnectivityArray()).reshape(-1, 8)
+    np.testing.assert_allclose(
+        numpy_support.vtk_to_numpy(grid.GetPoints().GetData()), POINTS, atol=1e-7
+    )  # its own are short
+    assert sorted(map(sorted, nodes.tolist())) == sorted(map(sorted, CELLS.tolist()))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("m.msh", "solid x\n facet normal 0 0 1\n", r"a surface \(STL\), which is not read \(it has no cells"),
+        ("m.msh", "hello", r"neither a Gmsh mesh nor a Fluent mesh: it begins with b'hello'"),
+    ],
+)
+def test_a_file_of_another_kind_is_named(tmp_path: Path, name: str, content: str, message: str) -> None:
+    (tmp_path / name).write_text(content)
+    one_line(tmp_path / name, message)
+
+
+def test_gmsh_writes_med_with_its_groups(tmp_path: Path) -> None:
+    """A peer: the mesh of Gmsh's own file, of first and of second order."""
+    gmsh = pytest.importorskip("gmsh", exc_type=OSError)
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        if "Med" not in gmsh.option.getString("General.BuildOptions"):
+            pytest.skip("this Gmsh writes no MED")
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+        gmsh.model.addPhysicalGroup(2, [1, 2], name="wet wall")
+        gmsh.model.addPhysicalGroup(2, [3], name="outlet")
+        gmsh.model.addPhysicalGroup(3, [1], name="fluid")
+        gmsh.model.mesh.generate(3)
+        for order in (1, 2):
+            gmsh.model.mesh.setOrder(order)
+            for suffix in ("msh", "med"):
+                gmsh.write(str(tmp_path / f"{order}.{suffix}"))
+    finally:
+        gmsh.finalize()
+    for order in (1, 2):
+        ours, other = read_mesh(tmp_path / f"{order}.med"), read_mesh(tmp_path / f"{order}.msh")
+        assert ours.n_cells == other.n_cells
+        assert sorted(ours.patches) == sorted(other.patches) == ["outlet", "wet wall"]
+        for name, nodes in other.patches.items():
+            here, there = ours.points[ours.patches[name]], other.points[nodes]
+            np.testing.assert_allclose(
+                here[np.lexsort(here.round(9).T)], there[np.lexsort(there.round(9).T)], atol=1e-12
+            )
+        assert ours.notes == other.notes
+
+
+def test_vtk_reads_the_same_side_sets_of_exodus(tmp_path: Path) -> None:
+    """A peer: the file that the readers' test makes has the sets where VTK finds them."""
+    module = pytest.importorskip("vtkmodules.vtkIOExodus")
+    exodus(tmp_path / "m.exo")
+    reader = module.vtkExodusIIReader()
+    reader.SetFileName(str(tmp_path / "m.exo"))
+    reader.UpdateInformation()
+    kind = reader.SIDE_SET
+    names = [reader.GetObjectName(kind, number) for number in range(reader.GetNumberOfObjects(kind))]
+    assert [name.partition(" ")[0] for name in names] == list(PATCHES)
+    for name in names:
+        reader.SetObjectStatus(kind, name, 1)
+    reader.Update()
+    sets = reader.GetOutput().GetBlock(4)
+    for number, name in enumerate(PATCHES):
+        block = sets.GetBlock(number)
+        points = {tuple(np.round(block.GetPoint(k), 6)) for k in range(block.GetNumberOfPoints())}
+        assert points == {tuple(row) for row in POINTS[PATCHES[name]].round(6).tolist()}
+
+
+def changed_hdf5(path: Path, change: Callable[[Any], None]) -> Path:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "r+") as file:
+        change(file)
+    return path
+
+
+def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
+    path, step = tmp_path / "m.med", "ENS_MAA/box/-0000000000000000001-0000000000000000001"
+    med(path)
+    changed_hdf5(path, lambda file: file[f"{step}/MAI/HE8/NOD"].write_direct(np.full(64, 99)))
+    one_line(path, "element 1 of type HE8 names node 99")
+    med(path)
+    changed_hdf5(path, lambda file: file[f"{step}/MAI"].move("HE8", "POE"))
+    one_line(path, "elements of type POE; known are")
+    path.write_bytes(path.read_bytes()[:3000])
+    one_line(path, "malformed or damaged MED file")
+    path = tmp_path / "m.exo"
+    exodus(path)
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b"HEX8", b"NSID"))
+    one_line(path, "block 1 of elements of type 'NSID'")
+    path.write_bytes(data[:700])
+    one_line(path, "malformed or damaged Exodus file")
+    exodus_hdf5(path)
+    changed_hdf5(path, lambda file: file["side_ss2"].write_direct(np.full(16, 7, ">i4")))
+    one_line(path, "side 7 of a hexahedron, which has 6 sides")

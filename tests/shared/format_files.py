@@ -1,0 +1,216 @@
+"""The same mesh in the files of many programs: a box of eight hexahedra with the patches wall, far and sides."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mesh_motion_server.files.sides import EXODUS
+from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
+
+Ints = NDArray[np.int64]
+N = 3
+
+
+def box() -> tuple[NDArray[np.float64], Ints]:
+    """Points (27, 3), which fill no straight lines, and cells (8, 8)."""
+    x, y, z = (of.ravel() for of in np.meshgrid(*[np.linspace(0.0, 1.0, N)] * 3, indexing="ij"))
+    bulge = 0.03 * np.sin(3 * x + 5 * y + 7 * z) * x * (1 - x) * y * (1 - y) * z * (1 - z)
+    number = np.arange(N**3).reshape(N, N, N)
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    cells = [[number[i + a, j + b, k + c] for a, b, c in corners] for i, j, k in product(range(N - 1), repeat=3)]
+    return 0.7 * (np.column_stack([x, y, z]) + bulge[:, None] / 3), np.array(cells)
+
+
+POINTS, CELLS = box()
+
+
+@dataclass
+class Face:
+    """Nodes, with the normal out of the first cell; the cells, -1 for none; the patch, "" inside."""
+
+    nodes: list[int]
+    cells: tuple[int, int]
+    patch: str
+    local: int
+
+
+def _faces() -> list[Face]:
+    found: dict[tuple[int, ...], Face] = {}
+    for cell, local in product(range(len(CELLS)), range(6)):
+        nodes = CELLS[cell][list(LOCAL_FACETS["hexahedron"][local])]
+        key = tuple(sorted(nodes.tolist()))
+        if key in found:
+            found[key].cells = (found[key].cells[0], cell)
+            found[key].patch = ""
+        else:
+            z = POINTS[nodes, 2]
+            patch = "wall" if (z == 0.0).all() else "far" if (z == 0.7).all() else "sides"
+            found[key] = Face(nodes.tolist(), (cell, -1), patch, local)
+    return sorted(found.values(), key=lambda face: face.patch)
+
+
+FACES = _faces()
+PATCHES = {name: np.unique([face.nodes for face in FACES if face.patch == name]) for name in ("far", "sides", "wall")}
+
+
+def rows(values: object, form: str = "%r", separator: str = " ", first: int | None = None) -> str:
+    """Lines of numbers, each with its own number before it from ``first`` on."""
+    lines = [separator.join(form % value for value in row) for row in np.asarray(values).tolist()]
+    if first is not None:
+        lines = [f"{number}{separator}{line}" for number, line in enumerate(lines, start=first)]
+    return "\n".join(lines) + "\n"
+
+
+def fluent(path: Path) -> None:
+    """As Fluent writes text; the faces have their normals into the first cell."""
+    zones, begin = "", 1
+    numbers = {"": (2, 7), "far": (9, 3), "sides": (7, 4), "wall": (3, 5)}  # bc-type and zone of each patch
+    for name, (kind, zone) in numbers.items():
+        own = [face for face in FACES if face.patch == name]
+        lines = "".join(
+            " ".join(f"{v:x}" for v in [*(n + 1 for n in face.nodes[::-1]), face.cells[0] + 1, face.cells[1] + 1])
+            + "\n"
+            for face in own
+        )
+        zones += f"(13 ({zone:x} {begin:x} {begin + len(own) - 1:x} {kind:x} 4)(\n{lines}))\n"
+        begin += len(own)
+    path.write_text(
+        f'(0 "made :-) (by hand)")\n(2 3)\n(10 (0 1 {N**3:x} 0 3))\n(10 (1 1 {N**3:x} 1 3)(\n{rows(POINTS)}))\n'
+        f"(12 (0 1 8 0))\n(12 (2 1 8 1 4))\n(13 (0 1 {len(FACES):x} 0))\n{zones}"
+        "(39 (7 interior inside 1)())\n(45 (3 pressure-far-field far 1)())\n(45 (4 symmetry sides 1)())\n"
+        "(45 (5 wall wall 1)())\n(45 (2 fluid air 1)())\n"
+    )
+
+
+def fluent_binary(path: Path) -> None:
+    """The same with nodes and faces in binary."""
+    fluent(path)
+    text = path.read_bytes()
+    begin, end = text.index(b"(10 (1"), text.index(b"(12 (0")
+    text = (
+        text[:begin]
+        + b"(3010 (1 1 %x 1 3)(" % N**3
+        + POINTS.tobytes()
+        + b")\nEnd of Binary Section   3010)\n"
+        + text[end:]
+    )
+    for name, zone in (("wall", 5), ("sides", 4)):
+        begin = text.index(b"(13 (%x " % zone)
+        body = text.index(b"(\n", begin)
+        end = text.index(b"))\n", begin) + 3
+        own = [[*(n + 1 for n in face.nodes[::-1]), face.cells[0] + 1, 0] for face in FACES if face.patch == name]
+        packed = np.array(own, "<i4").tobytes()
+        head = text[begin:body].replace(b"(13", b"(2013")
+        text = text[:begin] + head + b"(" + packed + b")\nEnd of Binary Section   2013)\n" + text[end:]
+    path.write_bytes(text)
+
+
+def fluent_hdf5(path: Path) -> None:
+    """As Fluent writes .msh.h5."""
+    h5py = pytest.importorskip("h5py")
+
+    with h5py.File(path, "w") as file:
+        mesh = file.create_group("meshes/1")
+        mesh.attrs.update(dimension=np.array([3], np.uint64), nodeCount=np.array([N**3], np.uint64))
+        coords = mesh.create_dataset("nodes/coords/1", data=POINTS)
+        nodes = mesh.create_group("faces/nodes/1")
+        nodes["nnodes"] = np.full(len(FACES), 4, np.int16)
+        nodes["nodes"] = np.array([n + 1 for face in FACES for n in face.nodes[::-1]], np.uint32)
+        inner = sum(face.patch == "" for face in FACES)
+        c0 = mesh.create_dataset("faces/c0/1", data=np.array([face.cells[0] + 1 for face in FACES], np.uint32))
+        c1 = mesh.create_dataset("faces/c1/1", data=np.array([face.cells[1] + 1 for face in FACES[:inner]], np.uint32))
+        for part, last in ((coords, N**3), (nodes, len(FACES)), (c0, len(FACES)), (c1, inner)):
+            part.attrs.update(minId=np.array([1], np.uint64), maxId=np.array([last], np.uint64))
+        names = ["", "far", "sides", "wall"]
+        ends = np.cumsum([sum(face.patch == name for face in FACES) for name in names])
+        zones = mesh.create_group("faces/zoneTopology")
+        zones["id"], zones["zoneType"] = np.array([7, 3, 4, 5], np.int32), np.array([2, 9, 7, 3], np.int32)
+        zones["minId"], zones["maxId"] = np.array([1, *(ends[:-1] + 1)], np.uint64), ends.astype(np.uint64)
+        zones["name"] = np.array([b"inside;far;sides;wall"])
+
+
+def med(path: Path) -> None:
+    """As Salome writes MED 4: components one after the other, families with groups."""
+    h5py = pytest.importorskip("h5py")
+    names = list(PATCHES)
+    with h5py.File(path, "w") as file:
+        mesh = file.create_group("ENS_MAA/box")
+        step = mesh.create_group("-0000000000000000001-0000000000000000001")
+        step.create_dataset("NOE/COO", data=POINTS.T.ravel()).attrs["NBR"] = N**3
+        step["NOE/FAM"] = np.zeros(N**3, np.int32)
+        step.create_dataset("MAI/HE8/NOD", data=CELLS.T.ravel() + 1).attrs["NBR"] = 8
+        outer = [face for face in FACES if face.patch]
+        quads = np.array([face.nodes for face in outer])
+        step.create_dataset("MAI/QU4/NOD", data=quads.T.ravel() + 1).attrs["NBR"] = len(quads)
+        step["MAI/QU4/FAM"] = np.array([-1 - names.index(face.patch) for face in outer], np.int32)
+        for number, name in enumerate(names):
+            family = file.create_group(f"FAS/box/ELEME/FAM_{-1 - number}_{name}")
+            family.attrs["NUM"] = -1 - number
+            family["GRO/NOM"] = np.frombuffer(name.encode().ljust(80, b"\0"), np.int8)[None]
+
+
+def exodus(path: Path) -> None:
+    """As Cubit writes it: side sets of the three patches, by their names."""
+    from scipy.io import netcdf_file  # noqa: PLC0415
+
+    numbers = {frozenset(corners): side for side, corners in enumerate(EXODUS["hexahedron"], start=1)}
+    with netcdf_file(path, "w", version=2) as file:
+        for name, size in (("num_dim", 3), ("num_nodes", N**3), ("num_elem", 8), ("num_el_blk", 1), ("num_el_in_blk1", 8), ("num_nod_per_el1", 8),
+                           ("num_side_sets", 3), ("len_name", 33)):  # fmt: skip
+            file.createDimension(name, size)
+        file.title, file.version, file.api_version = "box", np.float32(8.03), np.float32(8.03)
+        file.floating_point_word_size, file.file_size = np.int32(8), np.int32(1)
+        for kind, count, size in (("eb", 1, "num_el_blk"), ("ss", 3, "num_side_sets")):
+            file.createVariable(f"{kind}_status", "i", (size,))[:] = 1
+            prop = file.createVariable(f"{kind}_prop1", "i", (size,))
+            prop[:] = 1 + np.arange(count)
+            prop.name = "ID"
+        for axis, column in zip("xyz", POINTS.T, strict=True):
+            file.createVariable(f"coord{axis}", "d", ("num_nodes",))[:] = column
+        connect = file.createVariable("connect1", "i", ("num_el_in_blk1", "num_nod_per_el1"))
+        connect[:] = CELLS + 1
+        connect.elem_type = "HEX8"
+        names = file.createVariable("ss_names", "c", ("num_side_sets", "len_name"))
+        for number, name in enumerate(PATCHES, start=1):
+            names[number - 1] = np.frombuffer(name.encode().ljust(33, b"\0"), "S1")
+            own = [face for face in FACES if face.patch == name]
+            file.createDimension(f"num_side_ss{number}", len(own))
+            local = [frozenset(1 + CELLS[face.cells[0]].tolist().index(node) for node in face.nodes) for face in own]
+            for what, values in (
+                ("elem", [face.cells[0] + 1 for face in own]),
+                ("side", [numbers[key] for key in local]),
+            ):
+                file.createVariable(f"{what}_ss{number}", "i", (f"num_side_ss{number}",))[:] = values
+
+
+def exodus_hdf5(path: Path) -> None:
+    """The same in netCDF-4, which is HDF5."""
+    h5py = pytest.importorskip("h5py")
+    from scipy.io import netcdf_file  # noqa: PLC0415
+
+    exodus(path)
+    with netcdf_file(path, "r", mmap=False) as old:
+        content = {
+            name: (variable[:].copy(), getattr(variable, "elem_type", b"")) for name, variable in old.variables.items()
+        }
+    with h5py.File(path, "w") as file:
+        for name, (values, kind) in content.items():
+            file[name] = values
+            if kind:
+                file[name].attrs["elem_type"] = kind
+
+
+#: {file: writer}; every file holds POINTS, CELLS and PATCHES.
+WRITERS: dict[str, Callable[[Path], None]] = {
+    "box.msh": fluent,
+    "box.cas": fluent_binary,
+    "box.msh.h5": fluent_hdf5,
+    "box.med": med,
+    "box.exo": exodus,
+    "box.e": exodus_hdf5,
+}
