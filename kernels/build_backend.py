@@ -1,4 +1,8 @@
-"""scikit-build-core, with a compiler from PyPI (``ziglang``, 100 MB) where the machine has none."""
+"""scikit-build-core, with a compiler from PyPI (``ziglang``, 100 MB) where the machine has none.
+
+``pip install .`` in a checkout takes the client from the folder beside, as it may not have been released. A source
+distribution, an editable installation and what cibuildwheel makes ask for the client's release.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +23,6 @@ __all__ = [
 ]  # fmt: skip
 
 build_sdist, get_requires_for_build_sdist = _backend.build_sdist, _backend.get_requires_for_build_sdist
-prepare_metadata_for_build_wheel = _backend.prepare_metadata_for_build_wheel
 prepare_metadata_for_build_editable = _backend.prepare_metadata_for_build_editable
 
 
@@ -56,8 +59,27 @@ def _compiler() -> Iterator[None]:
             os.environ |= before
 
 
+@contextmanager
+def _client_beside() -> Iterator[None]:
+    """The requirement of kernels/client_dependency.py is the folder, in a checkout."""
+    root = Path(__file__).resolve().parents[1]
+    if not (root / ".git").exists() or "CIBUILDWHEEL" in os.environ:
+        yield
+        return
+    os.environ["MESH_MOTION_CLIENT"] = f" @ {(root / 'adapters' / 'python').as_uri()}"
+    try:
+        yield
+    finally:
+        del os.environ["MESH_MOTION_CLIENT"]
+
+
+def prepare_metadata_for_build_wheel(folder: str, settings: Any = None) -> str:
+    with _client_beside():
+        return _backend.prepare_metadata_for_build_wheel(folder, settings)
+
+
 def build_wheel(folder: str, settings: Any = None, metadata: str | None = None) -> str:
-    with _compiler():
+    with _compiler(), _client_beside():
         return _backend.build_wheel(folder, settings, metadata)
 
 

@@ -1,11 +1,15 @@
 """The client's distribution: what it contains, and that its page, README.md, is true without the server's package."""
 
+import os
+import subprocess
+import sys
 import tarfile
 from collections.abc import Callable
 from email.parser import Parser
 from pathlib import Path
 from zipfile import ZipFile
 
+import pytest
 from bare_environment import ROOT, build, names_in, tracked
 
 from mesh_motion_server import __version__
@@ -35,6 +39,22 @@ def test_it_requires_three_packages_and_has_the_project_s_licence(client_wheel: 
         assert archive.read(f"{about}/licenses/LICENSE") == (ROOT / "LICENSE").read_bytes()
     assert sorted(line.partition(">")[0] for line in metadata.get_all("Requires-Dist")) == ["msgpack", "numpy", "pyzmq"]
     assert metadata["Version"] == __version__
+
+
+@pytest.mark.parametrize(
+    ("kind", "where"), [("wheel", f" @ {(ROOT / FOLDER).as_uri()}"), ("editable", f"=={__version__}")]
+)
+def test_a_checkout_installs_the_client_beside_it(kind: str, where: str, tmp_path: Path) -> None:
+    if not (ROOT / ".git").exists():
+        pytest.skip("no checkout")
+    hook = f"import build_backend; print(build_backend.prepare_metadata_for_build_{kind}({str(tmp_path)!r}))"
+    kernels = os.environ | {"PYTHONPATH": str(ROOT / "kernels")}
+    done = subprocess.run(
+        [sys.executable, "-c", hook], cwd=ROOT, env=kernels, check=True, capture_output=True, text=True
+    )
+    metadata = Parser().parsestr((tmp_path / done.stdout.split()[-1] / "METADATA").read_text(encoding="utf-8"))
+    (client,) = (line for line in metadata.get_all("Requires-Dist") if line.startswith("mesh-motion-client"))
+    assert client == f"mesh-motion-client{where}"
 
 
 def test_its_sources_alone_build_the_same_wheel(client_wheel: Path, tmp_path: Path) -> None:
