@@ -7,6 +7,8 @@ from mesh_motion_server.files.exodus import EXODUS
 from mesh_motion_server.files.fluent import FLUENT, FLUENT_HDF5
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.gmsh import GMSH
+from mesh_motion_server.files.inp import ABAQUS_INP
+from mesh_motion_server.files.mdpa import KRATOS
 from mesh_motion_server.files.med import MED
 from mesh_motion_server.files.npz import NPZ
 from mesh_motion_server.files.openfoam.polymesh import FOAM_FILE, OPENFOAM
@@ -15,7 +17,17 @@ from mesh_motion_server.files.vtk import VTK, VTU
 
 __all__ = ["FORMATS"]
 
-_MESHED = "it has no cells of a volume: mesh the space around it (Gmsh: gmsh -3 -format msh41)"
+_MESHED = "it has no cells of a volume: mesh the space around it, for example in Gmsh: gmsh -3 -format msh41"
+_BY_GMSH = (
+    "Gmsh reads it: gmsh FILE -save -format msh41 -o mesh.msh; pip install 'mesh-motion-server[mesh]' brings gmsh"
+)
+_BY_PARAVIEW = "ParaView reads it: File, Save Data, with the ending .vtu"
+
+
+def _named(name: str, suffixes: tuple[str, ...], head: bytes, way_in: str, *, folder: bool = False) -> Format:
+    """A format that is not read, but is known by its beginning."""
+    return Format(name, suffixes, re.compile(head), way_in=way_in, folder=folder)
+
 
 FORMATS: tuple[Format, ...] = (
     NPZ,
@@ -28,9 +40,20 @@ FORMATS: tuple[Format, ...] = (
     CGNS,
     MED,
     EXODUS,
+    ABAQUS_INP,
+    KRATOS,
     OPENFOAM,
     FOAM_FILE,
-    # known by their beginning, and not read
-    Format("a surface (STL)", (".stl",), re.compile(rb"\A\s*solid\b[^$]*\bfacet\s+normal"), way_in=_MESHED),
-    Format("a geometry (STEP)", (".step", ".stp"), re.compile(rb"\A\s*ISO-10303-21"), way_in=_MESHED),
+    _named("an Elmer folder", (), rb"(?m)^mesh\.header$", "ElmerGrid 2 4 FOLDER writes it for Gmsh", folder=True),
+    _named("a universal file (UNV)", (".unv",), rb"\A\s*-1\s+(15|151|164|781|2411|2412|2420)\s", _BY_GMSH),
+    _named("a Nastran deck", (".bdf", ".nas"), rb"(?m)^(GRID\*?[ ,]|BEGIN BULK|CEND\b)", _BY_GMSH),
+    _named("a Medit mesh", (".mesh", ".meshb"), rb"\A(\s|#.*\n)*MeshVersionFormatted", _BY_GMSH),
+    _named("an MFEM mesh", (".mesh", ".mfem"), rb"\AMFEM ", "MFEM writes it for others: Mesh::PrintVTK"),
+    _named("a Netgen mesh", (".vol",), rb"\A\s*mesh3d", "Netgen writes it for Gmsh: File, Export Mesh, Gmsh2 Format"),
+    _named("an XDMF file", (".xdmf", ".xmf"), rb"<Xdmf\b", _BY_PARAVIEW),
+    _named("an EnSight case", (".case",), rb"(?i)\A(\s|#.*\n)*FORMAT\s+type:\s*ensight", _BY_PARAVIEW),
+    _named("a Tecplot file", (".plt", ".dat", ".tec"), rb"(?i)\A\s*(#!TDV|TITLE\s*=|VARIABLES\s*=)", _BY_PARAVIEW),
+    _named("a surface (STL)", (".stl",), rb"\A\s*solid\b[^$]*\bfacet\s+normal", _MESHED),
+    _named("a geometry (STEP)", (".step", ".stp"), rb"\A\s*ISO-10303-21", _MESHED),
+    _named("a geometry of Gmsh", (".geo",), rb"(?!)", "mesh it: gmsh -3 FILE -format msh41 (-2 in a plane)"),
 )

@@ -3,20 +3,23 @@
 import multiprocessing
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import foam_cases as foam
 import numpy as np
 import pytest
+from format_files import CELLS, PATCHES, POINTS
 from numpy.typing import NDArray
 from python_runs import said_by_python
 
 from mesh_motion_server.cases.check import check
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files import MeshFile, read_mesh
+from mesh_motion_server.files import MeshFile, read_mesh, write_mesh
 from mesh_motion_server.files.openfoam.polymesh import read_face_mesh
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
+from mesh_motion_server.numerics.quality.orientation import oriented
 
 h5py = pytest.importorskip("h5py")
 from cgns_files import add_cells, add_node, new_cgns  # noqa: E402  (it needs h5py)
@@ -449,3 +452,68 @@ def test_damaged_bytes_give_invalid_input_only(tmp_path: Path, all_solids: tuple
     process.start()
     process.join(200)
     assert process.exitcode == 0
+
+
+def blocks(path: Path, *, linked: bool) -> Path:
+    """The box of eight hexahedra in two structured zones, as pyHyp writes them; the second counts y down, z, then x."""
+    root = new_cgns(path)
+    base = add_node(root, "Base", "CGNSBase_t", np.array([3, 3]))
+    for name in ("wall", "far"):
+        family = add_node(base, f"family_{name}", "Family_t")
+        add_node(family, "FamilyBC", "FamilyBC_t", "BCWall")
+    lattice = POINTS.reshape(3, 3, 3, 3)  # x, y, z
+    left, right = lattice[:2], lattice[1:, ::-1].transpose(1, 2, 0, 3)
+    for name, points in (("left", left), ("right", right)):
+        sizes = np.array(points.shape[:3])
+        zone = add_node(base, name, "Zone_t", np.stack([sizes, sizes - 1, 0 * sizes]))
+        add_node(zone, "ZoneType", "ZoneType_t", "Structured")
+        grid = add_node(zone, "GridCoordinates", "GridCoordinates_t")
+        for axis in range(3):
+            values = np.ascontiguousarray(points[..., axis].transpose(2, 1, 0))
+            add_node(grid, f"Coordinate{'XYZ'[axis]}", "DataArray_t", values)
+        conditions = add_node(zone, "ZoneBC", "ZoneBC_t")
+        z = 2 if name == "left" else 1
+        for patch, index in (("wall", 1), ("far", 3)):
+            low, high = np.ones(3, int), sizes.copy()
+            low[z] = high[z] = index
+            faces = patch == "far"  # by faces, which end one earlier
+            bc = add_node(conditions, patch, "BC_t", "BCWall")
+            add_node(bc, "FamilyName", "FamilyName_t", f"family_{patch}")
+            add_node(bc, "PointRange", "IndexRange_t", np.stack([low, high - (np.arange(3) != z) * faces]))
+            if faces:
+                add_node(bc, "GridLocation", "GridLocation_t", "IJK"[z] + "FaceCenter")
+        if linked and name == "left":  # x = 2 there, y and z of the left are -i and j of the right, its k = 1
+            links = add_node(zone, "ZoneGridConnectivity", "ZoneGridConnectivity_t")
+            link = add_node(links, "to right", "GridConnectivity1to1_t", "right")
+            add_node(link, "PointRange", "IndexRange_t", np.array([[2, 1, 1], [2, 3, 3]]))
+            add_node(link, "PointRangeDonor", "IndexRange_t", np.array([[3, 1, 1], [1, 3, 1]]))
+            add_node(link, "Transform", '"int[IndexDimension]"', np.array([3, -1, 2]))
+    root.close()
+    return path
+
+
+@pytest.mark.parametrize("linked", [False, True])
+def test_structured_zones_are_one_mesh_and_come_back(tmp_path: Path, linked: bool) -> None:
+    mesh = read_mesh(blocks(tmp_path / "m.cgns", linked=linked))
+    (block,) = oriented(mesh.points, mesh.cell_table).cells
+    assert volumes(replace(mesh, cells={"hexahedron": block.nodes})) == pytest.approx(0.343, rel=1e-3)
+    assert len(mesh.points) == 27
+    assert "9 nodes were in several" in mesh.notes[0]
+    place = {tuple(row): k for k, row in enumerate(POINTS.tolist())}
+    number = np.array([place[tuple(row)] for row in mesh.points.tolist()])
+    assert sorted(map(sorted, number[mesh.cells["hexahedron"]].tolist())) == sorted(map(sorted, CELLS.tolist()))
+    for name in ("wall", "far"):
+        np.testing.assert_array_equal(np.sort(number[mesh.patches[f"family_{name}"]]), PATCHES[name])
+    write_mesh(tmp_path / "moved.cgns", replace(mesh, points=mesh.points / 3))
+    after = read_mesh(tmp_path / "moved.cgns")
+    np.testing.assert_array_equal(after.points, mesh.points / 3)
+    np.testing.assert_array_equal(after.cells["hexahedron"], mesh.cells["hexahedron"])
+    assert len(read_mesh(tmp_path / "m.cgns", "left").points) == 18
+
+
+def test_a_connection_to_what_is_not_there_is_refused(tmp_path: Path) -> None:
+    path = blocks(tmp_path / "m.cgns", linked=True)
+    with h5py.File(path, "r+") as file:
+        file["Base/left/ZoneGridConnectivity/to right/PointRangeDonor/ data"][0, 0] = 4
+    with pytest.raises(InvalidInput, match=r"right: it names node \[4, 1, 1\] of \[3, 3, 2\]"):
+        read_mesh(path)

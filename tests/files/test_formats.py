@@ -1,5 +1,7 @@
 """The files of other programs: read with their patches, written back with moved nodes, refused in one clear line."""
 
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -7,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from format_files import CELLS, PATCHES, POINTS, WRITERS, exodus, exodus_hdf5, fluent, med
+from format_files import CELLS, PATCHES, POINTS, WRITERS, abaqus, exodus, exodus_hdf5, fluent, kratos, med
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh, write_mesh
@@ -104,6 +106,15 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
     ("name", "content", "message"),
     [
         ("m.msh", "solid x\n facet normal 0 0 1\n", r"a surface \(STL\), which is not read \(it has no cells"),
+        ("m.unv", "    -1\n  2411\n", r"a universal file \(UNV\), which is not read \(Gmsh reads it: gmsh FILE -save"),
+        ("m.bdf", "SOL 101\nCEND\nBEGIN BULK\n", r"a Nastran deck, which is not read"),
+        ("m.mesh", "MeshVersionFormatted 2\n", "a Medit mesh, which is not read"),
+        ("m.mesh", "MFEM mesh v1.0\n", r"an MFEM mesh, which is not read \(MFEM writes it"),
+        ("m.vol", "mesh3d\ndimension\n3\n", r"a Netgen mesh, .*Export Mesh"),
+        ("m.xdmf", '<?xml version="1.0"?>\n<Xdmf Version="3.0">', r"an XDMF file, .*Save Data"),
+        ("m.case", "FORMAT\ntype: ensight gold\n", "an EnSight case, which is not read"),
+        ("m.dat", 'TITLE = "x"\n', "a Tecplot file, which is not read"),
+        ("m.geo", "Point(1) = {0, 0, 0};", r"a geometry of Gmsh, which is not read \(mesh it"),
         ("m.msh", "hello", r"neither a Gmsh mesh nor a Fluent mesh: it begins with b'hello'"),
     ],
 )
@@ -192,3 +203,79 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
     exodus_hdf5(path)
     changed_hdf5(path, lambda file: file["side_ss2"].write_direct(np.full(16, 7, ">i4")))
     one_line(path, "side 7 of a hexahedron, which has 6 sides")
+
+
+@pytest.mark.parametrize(
+    ("write", "old", "new", "message"),
+    [
+        (abaqus, "C3D8", "C3D20", r"\*ELEMENT in line 32: elements C3D20 of 20 nodes, but 72 numbers follow"),
+        (abaqus, "1, S", "77, S", "element 77 is named, but is not there"),
+        (abaqus, ", S1", ", S9", "side 9 of a hexahedron"),
+        (abaqus, "\n27, ", "\n28, ", "node 27 is named, but is not there"),
+        (abaqus, "\n27, ", "\n26, ", "node 26 appears twice"),
+        (kratos, "\n27 ", "\n28 ", "node 27 is named, but is not there"),
+        (kratos, "\n24\n", "\n25\n", "names condition 25, which is not there"),
+        (kratos, "End Elements", "End Conditions", "line 43: 'End Conditions' ends no block that is open"),
+    ],
+)
+def test_text_of_finite_elements_that_does_not_fit(
+    tmp_path: Path, write: Callable[[Path], None], old: str, new: str, message: str
+) -> None:
+    write(tmp_path / "m.txt")
+    text = (tmp_path / "m.txt").read_text()
+    assert old in text
+    (tmp_path / "m.txt").write_text(text.replace(old, new))
+    one_line(tmp_path / "m.txt", message)
+
+
+def test_second_order_of_abaqus_by_corners_with_the_middles_of_its_sides(tmp_path: Path) -> None:
+    """One C3D10 whose surface has the middles of its edges, in CalculiX' order."""
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    middles = [corners[list(ends)].mean(axis=0) for ends in ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))]
+    lines = "".join(f"{k}, {x}, {y}, {z}\n" for k, (x, y, z) in enumerate([*corners, *middles], start=1))
+    (tmp_path / "m.inp").write_text(
+        f"*NODE\n{lines}*ELEMENT, TYPE=C3D10, ELSET=all\n1, 1, 2, 3, 4, 5, 6,\n7, 8, 9, 10\n*SURFACE, NAME=s\nall, S2\n"
+    )
+    mesh = read_mesh(tmp_path / "m.inp")
+    np.testing.assert_array_equal(mesh.cells["tetra"], [[0, 1, 2, 3]])
+    np.testing.assert_array_equal(mesh.patches["s"], [0, 1, 3, 4, 7, 8])
+    assert "by their corners" in mesh.notes[0]
+
+
+def played(folder: Path, name: str) -> None:
+    """The wall of the file goes up by a tenth, and the solver gets its own file with all nodes moved."""
+    WRITERS[name](folder / name)
+    (folder / "case.toml").write_text(
+        f"[mesh]\nfile = '{name}'\n[patches]\nwall = 'moving'\nfar = 'fixed'\nsides = 'slip'\n"
+        "[[motion]]\npatch = 'wall'\nrigid = { translation = [0.0, 0.0, 0.07], rotation = 0.0, centre = [0, 0, 0], "
+        "axis = [0, 0, 1] }\n[steps]\ncount = 1\n"
+    )
+    program = [sys.executable, "-m", "mesh_motion_server"]
+    for arguments in (
+        ["play", "case.toml", "--out", "out", "--quiet"],
+        ["convert", name, f"moved_{name}", "--points", "out/points.npy"],
+    ):
+        done = subprocess.run([*program, *arguments], cwd=folder, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+    moved = read_mesh(folder / f"moved_{name}")
+    np.testing.assert_array_equal(moved.points, np.load(folder / "out" / "points.npy"))
+    np.testing.assert_allclose(moved.points[moved.patches["wall"], 2], 0.07, atol=1e-12)
+    np.testing.assert_allclose(moved.points[moved.patches["far"], 2], 0.7, atol=1e-12)
+
+
+def test_a_case_plays_with_the_file_of_another_program(tmp_path: Path) -> None:
+    played(tmp_path, "box.msh")
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_case_plays_with_the_file_of_each_program(tmp_path: Path, name: str) -> None:
+    played(tmp_path, name)
+
+
+def test_an_elmer_folder_is_named_and_calculix_input_is_read_whatever_it_is_called(tmp_path: Path) -> None:
+    (tmp_path / "mesh").mkdir()
+    (tmp_path / "mesh" / "mesh.header").write_text("4 1 2\n")
+    one_line(tmp_path / "mesh", r"an Elmer folder, which is not read \(ElmerGrid 2 4")
+    abaqus(tmp_path / "all.msh")  # preCICE's tutorials call it so
+    assert sorted(read_mesh(tmp_path / "all.msh").patches) == ["far", "sides", "wall"]

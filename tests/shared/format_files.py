@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mesh_motion_server.files.sides import EXODUS
+from mesh_motion_server.files.sides import ABAQUS, EXODUS
 from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
 Ints = NDArray[np.int64]
@@ -160,8 +160,8 @@ def exodus(path: Path) -> None:
 
     numbers = {frozenset(corners): side for side, corners in enumerate(EXODUS["hexahedron"], start=1)}
     with netcdf_file(path, "w", version=2) as file:
-        for name, size in (("num_dim", 3), ("num_nodes", N**3), ("num_elem", 8), ("num_el_blk", 1), ("num_el_in_blk1", 8), ("num_nod_per_el1", 8),
-                           ("num_side_sets", 3), ("len_name", 33)):  # fmt: skip
+        sizes = {"num_dim": 3, "num_nodes": N**3, "num_elem": 8, "num_el_blk": 1, "num_el_in_blk1": 8, "len_name": 33}
+        for name, size in (sizes | {"num_nod_per_el1": 8, "num_side_sets": 3}).items():
             file.createDimension(name, size)
         file.title, file.version, file.api_version = "box", np.float32(8.03), np.float32(8.03)
         file.floating_point_word_size, file.file_size = np.int32(8), np.int32(1)
@@ -195,14 +195,50 @@ def exodus_hdf5(path: Path) -> None:
 
     exodus(path)
     with netcdf_file(path, "r", mmap=False) as old:
-        content = {
-            name: (variable[:].copy(), getattr(variable, "elem_type", b"")) for name, variable in old.variables.items()
-        }
+        content = {name: (of[:].copy(), getattr(of, "elem_type", b"")) for name, of in old.variables.items()}
     with h5py.File(path, "w") as file:
         for name, (values, kind) in content.items():
             file[name] = values
             if kind:
                 file[name].attrs["elem_type"] = kind
+
+
+def abaqus(path: Path) -> None:
+    """As CalculiX reads it: a surface by sides, a set of nodes, a set of faces; the set of all nodes is no patch."""
+    numbers = {frozenset(corners): side for side, corners in enumerate(ABAQUS["hexahedron"], start=1)}
+    wall = ""
+    for face in FACES:
+        if face.patch == "wall":
+            side = numbers[frozenset(1 + CELLS[face.cells[0]].tolist().index(node) for node in face.nodes)]
+            wall += f"{face.cells[0] + 1}, S{side}\n"
+    far = rows([face.nodes + np.array(1) for face in FACES if face.patch == "far"], separator=", ", first=101)
+    sides = "".join(f"{node + 1},\n" for node in PATCHES["sides"])
+    path.write_text(
+        f"*HEADING\nbox\n** nodes\n*Node, NSET=Nall\n{rows(POINTS, separator=', ', first=1)}"
+        f"*ELEMENT, TYPE=C3D8, ELSET=Eall\n{rows(CELLS + 1, separator=', ', first=1)}"
+        f"*ELEMENT, TYPE=S4,\nELSET=far\n{far}*NSET, NSET=sides\n{sides}*SURFACE, NAME=wall, TYPE=ELEMENT\n{wall}"
+        "*MATERIAL, NAME=air\n*STEP\n*END STEP\n"
+    )
+
+
+def kratos(path: Path) -> None:
+    """As Kratos writes it, with parts of conditions, of nodes, and the fluid itself."""
+    outer = [face for face in FACES if face.patch]
+    parts = ""
+    for name, nodes in PATCHES.items():
+        listed = "".join(f"{node + 1}\n" for node in nodes) if name != "wall" else ""
+        own = "".join(f"{k}\n" for k, face in enumerate(outer, start=1) if face.patch == name)
+        parts += f"Begin SubModelPart {name}\n  Begin SubModelPartNodes\n{listed}End SubModelPartNodes\n"
+        parts += f"  Begin SubModelPartConditions\n{own}End SubModelPartConditions\nEnd SubModelPart\n"
+    path.write_text(
+        "Begin ModelPartData\nEnd ModelPartData\nBegin Properties 0\nEnd Properties\n"
+        f"Begin Nodes // number x y z\n{rows(POINTS, first=1)}End Nodes\n"
+        f"Begin Elements Element3D8N\n{rows(np.pad(CELLS + 1, ((0, 0), (1, 0))), first=1)}End Elements\n"
+        "Begin Conditions SurfaceCondition3D4N\n"
+        f"{rows([[0, *(node + 1 for node in face.nodes)] for face in outer], first=1)}End Conditions\n"
+        f"Begin SubModelPart fluid\nBegin SubModelPartElements\n1\n2\nEnd SubModelPartElements\n"
+        f"End SubModelPart\n{parts}"
+    )
 
 
 #: {file: writer}; every file holds POINTS, CELLS and PATCHES.
@@ -213,4 +249,6 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "box.med": med,
     "box.exo": exodus,
     "box.e": exodus_hdf5,
+    "box.inp": abaqus,
+    "box.mdpa": kratos,
 }

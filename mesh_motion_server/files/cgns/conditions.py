@@ -7,7 +7,7 @@ import numpy as np
 from mesh_motion_server.files.cgns.tree import Node
 from mesh_motion_server.numerics.arrays import Integers, Marks
 
-__all__ = ["Condition", "read_conditions"]
+__all__ = ["Condition", "patch_name", "read_conditions"]
 
 
 _OF_FACETS = ("FaceCenter", "EdgeCenter")
@@ -102,10 +102,10 @@ def _read(base: Node, node: Node, n_points: int) -> Condition:
     wrong = values[(values < 1) | (values > n_points)] if of_nodes else values[:0]
     if len(wrong):
         raise node.refused(f"it names node {int(wrong[0])}, but there are the nodes 1 to {n_points}")
-    return Condition(node, _patch_name(base, node), location, of_nodes, values, is_range)
+    return Condition(node, patch_name(base, node), location, of_nodes, values, is_range)
 
 
-def _patch_name(base: Node, condition: Node) -> str:
+def patch_name(base: Node, condition: Node) -> str:
     """The family name that the condition's family refers to, else the family, else the condition's own name."""
     node = condition.child("FamilyName")
     family = node.text() if node is not None else ""

@@ -1,4 +1,4 @@
-"""Read an unstructured zone of a CGNS file in HDF5 with h5py (extra ``mesh``).
+"""Read an unstructured zone, or all structured zones, of a CGNS file in HDF5 with h5py (extra ``mesh``).
 
 Boundary conditions become patches with the names of their families; in files from Gmsh, a family refers to the name of
 its physical group. In a zone without boundary conditions, the sections of lower dimension become patches with their
@@ -17,6 +17,7 @@ import numpy as np
 from mesh_motion_server.files.cgns.conditions import read_conditions
 from mesh_motion_server.files.cgns.elements import NFACE, NGON, VERTEX, Elements, ListedElements, read_elements
 from mesh_motion_server.files.cgns.faces import NumberedFaces, join_faces
+from mesh_motion_server.files.cgns.structured import numbering, read_structured
 from mesh_motion_server.files.cgns.tree import Node, open_cgns
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, chosen_zone
@@ -37,11 +38,14 @@ def read_cgns(path: Path, zone: str = "") -> MeshFile:
     Raises
     ------
     InvalidInput
-        Without h5py; for ADF files, several bases, several zones if none is chosen, structured zones, other elements,
-        and damaged files.
+        Without h5py; for ADF files, several bases, several unstructured zones if none is chosen, other elements, and
+        damaged files.
     """
     with open_cgns(path) as root:
-        base, node = _the_zone(root, zone)
+        base, nodes = _the_zones(root, zone)
+        if _is_structured(nodes[0]):
+            return replace(read_structured(path, base, nodes, [_points(node) for node in nodes]), zone=zone)
+        (node,) = nodes
         points = _points(node)
         parts = [part for section in node.children("Elements_t") for part in read_elements(section)]
         listed = [part for part in parts if isinstance(part, ListedElements)]
@@ -67,16 +71,21 @@ def _other_count(zone: Node, read: int) -> list[str]:
     return [f"zone {zone.name!r} announces {announced} cells, but has {read}"] if announced != read else []
 
 
-def _the_zone(root: Node, name: str) -> tuple[Node, Node]:
-    """The only base and its zone with this name, which must be unstructured; a single zone needs no name."""
+def _the_zones(root: Node, name: str) -> tuple[Node, list[Node]]:
+    """The only base and its zone with this name; without a name its single zone, or all if they are structured."""
     base = root.only("CGNSBase_t", "bases")
     zones = {zone.name: zone for zone in base.children("Zone_t")}
-    zone = zones[chosen_zone(root.path, list(zones), name)]
+    if not name and zones and all(_is_structured(zone) for zone in zones.values()):
+        return base, list(zones.values())
+    return base, [zones[chosen_zone(root.path, list(zones), name)]]
+
+
+def _is_structured(zone: Node) -> bool:
     kind = zone.child("ZoneType")
     known = kind.text() if kind is not None else "Structured"
-    if known != "Unstructured":
-        raise zone.refused(f"a zone of type {known}", "convert it to unstructured cells; these are moved")
-    return base, zone
+    if known not in ("Structured", "Unstructured"):
+        raise zone.refused(f"a zone of type {known}")
+    return known == "Structured"
 
 
 def _coordinate_nodes(zone: Node) -> list[Node]:
@@ -94,8 +103,8 @@ def _points(zone: Node) -> Floats:
     counts = zone.integers()
     columns = [node.reals() for node in _coordinate_nodes(zone)]
     for axis, column in zip(_AXES, columns, strict=False):
-        if not len(counts) or len(column) != counts[0]:
-            expected = int(counts[0]) if len(counts) else "no"
+        expected = int(np.prod(counts[: max(1, len(counts) // 3)])) if len(counts) else -1
+        if len(column) != expected:
             raise zone.refused(f"{expected} nodes, but {len(column)} values of {axis}")
     return np.column_stack(columns)
 
@@ -184,11 +193,15 @@ def _boundary_sections(listed: list[ListedElements], faces: NumberedFaces) -> di
 
 
 def _move(source: Path, target: Path, points: Floats, zone: str) -> None:
-    """Write the file with other coordinates of one zone's nodes."""
+    """Write the file with other coordinates of the nodes of one zone, or of all structured zones."""
     with copied_hdf5(source, target) as file:
-        _, chosen = _the_zone(Node(source, "/", file), zone)
-        for node, column in zip(_coordinate_nodes(chosen), points.T, strict=False):
-            node.replace(column[: int(chosen.integers()[0])])
+        _, nodes = _the_zones(Node(source, "/", file), zone)
+        old = [_points(node) for node in nodes]
+        number = numbering(source, nodes, old)[0] if _is_structured(nodes[0]) else np.arange(len(old[0]))
+        starts = np.cumsum([0, *map(len, old)])
+        for node, start, end in zip(nodes, starts, starts[1:], strict=False):
+            for axis, column in zip(_coordinate_nodes(node), points[number[start:end]].T, strict=False):
+                axis.replace(column)
 
 
 CGNS = Format("a CGNS mesh", (".cgns",), re.compile(rb"\A\x89HDF|ADF"), read_cgns, True, _move)

@@ -1,0 +1,176 @@
+"""Structured zones of CGNS, one or many: each is a block of hexahedra or quadrilaterals, and blocks become one mesh.
+
+Nodes that ``GridConnectivity1to1_t`` pairs are one node, but those of a periodic pair. In a file of several zones
+without these, such as one of blocks that were split by another program, nodes of two zones at one place are one node.
+
+https://cgns.github.io/CGNS_docs_current/sids/cnct.html
+"""
+
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from mesh_motion_server.files.cgns.conditions import patch_name
+from mesh_motion_server.files.cgns.tree import Node
+from mesh_motion_server.files.mesh_file import MeshFile, assemble
+from mesh_motion_server.files.vtk_grid import structured_cells
+from mesh_motion_server.files.vtk_pieces import VtkPiece, joined
+from mesh_motion_server.numerics.arrays import Floats, Integers
+
+__all__ = ["numbering", "read_structured"]
+
+_NAMES = {3: "line", 9: "quad", 12: "hexahedron"}
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """A zone: its counts of nodes in each direction, and its nodes' coordinates, the first direction fastest."""
+
+    node: Node
+    counts: tuple[int, ...]
+    points: Floats
+
+    def nodes(self, low: Integers, high: Integers) -> Integers:
+        """Nodes of the indices from ``low`` to ``high``, counted from 1, the first direction fastest."""
+        limits = np.stack([low, high])
+        if (limits.min(axis=0) < 1).any() or (limits.max(axis=0) > self.counts).any():
+            raise self.node.refused(f"it names nodes {low.tolist()} to {high.tolist()} of {list(self.counts)}")
+        axes = [np.arange(a, b + (1 if b >= a else -1), 1 if b >= a else -1) for a, b in limits.T.tolist()]
+        return self.number(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
+
+    def number(self, indices: Integers) -> Integers:
+        """Nodes (k,) of indices (..., dimensions), counted from 1."""
+        strides = np.cumprod([1, *self.counts[:-1]])
+        wrong = (indices < 1) | (indices > np.array(self.counts))
+        if wrong.any():
+            raise self.node.refused(f"it names node {indices[wrong.any(axis=-1)][0].tolist()} of {list(self.counts)}")
+        found: Integers = ((indices - 1) @ strides).ravel()
+        return found
+
+
+def _blocks(zones: list[Node], points: list[Floats]) -> list[_Block]:
+    found = []
+    for zone, of in zip(zones, points, strict=True):
+        sizes = zone.integers()
+        counts = tuple(sizes[: len(sizes) // 3].tolist())
+        if len(sizes) % 3 or np.prod(counts, dtype=np.int64) != len(of):
+            raise zone.refused(f"{len(of)} nodes, but the sizes {sizes.tolist()}")
+        found.append(_Block(zone, counts, of))
+    return found
+
+
+def read_structured(path: Path, base: Node, zones: list[Node], points: list[Floats]) -> MeshFile:
+    """The mesh of all zones; ``points`` (n, d) are the coordinates of each.
+
+    Raises
+    ------
+    InvalidInput
+        For conditions and connections that name what is not there.
+    """
+    pieces = []
+    for block in _blocks(zones, points):
+        code, nodes = structured_cells(block.counts)
+        patches: dict[str, list[Integers]] = defaultdict(list)
+        for group in block.node.children("ZoneBC_t"):
+            for condition in group.children("BC_t"):
+                patches[patch_name(base, condition)].append(_listed(block, condition))
+        pieces.append(
+            VtkPiece(block.points, {_NAMES[code]: nodes}, {name: np.concatenate(of) for name, of in patches.items()})
+        )
+    number, notes = numbering(path, zones, points)
+    starts = np.cumsum([0, *map(len, points)])
+    whole = np.empty((int(number.max()) + 1, points[0].shape[1]))
+    whole[number[::-1]] = np.concatenate(points)[::-1]  # the first of several nodes counts
+    cells: dict[str, list[Integers]] = defaultdict(list)
+    nodes_of: dict[str, list[Integers]] = defaultdict(list)
+    for piece, start in zip(pieces, starts, strict=False):
+        for name, nodes in piece.cells.items():
+            cells[name].append(number[start + nodes])
+        for key, nodes in piece.patches.items():
+            nodes_of[str(key)].append(number[start + nodes])
+    both = ({name: np.concatenate(parts) for name, parts in of.items()} for of in (cells, nodes_of))
+    mesh = assemble(path, whole, *both)
+    return replace(mesh, notes=(*mesh.notes, *notes))
+
+
+def _listed(block: _Block, condition: Node) -> Integers:
+    """The nodes of a boundary condition, of nodes or of faces."""
+    place = condition.child("GridLocation")
+    of_faces = place is not None and place.text() not in ("", "Vertex")
+    size = len(block.counts)
+    if (node := condition.child("PointRange") or condition.child("ElementRange")) is not None:
+        low, high = _ends(condition, node.integers(), size)
+        if of_faces:  # a face has the nodes up to the next index, but across the side that it lies in
+            letter = place.text()[:1] if place is not None else ""
+            across = "IJK".find(letter) if letter in "IJK" else int(np.argmax(low == high))
+            high = high + (np.arange(size) != across)
+        return block.nodes(low, high)
+    if (node := condition.child("PointList")) is None or of_faces:
+        raise condition.refused("neither a PointRange nor a PointList of nodes")
+    return block.number(node.integers().reshape(-1, size))
+
+
+def _ends(node: Node, values: Integers, size: int) -> tuple[Integers, Integers]:
+    """The first and the last index of a range."""
+    if len(values) != 2 * size:
+        raise node.refused(f"a range of {len(values)} numbers, expected {2 * size}")
+    return values[:size], values[size:]
+
+
+def numbering(path: Path, zones: list[Node], points: list[Floats]) -> tuple[Integers, list[str]]:
+    """The mesh's node (n,) of each node of all zones one after the other, and notes."""
+    blocks = _blocks(zones, points)
+    starts = np.cumsum([0, *map(len, points)])
+    by_name = {zone.name: place for place, zone in enumerate(zones)}
+    pairs, n_periodic, connected = [np.empty((0, 2), np.int64)], 0, False
+    for place, block in enumerate(blocks):
+        for group in block.node.children("ZoneGridConnectivity_t"):
+            for link in group.children("GridConnectivity1to1_t"):
+                donor = by_name.get(link.text().split("/")[-1])
+                connected = True
+                if any(of.children("Periodic_t") for of in link.children("GridConnectivityProperty_t")):
+                    n_periodic += 1
+                elif donor is not None:
+                    own, other = _paired(link, block, blocks[donor])
+                    pairs.append(np.column_stack([starts[place] + own, starts[donor] + other]))
+    if len(zones) > 1 and not connected:
+        listed = [VtkPiece(np.pad(of, ((0, 0), (0, 3 - of.shape[1]))), {}, {"": np.arange(len(of))}) for of in points]
+        whole, notes = joined(path, listed)
+        return whole.patches[""], notes
+    number = _united(np.concatenate(pairs), int(starts[-1]))
+    notes = [f"{len(zones)} zones were joined; {len(number) - int(number.max()) - 1} nodes were in several of them"]
+    periodic = [f"{n_periodic} connections are periodic: give the patches there the role periodic"]
+    return number, notes * (len(zones) > 1) + periodic * (n_periodic > 0)
+
+
+def _paired(link: Node, block: _Block, donor: _Block) -> tuple[Integers, Integers]:
+    """Nodes of a zone and the same nodes of its neighbour; SIDS, section 8.2: the transform's columns are +/- axes."""
+    size = len(block.counts)
+    children = [link.child(name) for name in ("PointRange", "PointRangeDonor", "Transform")]
+    if any(child is None for child in children[:2]):
+        raise link.refused("it has no PointRange or no PointRangeDonor")
+    (low, high), (donor_low, _) = (_ends(link, child.integers(), size) for child in children[:2] if child is not None)
+    turn = children[2].integers() if children[2] is not None else np.arange(1, size + 1)
+    if sorted(np.abs(turn).tolist()) != list(range(1, size + 1)):
+        raise link.refused(f"a transform of {turn.tolist()}")
+    axes = [np.arange(a, b + (1 if b >= a else -1), 1 if b >= a else -1) for a, b in zip(low, high, strict=True)]
+    indices = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    matrix = np.zeros((size, size), dtype=np.int64)
+    matrix[np.abs(turn) - 1, np.arange(size)] = np.sign(turn)
+    return block.number(indices), donor.number((indices - low) @ matrix.T + donor_low)
+
+
+def _united(pairs: Integers, count: int) -> Integers:
+    """(count,) a number for each set of nodes that pairs connect, in the order of their first nodes."""
+    from scipy.sparse import coo_matrix  # noqa: PLC0415 - a quarter of a second
+    from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
+
+    graph = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    _, label = connected_components(graph, directed=False)
+    _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    found: Integers = rank[inverse]
+    return found

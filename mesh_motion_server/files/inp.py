@@ -1,0 +1,235 @@
+"""Input of Abaqus and CalculiX: ``*NODE``, ``*ELEMENT``, ``*NSET``, ``*ELSET`` and ``*SURFACE``.
+
+Surfaces and sets of nodes become patches; so do sets of elements of lower dimension than the mesh. Keywords that do not
+describe the mesh are skipped. ``*INCLUDE`` reads no other file: the included one is the mesh.
+
+http://www.dhondt.de/ccx_2.20.pdf, chapter 7
+"""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.format import Format
+from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners
+from mesh_motion_server.files.moved import edit_lines, move_rows
+from mesh_motion_server.files.numbering import rows_of
+from mesh_motion_server.files.sides import ABAQUS, side_nodes
+from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
+
+__all__ = ["ABAQUS_INP"]
+
+#: A type's name ends with its number of nodes and letters for how it is integrated: C3D8, C3D20R, CPS4, STRI65, F3D8.
+_SOLIDS = {4: "tetra", 10: "tetra", 8: "hexahedron", 20: "hexahedron", 27: "hexahedron", 6: "wedge", 15: "wedge",
+           5: "pyramid", 13: "pyramid"}  # fmt: skip
+_PLANES = {3: "triangle", 6: "triangle", 4: "quad", 8: "quad", 9: "quad"}
+_LINES = {2: "line", 3: "line"}
+_FAMILIES = (
+    (re.compile(r"(?:[DA]?C3D|F3D|FC3D|SC)(\d+)"), _SOLIDS),
+    (re.compile(r"(?:[DA]?C(?:PS|PE|PEG|AX|2D)|M3D|F2D|SFM3D|R3D|DS|MAX|[SM])(\d+)"), _PLANES),
+    (re.compile(r"STRI(\d)"), _PLANES),
+    (re.compile(r"[TR][23]D(\d+)"), _LINES),
+)
+
+
+@dataclass(eq=False)
+class _Content:
+    """What was read so far; numbers of nodes and elements are those of the file.
+
+    elements : [(our type, numbers (m,), nodes (m, k))]
+    """
+
+    numbers: list[Integers] = field(default_factory=list)
+    points: list[Floats] = field(default_factory=list)
+    elements: list[tuple[str, Integers, Integers]] = field(default_factory=list)
+    node_sets: dict[str, list[int | str]] = field(default_factory=lambda: defaultdict(list))
+    element_sets: dict[str, list[int | str]] = field(default_factory=lambda: defaultdict(list))
+    surfaces: dict[str, list[tuple[str, str]]] = field(default_factory=lambda: defaultdict(list))
+
+
+def _read(path: Path) -> MeshFile:
+    """Read a mesh from ``.inp``.
+
+    Raises
+    ------
+    InvalidInput
+        For unknown elements of a volume, sets of what is not there, and malformed lines; names the keyword and line.
+    """
+    try:
+        return _mesh(path, _content(path.read_text(encoding="utf-8", errors="replace")))
+    except (ValueError, IndexError, KeyError) as error:
+        raise InvalidInput(f"{path}: malformed input of Abaqus or CalculiX: {error}") from None
+
+
+def _blocks(text: str) -> Iterator[tuple[int, str, dict[str, str], list[str]]]:
+    """Line number, keyword, its parameters, and the lines of data of each keyword."""
+    lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1)]
+    lines = [(number, line) for number, line in lines if line and not line.startswith("**")]
+    starts = [place for place, (_, line) in enumerate(lines) if line.startswith("*")]
+    for start, end in zip(starts, [*starts[1:], len(lines)], strict=True):
+        number, head = lines[start]
+        keyword, *rest = (part.strip() for part in head[1:].split(","))
+        data = [line for _, line in lines[start + 1 : end]]
+        while head.endswith(",") and data:  # parameters go on
+            head = data.pop(0)
+            rest += [part.strip() for part in head.split(",")]
+        pairs = (part.partition("=") for part in rest if part)
+        parameters = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
+        yield number, " ".join(keyword.upper().split()), parameters, data
+
+
+def _content(text: str) -> _Content:
+    """Read all keywords that describe the mesh."""
+    found = _Content()
+    for number, keyword, given, lines in _blocks(text):
+        try:
+            match keyword:
+                case "NODE":
+                    rows = [_words(line) for line in lines]
+                    found.numbers.append(np.array([int(row[0]) for row in rows], dtype=np.int64))
+                    xyz = [[float(v) for v in (row[1:4] + ["0"] * 3)[:3]] for row in rows]
+                    found.points.append(np.array(xyz, dtype=np.float64).reshape(-1, 3))
+                    found.node_sets[given.get("NSET", "")] += found.numbers[-1].tolist()
+                case "ELEMENT":
+                    _add_elements(found, given, lines)
+                case "NSET" | "ELSET":
+                    sets = found.node_sets if keyword == "NSET" else found.element_sets
+                    sets[given[keyword]] += _listed(lines, generate="GENERATE" in given)
+                case "SURFACE":
+                    rows = [_words(line) for line in lines]
+                    if given.get("TYPE", "ELEMENT").upper() == "NODE":
+                        found.node_sets[given["NAME"]] += [item for row in rows for item in _items(row[:1])]
+                    else:
+                        found.surfaces[given["NAME"]] += [(row[0], row[1]) for row in rows]
+        except (ValueError, IndexError, KeyError) as error:
+            raise ValueError(f"*{keyword} in line {number}: {error}") from None
+    found.node_sets.pop("", None)
+    found.element_sets.pop("", None)
+    return found
+
+
+def _words(line: str) -> list[str]:
+    return [word.strip() for word in line.split(",") if word.strip()]
+
+
+def _items(words: list[str]) -> list[int | str]:
+    """Numbers, and names of other sets."""
+    return [int(word) if word.lstrip("-").isdigit() else word for word in words]
+
+
+def _listed(lines: list[str], *, generate: bool) -> list[int | str]:
+    """The items of a set."""
+    if not generate:
+        return [item for line in lines for item in _items(_words(line))]
+    found: list[int | str] = []
+    for line in lines:
+        first, last, *step = (int(word) for word in _words(line))
+        found += range(first, last + 1, *step)
+    return found
+
+
+def _add_elements(found: _Content, given: dict[str, str], lines: list[str]) -> None:
+    """The elements of one keyword; those without nodes of a cell, such as springs, are left out."""
+    kind = given["TYPE"].upper()
+    matches = ((family.match(kind), types) for family, types in _FAMILIES)
+    size, types = next(((int(match[1]), types) for match, types in matches if match), (0, {}))
+    if size not in types:
+        return
+    flat = np.array([int(word) for line in lines for word in _words(line)], dtype=np.int64)
+    if len(flat) % (size + 1):
+        raise ValueError(f"elements {kind} of {size} nodes, but {len(flat)} numbers follow")
+    rows = flat.reshape(-1, size + 1)
+    found.elements.append((types[size], rows[:, 0], rows[:, 1:]))
+    found.element_sets[given.get("ELSET", "")] += rows[:, 0].tolist()
+
+
+def _flat(sets: dict[str, list[int | str]], name: str, seen: tuple[str, ...] = ()) -> Integers:
+    """The numbers of a set and of the sets that it names."""
+    key = next((key for key in sets if key.upper() == name.upper()), None)
+    if key is None or name.upper() in seen:
+        raise ValueError(f"there is no set {name!r}")
+    parts = [[item] if isinstance(item, int) else _flat(sets, item, (*seen, name.upper())) for item in sets[key]]
+    return np.concatenate([np.empty(0, np.int64), *(np.asarray(part, dtype=np.int64) for part in parts)])
+
+
+def _mesh(path: Path, found: _Content) -> MeshFile:
+    if not found.points or not found.elements:
+        raise InvalidInput(
+            f"{path}: no nodes or no elements of a volume or plane",
+            hint="name the file that *INCLUDE names" if not found.points else "",
+        )
+    numbers, points = np.concatenate(found.numbers), np.concatenate(found.points)
+    blocks = [(name, ids, rows_of(numbers, nodes, "node")) for name, ids, nodes in found.elements]
+    dimension = max(CELL_TYPES[name].dimension for name, _, _ in blocks)
+    cells: dict[str, list[Integers]] = defaultdict(list)
+    for name, _, nodes in blocks:
+        cells[name].append(nodes[:, : CELL_TYPES[name].n_nodes])
+    patches: dict[str, list[Integers]] = defaultdict(list)
+    for name, parts in found.surfaces.items():
+        for items, side in parts:
+            own = np.array([int(items)]) if items.isdigit() else _flat(found.element_sets, items)
+            patches[name] += [of.ravel() for of in _surface(points, blocks, own, side)]
+    for name in found.node_sets:
+        own = np.unique(_flat(found.node_sets, name))
+        if len(own) < len(numbers):  # the set of all nodes is no patch
+            patches[name].append(rows_of(numbers, own, f"set {name!r}: node"))
+    for name in found.element_sets:
+        own = _flat(found.element_sets, name)
+        for cell, ids, nodes in blocks:
+            if CELL_TYPES[cell].dimension < dimension and (inside := np.isin(ids, own)).any():
+                patches[name].append(nodes[inside].ravel())
+    joined = {name: np.concatenate(parts) for name, parts in cells.items()}
+    nodes_of = {name: np.concatenate(parts) for name, parts in patches.items()}
+    mesh = assemble(path, points, joined, {name: nodes for name, nodes in nodes_of.items() if len(nodes)})
+    own_blocks = (nodes for name, _, nodes in blocks if CELL_TYPES[name].dimension == dimension
+                  and nodes.shape[1] > CELL_TYPES[name].n_nodes)  # fmt: skip
+    return replace(mesh, notes=(*mesh.notes, *by_corners(sum(map(len, own_blocks)))))
+
+
+def _surface(
+    points: Floats, blocks: list[tuple[str, Integers, Integers]], own: Integers, side: str
+) -> Iterator[Integers]:
+    """Nodes of one side (S1, S2, …) of elements, which may be of several types."""
+    number = int(side[1:]) if side[:1].upper() == "S" and side[1:].isdigit() else 0
+    if not number:
+        raise ValueError(f"side {side!r}, expected S1, S2, …")
+    missing = np.setdiff1d(own, np.concatenate([ids for _, ids, _ in blocks]))
+    if len(missing):
+        raise ValueError(f"element {int(missing[0])} is named, but is not there")
+    for name, ids, nodes in blocks:
+        chosen = nodes[np.isin(ids, own)]
+        yield side_nodes(points, name, chosen, np.full(len(chosen), number), ABAQUS)
+
+
+def _move(source: Path, target: Path, points: Floats) -> None:
+    """Write the file with other coordinates of the nodes."""
+
+    def change(lines: list[bytes]) -> None:
+        done, place = 0, 0
+        while place < len(lines):
+            head = lines[place].strip().upper()
+            place += 1
+            if re.match(rb"\*NODE\s*(,|$)", head):
+                end = place
+                while end < len(lines) and (not lines[end].startswith(b"*") or lines[end].startswith(b"**")):
+                    end += 1
+                rows = sum(bool(line.strip()) and not line.startswith(b"**") for line in lines[place:end])
+                place = move_rows(lines, place, points[done : done + rows], column=1, comment=b"**")
+                done += rows
+
+    edit_lines(source, target, change)
+
+
+ABAQUS_INP = Format(
+    "an input of Abaqus or CalculiX",
+    (".inp",),
+    re.compile(rb"(?im)\A(\s*\*\*.*\s|\s)*\*(NODE|HEADING|ELEMENT|PART|INCLUDE|PREPRINT)\b"),
+    _read,
+    move=_move,
+)

@@ -1,0 +1,173 @@
+"""Kratos' ``.mdpa``: blocks between ``Begin`` and ``End``. Sub-model parts without elements become patches.
+
+https://kratosmultiphysics.github.io/Kratos/pages/Kratos/For_Users/Crash_course/Data_Management/Input_data.html
+"""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.format import Format
+from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners
+from mesh_motion_server.files.moved import edit_lines, move_rows
+from mesh_motion_server.files.numbering import rows_of
+from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
+
+__all__ = ["KRATOS"]
+
+_SIZE = re.compile(r"(\d)D(\d+)(N|$)")
+_SOLIDS = {4: "tetra", 10: "tetra", 8: "hexahedron", 20: "hexahedron", 27: "hexahedron", 6: "wedge", 15: "wedge",
+           5: "pyramid", 13: "pyramid", 3: "triangle", 2: "line"}  # fmt: skip
+_PLANES = {3: "triangle", 6: "triangle", 4: "quad", 8: "quad", 9: "quad", 2: "line"}
+
+
+@dataclass(eq=False)
+class _Part:
+    """A sub-model part: its nodes, conditions, and whether it has elements; numbers of the file."""
+
+    nodes: list[int] = field(default_factory=list)
+    conditions: list[int] = field(default_factory=list)
+    has_elements: bool = False
+
+
+@dataclass(eq=False)
+class _Content:
+    """``elements`` and ``conditions``: [(our type, numbers (m,), nodes (m, k))]."""
+
+    numbers: list[Integers] = field(default_factory=list)
+    points: list[Floats] = field(default_factory=list)
+    elements: list[tuple[str, Integers, Integers]] = field(default_factory=list)
+    conditions: list[tuple[str, Integers, Integers]] = field(default_factory=list)
+    parts: dict[str, _Part] = field(default_factory=dict)
+
+
+def _read(path: Path) -> MeshFile:
+    """Read a mesh from ``.mdpa``.
+
+    Raises
+    ------
+    InvalidInput
+        For unknown elements, numbers of what is not there, and malformed blocks; names the block and its line.
+    """
+    try:
+        return _mesh(path, _content(path.read_text(encoding="utf-8", errors="replace")))
+    except (ValueError, IndexError, OverflowError) as error:
+        raise InvalidInput(f"{path}: malformed Kratos mesh: {error}") from None
+
+
+def _blocks(text: str) -> Iterator[tuple[int, list[str], list[str], list[list[str]]]]:
+    """Line number, names of the parts around it, words of the head, and rows, of each block."""
+    open_blocks: list[tuple[int, list[str], list[list[str]]]] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.partition("//")[0].split()
+        if words[:1] == ["Begin"]:
+            open_blocks.append((number, words[1:], []))
+        elif words[:1] == ["End"]:
+            if not open_blocks or words[1:2] != open_blocks[-1][1][:1]:
+                raise ValueError(f"line {number}: {line.strip()[:40]!r} ends no block that is open")
+            start, head, rows = open_blocks.pop()
+            yield start, [outer[1] for _, outer, _ in open_blocks if outer[0] == "SubModelPart"], head, rows
+        elif words and open_blocks:
+            open_blocks[-1][2].append(words)
+    if open_blocks:
+        raise ValueError(f"the block {' '.join(open_blocks[-1][1])!r} in line {open_blocks[-1][0]} does not end")
+
+
+def _content(text: str) -> _Content:
+    """Read all blocks that describe the mesh."""
+    found = _Content()
+    for number, outer, head, rows in _blocks(text):
+        part = found.parts.setdefault(".".join(outer), _Part()) if outer else _Part()
+        try:
+            match head[0]:
+                case "Nodes":
+                    found.numbers.append(np.array([int(row[0]) for row in rows], dtype=np.int64))
+                    xyz = [[float(value) for value in row[1:4]] for row in rows]
+                    found.points.append(np.array(xyz, dtype=np.float64).reshape(-1, 3))
+                case "Elements" | "Geometries" if rows:
+                    found.elements.append(_rows(head, rows))
+                case "Conditions" if rows:
+                    found.conditions.append(_rows(head, rows))
+                case "SubModelPartNodes":
+                    part.nodes += [int(word) for row in rows for word in row]
+                case "SubModelPartConditions":
+                    part.conditions += [int(word) for row in rows for word in row]
+                case "SubModelPartElements":
+                    part.has_elements |= bool(rows)
+        except (ValueError, IndexError) as error:
+            raise ValueError(f"block {' '.join(head)!r} in line {number}: {error}") from None
+    return found
+
+
+def _rows(head: list[str], rows: list[list[str]]) -> tuple[str, Integers, Integers]:
+    """Our type, numbers and nodes of the rows: a number, a property but for geometries, and the nodes."""
+    before = 1 if head[0] == "Geometries" else 2
+    size = len(rows[0]) - before
+    named = _SIZE.search(head[1]) if len(head) > 1 else None
+    types = _PLANES if named is not None and (named[1] == "2" or head[0] == "Conditions") else _SOLIDS
+    if size == 1:
+        return "", np.array([int(row[0]) for row in rows]), np.array([[int(row[-1])] for row in rows])
+    if size not in types:
+        raise ValueError(f"{size} nodes, expected one of {', '.join(map(str, types))}")
+    wrong = next((row for row in rows if len(row) != size + before), None)
+    if wrong is not None:
+        raise ValueError(f"{' '.join(wrong)!r} has {len(wrong) - before} nodes, expected {size}")
+    values = np.array(rows, dtype=np.int64)
+    return types[size], values[:, 0], values[:, before:]
+
+
+def _mesh(path: Path, found: _Content) -> MeshFile:
+    if not found.points:
+        raise ValueError("it has no nodes")
+    numbers, points = np.concatenate(found.numbers), np.concatenate(found.points)
+    cells: dict[str, list[Integers]] = defaultdict(list)
+    higher = 0
+    for name, _, nodes in found.elements:
+        if name:
+            cells[name].append(rows_of(numbers, nodes, "node")[:, : CELL_TYPES[name].n_nodes])
+            higher += len(nodes) * (nodes.shape[1] > CELL_TYPES[name].n_nodes)
+    conditions = {
+        int(number): nodes for _, ids, listed in found.conditions for number, nodes in zip(ids, listed, strict=True)
+    }
+    patches = {}
+    for name, part in found.parts.items():
+        unknown = next((number for number in part.conditions if number not in conditions), None)
+        if unknown is not None:
+            raise ValueError(f"sub-model part {name!r} names condition {unknown}, which is not there")
+        listed = [np.array(part.nodes, dtype=np.int64), *(conditions[number] for number in part.conditions)]
+        nodes = np.unique(np.concatenate(listed))
+        if len(nodes) and not part.has_elements:
+            patches[name] = rows_of(numbers, nodes, f"sub-model part {name!r}: node")
+    joined = {name: np.concatenate(parts) for name, parts in cells.items()}
+    mesh = assemble(path, points, joined, patches)
+    return replace(mesh, notes=(*mesh.notes, *by_corners(higher)))
+
+
+def _move(source: Path, target: Path, points: Floats) -> None:
+    """Write the file with other coordinates of the nodes."""
+
+    def change(lines: list[bytes]) -> None:
+        done = 0
+        for place, line in enumerate(lines):
+            if line.split(b"//")[0].split() == [b"Begin", b"Nodes"]:
+                end = next(k for k in range(place, len(lines)) if lines[k].split()[:1] == [b"End"])
+                rows = sum(bool(row.split(b"//")[0].strip()) for row in lines[place + 1 : end])
+                move_rows(lines, place + 1, points[done : done + rows], column=1, comment=b"//")
+                done += rows
+
+    edit_lines(source, target, change)
+
+
+KRATOS = Format(
+    "a Kratos mesh",
+    (".mdpa",),
+    re.compile(rb"(?m)^\s*Begin\s+(ModelPartData|Properties|Nodes|Table)\b"),
+    _read,
+    move=_move,
+)
