@@ -43,7 +43,7 @@ OBSERVATION = (
 #: What the two modules of the client may not load of the server, that load parts of it where they are asked for.
 NOT_LOADED = {
     "mesh_motion_client.volume": tuple(f".{part}" for part in (*LAYERS[2:], "cases", "commands", "files")),
-    "mesh_motion_client.mesh": tuple(f".{part}" for part in (*LAYERS, "cases", "commands")),
+    "mesh_motion_client.exchange": tuple(f".{part}" for part in (*LAYERS, "cases", "commands")),
 }
 HEAVY = ("scipy", "mesh_motion_kernels", "pydantic", "mesh_motion_server")
 
@@ -136,7 +136,7 @@ def test_imports_point_to_the_left() -> None:
         ("mesh_motion_conformance.seeded", "from mesh_motion_protocol.codec import decode"),
         ("mesh_motion_client.seeded", "import mesh_motion_server"),
         ("mesh_motion_client.volume", "from mesh_motion_server.session import state"),
-        ("mesh_motion_client.mesh", "from mesh_motion_server.numerics import mesh"),
+        ("mesh_motion_client.exchange", "from mesh_motion_server.numerics import mesh"),
         ("mesh_motion_precice.seeded", "from mesh_motion_server.numerics import motion"),
     ],
 )

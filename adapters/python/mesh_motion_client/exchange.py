@@ -1,4 +1,6 @@
-"""Meshes of other packages as they lie in memory: PyVista, meshio, Gmsh. Each package is imported when it is needed.
+"""Meshes of other packages: of PyVista, meshio and Gmsh as they lie in memory, files by the server's readers.
+
+Each package is imported when it is needed.
 
 What comes from them has cells of several dimensions and three coordinates: those of the highest dimension are the mesh,
 the others are its patches.
@@ -6,8 +8,10 @@ the others are its patches.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -18,7 +22,7 @@ from mesh_motion_client.errors import InvalidInput, meant
 if TYPE_CHECKING:
     from mesh_motion_client.mesh import Mesh
 
-__all__ = ["Content", "from_gmsh", "from_meshio", "from_pyvista", "to_pyvista"]
+__all__ = ["Content", "from_file", "from_gmsh", "from_meshio", "from_pyvista", "to_pyvista"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.integer]
@@ -121,6 +125,27 @@ def from_gmsh() -> Content:
         if dimension < highest
     }
     return _content(points, cells, patches)
+
+
+# --- files ------------------------------------------------------------------------------------------------------------
+
+
+def from_file(path: str | os.PathLike[str], zone: str) -> Content:
+    """The content of a mesh file, by the readers of the server's package; ``zone`` as for ``Mesh.load``."""
+    try:
+        # not in every environment of a client
+        from mesh_motion_server.errors import InvalidInput as Unusable  # noqa: PLC0415
+        from mesh_motion_server.files import read_mesh  # noqa: PLC0415
+    except ImportError as error:
+        raise InvalidInput(
+            f"{os.fspath(path)}: all mesh files but .npz are read by the server's package: {error}",
+            hint="pip install 'mesh-motion-server[server]', or give the .npz of mesh-motion convert",
+        ) from error
+    try:
+        read = read_mesh(Path(path), zone)
+    except Unusable as error:
+        raise InvalidInput(error.message, code=error.code, hint=error.hint, details=error.details) from error
+    return Content(read.points, dict(read.cells), dict(read.patches))
 
 
 # --- what they share -------------------------------------------------------------------------------------------------

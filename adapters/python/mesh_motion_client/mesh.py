@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mesh_motion_client.display import Described, draw
 from mesh_motion_client.errors import InvalidInput, meant
-from mesh_motion_client.exchange import Content, from_gmsh, from_meshio, from_pyvista, to_pyvista
+from mesh_motion_client.exchange import Content, from_file, from_gmsh, from_meshio, from_pyvista, to_pyvista
 
 __all__ = ["CELL_NODES", "ROLES", "Mesh", "Patch", "finite_rows"]
 
@@ -120,7 +120,7 @@ class Mesh(Described):
             Naming the file, if it cannot be read, holds other arrays, or has a patch without a role.
         """
         if zone or Path(path).suffix.lower() != ".npz":
-            return cls._of(_read_by_server(path, zone), roles, f"{os.fspath(path)}: ")
+            return cls._of(from_file(path, zone), roles, f"{os.fspath(path)}: ")
         try:
             with np.load(path, allow_pickle=False) as file:
                 _check_unpacked(path, sum(member.file_size for member in file.zip.infolist()))
@@ -305,24 +305,6 @@ class Mesh(Described):
             hint="node numbers count from 0",
             details={"row": first[0], "value": int(nodes[first])},
         )
-
-
-def _read_by_server(path: str | os.PathLike[str], zone: str) -> Content:
-    """The content of a mesh file, by the readers of the server's package."""
-    try:
-        # not in every environment of a client
-        from mesh_motion_server.errors import InvalidInput as Unusable  # noqa: PLC0415
-        from mesh_motion_server.files import read_mesh  # noqa: PLC0415
-    except ImportError as error:
-        raise InvalidInput(
-            f"{os.fspath(path)}: all mesh files but .npz are read by the server's package: {error}",
-            hint="pip install 'mesh-motion-server[server]', or give the .npz of mesh-motion convert",
-        ) from error
-    try:
-        read = read_mesh(Path(path), zone)
-    except Unusable as error:
-        raise InvalidInput(error.message, code=error.code, hint=error.hint, details=error.details) from error
-    return Content(read.points, dict(read.cells), dict(read.patches))
 
 
 def _check_unpacked(path: str | os.PathLike[str], held: int) -> None:
