@@ -53,6 +53,7 @@ FORMATS: tuple[Format, ...] = (
     _named("an XDMF file", (".xdmf", ".xmf"), rb"<Xdmf\b", _BY_PARAVIEW),
     _named("an EnSight case", (".case",), rb"(?i)\A(\s|#.*\n)*FORMAT\s+type:\s*ensight", _BY_PARAVIEW),
     _named("a Tecplot file", (".plt", ".dat", ".tec"), rb"(?i)\A\s*(#!TDV|TITLE\s*=|VARIABLES\s*=)", _BY_PARAVIEW),
+    _named("an AVS UCD file", (".inp", ".ucd"), rb"\A(\x07|(\s|#.*\n)*\d+(\s+\d+){4}\s*\n)", _BY_PARAVIEW),
     _named("a surface (STL)", (".stl",), rb"\A\s*solid\b[^$]*\bfacet\s+normal", _MESHED),
     _named("a geometry (STEP)", (".step", ".stp"), rb"\A\s*ISO-10303-21", _MESHED),
     _named("a geometry of Gmsh", (".geo",), rb"(?!)", "mesh it: gmsh -3 FILE -format msh41 (-2 in a plane)"),

@@ -72,6 +72,8 @@ def _blocks(text: str) -> Iterator[tuple[int, str, dict[str, str], list[str]]]:
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1)]
     lines = [(number, line) for number, line in lines if line and not line.startswith("**")]
     starts = [place for place, (_, line) in enumerate(lines) if line.startswith("*")]
+    if not starts:
+        raise ValueError("it has no keyword")
     for start, end in zip(starts, [*starts[1:], len(lines)], strict=True):
         number, head = lines[start]
         keyword, *rest = (part.strip() for part in head[1:].split(","))
@@ -226,10 +228,5 @@ def _move(source: Path, target: Path, points: Floats) -> None:
     edit_lines(source, target, change)
 
 
-ABAQUS_INP = Format(
-    "an input of Abaqus or CalculiX",
-    (".inp",),
-    re.compile(rb"(?im)\A(\s*\*\*.*\s|\s)*\*(NODE|HEADING|ELEMENT|PART|INCLUDE|PREPRINT)\b"),
-    _read,
-    move=_move,
-)
+_HEAD = re.compile(rb"\A(\s|\*\*.*\n)*\*[A-Za-z]")
+ABAQUS_INP = Format("an input of Abaqus or CalculiX", (".inp",), _HEAD, _read, move=_move)

@@ -114,6 +114,7 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.xdmf", '<?xml version="1.0"?>\n<Xdmf Version="3.0">', r"an XDMF file, .*Save Data"),
         ("m.case", "FORMAT\ntype: ensight gold\n", "an EnSight case, which is not read"),
         ("m.dat", 'TITLE = "x"\n', "a Tecplot file, which is not read"),
+        ("m.inp", "# made by x\n 4 1 0 0 0\n", "an AVS UCD file, which is not read"),
         ("m.geo", "Point(1) = {0, 0, 0};", r"a geometry of Gmsh, which is not read \(mesh it"),
         ("m.msh", "hello", r"neither a Gmsh mesh nor a Fluent mesh: it begins with b'hello'"),
     ],
