@@ -280,3 +280,27 @@ def test_an_elmer_folder_is_named_and_calculix_input_is_read_whatever_it_is_call
     one_line(tmp_path / "mesh", r"an Elmer folder, which is not read \(ElmerGrid 2 4")
     abaqus(tmp_path / "all.msh")  # preCICE's tutorials call it so
     assert sorted(read_mesh(tmp_path / "all.msh").patches) == ["far", "sides", "wall"]
+
+
+def test_abaqus_input_in_several_files(tmp_path: Path) -> None:
+    """As preCICE's tutorials have it: a deck includes the mesh and the sets; of the folder only, and each file once."""
+    abaqus(tmp_path / "whole.inp")
+    text = (tmp_path / "whole.inp").read_text()
+    (tmp_path / "all.msh").write_text(text[: text.index("*NSET")])
+    (tmp_path / "sets.nam").write_text(text[text.index("*NSET") : text.index("*MATERIAL")])
+    deck = tmp_path / "deck.inp"
+    deck.write_text("*INCLUDE, INPUT=all.msh\n*include, input=sets.nam\n*STEP\n*END STEP\n")
+    mesh = read_mesh(deck)
+    assert {key: nodes.tolist() for key, nodes in mesh.patches.items()} == {
+        key: nodes.tolist() for key, nodes in PATCHES.items()
+    }
+    with pytest.raises(InvalidInput, match=r"27 of its nodes are in files that it includes \(name the file with"):
+        write_mesh(tmp_path / "moved.inp", mesh)
+    assert not (tmp_path / "moved.inp").exists()
+    for name, reason in (
+        ("../other.inp", "not in its folder"),
+        ("deck.inp", "included twice"),
+        ("no.inp", "not in its"),
+    ):
+        deck.write_text(f"*INCLUDE, INPUT={name}\n")
+        one_line(deck, reason)
