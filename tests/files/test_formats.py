@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from format_files import CELLS, PATCHES, POINTS, WRITERS, abaqus, exodus, exodus_hdf5, fluent, kratos, med
+from format_files import CELLS, PATCHES, POINTS, WRITERS, abaqus, elmer, exodus, exodus_hdf5, fluent, kratos, med
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh, write_mesh
@@ -274,10 +274,15 @@ def test_a_case_plays_with_the_file_of_each_program(tmp_path: Path, name: str) -
     played(tmp_path, name)
 
 
-def test_an_elmer_folder_is_named_and_calculix_input_is_read_whatever_it_is_called(tmp_path: Path) -> None:
-    (tmp_path / "mesh").mkdir()
-    (tmp_path / "mesh" / "mesh.header").write_text("4 1 2\n")
-    one_line(tmp_path / "mesh", r"an Elmer folder, which is not read \(ElmerGrid 2 4")
+def test_elmer_folders_that_do_not_fit_and_calculix_input_whatever_it_is_called(tmp_path: Path) -> None:
+    elmer(tmp_path / "mesh")
+    text = (tmp_path / "mesh" / "mesh.elements").read_text()
+    (tmp_path / "mesh" / "mesh.elements").write_text(text.replace("808", "504"))
+    one_line(tmp_path / "mesh", "row 1 of mesh.elements is of type 504, but has 8 nodes")
+    (tmp_path / "mesh" / "mesh.elements").write_text(text.replace(" 27\n", " 28\n").replace(" 27 ", " 28 "))
+    one_line(tmp_path / "mesh", "mesh.elements: node 28 is named, but is not there")
+    (tmp_path / "mesh" / "mesh.nodes").unlink()
+    one_line(tmp_path / "mesh", "there is no mesh.nodes")
     abaqus(tmp_path / "all.msh")  # preCICE's tutorials call it so
     assert sorted(read_mesh(tmp_path / "all.msh").patches) == ["far", "sides", "wall"]
 
