@@ -69,7 +69,7 @@ def test_fluent_meshes_that_do_not_fit(tmp_path: Path, old: str, new: str, messa
 
 
 def test_fluent_in_the_plane_with_a_polygon(tmp_path: Path) -> None:
-    """A pentagon beside a triangle; the zones have no names."""
+    """A pentagon and a triangle; the zones have no names."""
     (tmp_path / "m.msh").write_text(
         "(2 2)\n(10 (1 1 6 1 2)(\n0 0\n1 0\n1.5 1\n.5 1.5\n-.5 1\n2 0\n))\n(12 (1 1 2 1 0))\n"
         "(13 (2 1 1 2 2)(\n2 3 1 2\n))\n"
