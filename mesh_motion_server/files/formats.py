@@ -3,6 +3,7 @@
 import re
 
 from mesh_motion_server.files.cgns.zone import CGNS
+from mesh_motion_server.files.elmer import ELMER
 from mesh_motion_server.files.exodus import EXODUS
 from mesh_motion_server.files.fluent import FLUENT, FLUENT_HDF5
 from mesh_motion_server.files.format import Format
@@ -24,9 +25,9 @@ _BY_GMSH = (
 _BY_PARAVIEW = "ParaView reads it: File, Save Data, with the ending .vtu"
 
 
-def _named(name: str, suffixes: tuple[str, ...], head: bytes, way_in: str, *, folder: bool = False) -> Format:
+def _named(name: str, suffixes: tuple[str, ...], head: bytes, way_in: str) -> Format:
     """A format that is not read, but is known by its beginning."""
-    return Format(name, suffixes, re.compile(head), way_in=way_in, folder=folder)
+    return Format(name, suffixes, re.compile(head), way_in=way_in)
 
 
 FORMATS: tuple[Format, ...] = (
@@ -42,9 +43,9 @@ FORMATS: tuple[Format, ...] = (
     EXODUS,
     ABAQUS_INP,
     KRATOS,
+    ELMER,
     OPENFOAM,
     FOAM_FILE,
-    _named("an Elmer folder", (), rb"(?m)^mesh\.header$", "ElmerGrid 2 4 FOLDER writes it for Gmsh", folder=True),
     _named("a universal file (UNV)", (".unv",), rb"\A\s*-1\s+(15|151|164|781|2411|2412|2420)\s", _BY_GMSH),
     _named("a Nastran deck", (".bdf", ".nas"), rb"(?m)^(GRID\*?[ ,]|BEGIN BULK|CEND\b)", _BY_GMSH),
     _named("a Medit mesh", (".mesh", ".meshb"), rb"\A(\s|#.*\n)*MeshVersionFormatted", _BY_GMSH),
@@ -53,6 +54,7 @@ FORMATS: tuple[Format, ...] = (
     _named("an XDMF file", (".xdmf", ".xmf"), rb"<Xdmf\b", _BY_PARAVIEW),
     _named("an EnSight case", (".case",), rb"(?i)\A(\s|#.*\n)*FORMAT\s+type:\s*ensight", _BY_PARAVIEW),
     _named("a Tecplot file", (".plt", ".dat", ".tec"), rb"(?i)\A\s*(#!TDV|TITLE\s*=|VARIABLES\s*=)", _BY_PARAVIEW),
+    _named("an AVS UCD file", (".inp", ".ucd"), rb"\A(\x07|(\s|#.*\n)*\d+(\s+\d+){4}\s*\n)", _BY_PARAVIEW),
     _named("a surface (STL)", (".stl",), rb"\A\s*solid\b[^$]*\bfacet\s+normal", _MESHED),
     _named("a geometry (STEP)", (".step", ".stp"), rb"\A\s*ISO-10303-21", _MESHED),
     _named("a geometry of Gmsh", (".geo",), rb"(?!)", "mesh it: gmsh -3 FILE -format msh41 (-2 in a plane)"),

@@ -1,7 +1,7 @@
 """Input of Abaqus and CalculiX: ``*NODE``, ``*ELEMENT``, ``*NSET``, ``*ELSET`` and ``*SURFACE``.
 
 Surfaces and sets of nodes become patches; so do sets of elements of lower dimension than the mesh. Keywords that do not
-describe the mesh are skipped. ``*INCLUDE`` reads no other file: the included one is the mesh.
+describe the mesh are skipped. ``*INCLUDE`` reads files in the folder of the input and below it, each once.
 
 http://www.dhondt.de/ccx_2.20.pdf, chapter 7
 """
@@ -37,6 +37,8 @@ _FAMILIES = (
     (re.compile(r"[TR][23]D(\d+)"), _LINES),
 )
 
+_INCLUDE = re.compile(r"(?im)^\*INCLUDE\s*,\s*INPUT\s*=\s*(.+?)\s*$")
+
 
 @dataclass(eq=False)
 class _Content:
@@ -62,9 +64,21 @@ def _read(path: Path) -> MeshFile:
         For unknown elements of a volume, sets of what is not there, and malformed lines; names the keyword and line.
     """
     try:
-        return _mesh(path, _content(path.read_text(encoding="utf-8", errors="replace")))
+        return _mesh(path, _content(_whole(path, path.resolve().parent, set())))
     except (ValueError, IndexError, KeyError) as error:
         raise InvalidInput(f"{path}: malformed input of Abaqus or CalculiX: {error}") from None
+
+
+def _whole(path: Path, folder: Path, seen: set[Path]) -> str:
+    """The text of a file with that of the files that it includes."""
+    found = path.resolve()
+    if not found.is_relative_to(folder) or not found.is_file() or found in seen:
+        raise ValueError(
+            f"*INCLUDE of {path.name!r}, which is {'included twice' if found in seen else 'not in its folder'}"
+        )
+    seen.add(found)
+    text = path.read_text(encoding="utf-8", errors="replace")
+    return _INCLUDE.sub(lambda name: _whole(folder / name[1].strip('"'), folder, seen), text)
 
 
 def _blocks(text: str) -> Iterator[tuple[int, str, dict[str, str], list[str]]]:
@@ -72,6 +86,8 @@ def _blocks(text: str) -> Iterator[tuple[int, str, dict[str, str], list[str]]]:
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1)]
     lines = [(number, line) for number, line in lines if line and not line.startswith("**")]
     starts = [place for place, (_, line) in enumerate(lines) if line.startswith("*")]
+    if not starts:
+        raise ValueError("it has no keyword")
     for start, end in zip(starts, [*starts[1:], len(lines)], strict=True):
         number, head = lines[start]
         keyword, *rest = (part.strip() for part in head[1:].split(","))
@@ -160,10 +176,7 @@ def _flat(sets: dict[str, list[int | str]], name: str, seen: tuple[str, ...] = (
 
 def _mesh(path: Path, found: _Content) -> MeshFile:
     if not found.points or not found.elements:
-        raise InvalidInput(
-            f"{path}: no nodes or no elements of a volume or plane",
-            hint="name the file that *INCLUDE names" if not found.points else "",
-        )
+        raise InvalidInput(f"{path}: no nodes, or no elements of a volume or a plane")
     numbers, points = np.concatenate(found.numbers), np.concatenate(found.points)
     blocks = [(name, ids, rows_of(numbers, nodes, "node")) for name, ids, nodes in found.elements]
     dimension = max(CELL_TYPES[name].dimension for name, _, _ in blocks)
@@ -222,14 +235,12 @@ def _move(source: Path, target: Path, points: Floats) -> None:
                 rows = sum(bool(line.strip()) and not line.startswith(b"**") for line in lines[place:end])
                 place = move_rows(lines, place, points[done : done + rows], column=1, comment=b"**")
                 done += rows
+        if done < len(points):
+            hint = "name the file with *NODE as IN: its nodes have the same order"
+            raise InvalidInput(f"{source}: {len(points) - done} of its nodes are in files that it includes", hint=hint)
 
     edit_lines(source, target, change)
 
 
-ABAQUS_INP = Format(
-    "an input of Abaqus or CalculiX",
-    (".inp",),
-    re.compile(rb"(?im)\A(\s*\*\*.*\s|\s)*\*(NODE|HEADING|ELEMENT|PART|INCLUDE|PREPRINT)\b"),
-    _read,
-    move=_move,
-)
+_HEAD = re.compile(rb"\A(\s|\*\*.*\n)*\*[A-Za-z]")
+ABAQUS_INP = Format("an input of Abaqus or CalculiX", (".inp",), _HEAD, _read, move=_move)

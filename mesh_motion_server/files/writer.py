@@ -47,7 +47,7 @@ def check_target(path: Path, source: Path | None = None) -> Format | None:
     if own.folder or source.suffix.lower() == ".foam":
         require_folder_place(path)
         if path.exists():
-            raise InvalidInput(f"{path}: exists already", hint="name a new folder for the polyMesh")
+            raise InvalidInput(f"{path}: exists already", hint="name a new folder")
     else:
         require_file_place(path)
     return own

@@ -193,12 +193,8 @@ def test_a_file_of_lines_is_told_to_be_one(tmp_path: Path) -> None:
         check(tmp_path / "bent.vtu")
 
 
-@pytest.mark.parametrize(
-    ("kind", "nodes", "way_out"), [("polygon", 5, "divide polygons"), ("triangle6", 6, "first-order")]
-)
-def test_cells_of_another_kind_have_their_own_way_out(tmp_path: Path, kind: str, nodes: int, way_out: str) -> None:
-    angle = np.linspace(0.0, 2.0 * np.pi, nodes, endpoint=False)
-    points = np.c_[np.cos(angle), np.sin(angle), np.zeros(nodes)]
-    meshio.write(tmp_path / "mesh.vtu", meshio.Mesh(points, [(kind, np.arange(nodes)[None])]))
-    with pytest.raises(InvalidInput, match=f"cells of type {kind}.*{way_out}"):
+def test_polygons_have_their_own_way_out(tmp_path: Path) -> None:
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [1.5, 1, 0], [0.5, 1.5, 0], [-0.5, 1, 0]])
+    meshio.write(tmp_path / "mesh.vtu", meshio.Mesh(points, [("polygon", np.arange(5)[None])]))
+    with pytest.raises(InvalidInput, match=r"cells of VTK's type 7 \(polygons\) \(divide polygons"):
         check(tmp_path / "mesh.vtu")

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from format_files import CELLS, PATCHES, POINTS, WRITERS, abaqus, exodus, exodus_hdf5, fluent, kratos, med
+from format_files import CELLS, PATCHES, POINTS, WRITERS, abaqus, elmer, exodus, exodus_hdf5, fluent, kratos, med
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh, write_mesh
@@ -69,7 +69,7 @@ def test_fluent_meshes_that_do_not_fit(tmp_path: Path, old: str, new: str, messa
 
 
 def test_fluent_in_the_plane_with_a_polygon(tmp_path: Path) -> None:
-    """A pentagon beside a triangle; the zones have no names."""
+    """A pentagon and a triangle; the zones have no names."""
     (tmp_path / "m.msh").write_text(
         "(2 2)\n(10 (1 1 6 1 2)(\n0 0\n1 0\n1.5 1\n.5 1.5\n-.5 1\n2 0\n))\n(12 (1 1 2 1 0))\n"
         "(13 (2 1 1 2 2)(\n2 3 1 2\n))\n"
@@ -114,6 +114,7 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.xdmf", '<?xml version="1.0"?>\n<Xdmf Version="3.0">', r"an XDMF file, .*Save Data"),
         ("m.case", "FORMAT\ntype: ensight gold\n", "an EnSight case, which is not read"),
         ("m.dat", 'TITLE = "x"\n', "a Tecplot file, which is not read"),
+        ("m.inp", "# made by x\n 4 1 0 0 0\n", "an AVS UCD file, which is not read"),
         ("m.geo", "Point(1) = {0, 0, 0};", r"a geometry of Gmsh, which is not read \(mesh it"),
         ("m.msh", "hello", r"neither a Gmsh mesh nor a Fluent mesh: it begins with b'hello'"),
     ],
@@ -273,9 +274,38 @@ def test_a_case_plays_with_the_file_of_each_program(tmp_path: Path, name: str) -
     played(tmp_path, name)
 
 
-def test_an_elmer_folder_is_named_and_calculix_input_is_read_whatever_it_is_called(tmp_path: Path) -> None:
-    (tmp_path / "mesh").mkdir()
-    (tmp_path / "mesh" / "mesh.header").write_text("4 1 2\n")
-    one_line(tmp_path / "mesh", r"an Elmer folder, which is not read \(ElmerGrid 2 4")
+def test_elmer_folders_that_do_not_fit_and_calculix_input_whatever_it_is_called(tmp_path: Path) -> None:
+    elmer(tmp_path / "mesh")
+    text = (tmp_path / "mesh" / "mesh.elements").read_text()
+    (tmp_path / "mesh" / "mesh.elements").write_text(text.replace("808", "504"))
+    one_line(tmp_path / "mesh", "row 1 of mesh.elements is of type 504, but has 8 nodes")
+    (tmp_path / "mesh" / "mesh.elements").write_text(text.replace(" 27\n", " 28\n").replace(" 27 ", " 28 "))
+    one_line(tmp_path / "mesh", "mesh.elements: node 28 is named, but is not there")
+    (tmp_path / "mesh" / "mesh.nodes").unlink()
+    one_line(tmp_path / "mesh", "there is no mesh.nodes")
     abaqus(tmp_path / "all.msh")  # preCICE's tutorials call it so
     assert sorted(read_mesh(tmp_path / "all.msh").patches) == ["far", "sides", "wall"]
+
+
+def test_abaqus_input_in_several_files(tmp_path: Path) -> None:
+    """As preCICE's tutorials have it: a deck includes the mesh and the sets; of the folder only, and each file once."""
+    abaqus(tmp_path / "whole.inp")
+    text = (tmp_path / "whole.inp").read_text()
+    (tmp_path / "all.msh").write_text(text[: text.index("*NSET")])
+    (tmp_path / "sets.nam").write_text(text[text.index("*NSET") : text.index("*MATERIAL")])
+    deck = tmp_path / "deck.inp"
+    deck.write_text("*INCLUDE, INPUT=all.msh\n*include, input=sets.nam\n*STEP\n*END STEP\n")
+    mesh = read_mesh(deck)
+    assert {key: nodes.tolist() for key, nodes in mesh.patches.items()} == {
+        key: nodes.tolist() for key, nodes in PATCHES.items()
+    }
+    with pytest.raises(InvalidInput, match=r"27 of its nodes are in files that it includes \(name the file with"):
+        write_mesh(tmp_path / "moved.inp", mesh)
+    assert not (tmp_path / "moved.inp").exists()
+    for name, reason in (
+        ("../other.inp", "not in its folder"),
+        ("deck.inp", "included twice"),
+        ("no.inp", "not in its"),
+    ):
+        deck.write_text(f"*INCLUDE, INPUT={name}\n")
+        one_line(deck, reason)

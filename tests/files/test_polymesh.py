@@ -4,6 +4,7 @@ import gzip
 import shutil
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import foam_cases as foam
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.cases.check import check
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files import MeshFile, read_mesh
+from mesh_motion_server.files import MeshFile, read_mesh, write_mesh
 from mesh_motion_server.files.openfoam.foam_file import FoamFile, dictionaries
 from mesh_motion_server.files.openfoam.polymesh import read_face_mesh
 from mesh_motion_server.files.polyhedra.cells import find_cells
@@ -473,3 +474,25 @@ def test_a_long_entry_of_a_patch_is_read_in_linear_time(tmp_path: Path) -> None:
     began = time.process_time()
     assert dictionaries(FoamFile.find(tmp_path, "boundary"))[0][1]["type"] == "wall"
     assert time.process_time() - began < 5
+
+
+@pytest.mark.parametrize("name", ["box", "box-binary", "box-gzip", "strip", "castellated"])
+def test_a_polymesh_comes_back_with_moved_points(foam_case: Callable[..., Path], tmp_path: Path, name: str) -> None:
+    """In 2D both planes move alike; of polyhedra the added centres are no points of the file."""
+    mesh = read_mesh(foam_case(name))
+    write_mesh(tmp_path / "moved", replace(mesh, points=mesh.points * 1.5 + 0.1))
+    before, after = read_face_mesh(foam_case(name) / "constant" / "polyMesh"), read_face_mesh(tmp_path / "moved")
+    expected = before.points * 1.5 + 0.1
+    if mesh.dimension == 2:
+        thin = int(np.argmin(np.abs(after.points - before.points).max(axis=0)))
+        expected[:, thin] = before.points[:, thin]
+    np.testing.assert_allclose(after.points, expected, rtol=1e-15, atol=1e-15)
+    np.testing.assert_array_equal(after.nodes, before.nodes)
+    with pytest.raises(InvalidInput, match="exists already"):
+        write_mesh(tmp_path / "moved", mesh)
+
+
+def test_an_axisymmetric_mesh_does_not_come_back(foam_case: Callable[..., Path], tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="axisymmetric"):
+        write_mesh(tmp_path / "moved", read_mesh(foam_case("wedge")))
+    assert not (tmp_path / "moved").exists()

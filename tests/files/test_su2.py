@@ -1,10 +1,11 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files import read_mesh
+from mesh_motion_server.files import read_mesh, write_mesh
 
 REFERENCES = Path(__file__).parents[1] / "references"
 
@@ -183,3 +184,14 @@ def test_nothing_that_the_counts_leave_out_is_dropped(tmp_path: Path, line: str,
     assert SQUARE.count(line + "\n") == 1
     with pytest.raises(InvalidInput, match=message):
         read_mesh(su2(tmp_path, SQUARE.replace(line + "\n", other + "\n")))
+
+
+def test_one_zone_comes_back_with_moved_nodes(tmp_path: Path) -> None:
+    """The other zone, comments and numbers at the ends of rows stay."""
+    path = zones(tmp_path)
+    mesh = read_mesh(path, "2")
+    write_mesh(tmp_path / "moved.su2", replace(mesh, points=mesh.points / 3))
+    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.su2", "2").points, mesh.points / 3)
+    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.su2", "1").points, read_mesh(path, "1").points)
+    write_mesh(tmp_path / "back.su2", mesh)
+    assert (tmp_path / "back.su2").read_text().split() == path.read_text().split()

@@ -241,6 +241,26 @@ def kratos(path: Path) -> None:
     )
 
 
+def elmer(path: Path) -> None:
+    """As ElmerGrid writes it."""
+    path.mkdir()
+    outer = [face for face in FACES if face.patch]
+    names = list(PATCHES)
+    (path / "mesh.header").write_text(f"{N**3} 8 {len(outer)}\n2\n808 8\n404 {len(outer)}\n")
+    (path / "mesh.nodes").write_text(
+        "".join(f"{k} -1 {x!r} {y!r} {z!r}\n" for k, (x, y, z) in enumerate(POINTS.tolist(), 1))
+    )
+    (path / "mesh.elements").write_text(rows([[1, 808, *cell] for cell in CELLS + 1], first=1))
+    boundary = [
+        [1 + names.index(face.patch), face.cells[0] + 1, 0, 404, *(n + 1 for n in face.nodes)] for face in outer
+    ]
+    (path / "mesh.boundary").write_text(rows(boundary, first=1))
+    listed = "".join(f"$ {name} = {k}\n" for k, name in enumerate(names, start=1))
+    (path / "mesh.names").write_text(
+        f"! ----- names for bodies -----\n$ air = 1\n! ----- names for boundaries -----\n{listed}"
+    )
+
+
 #: {file: writer}; every file holds POINTS, CELLS and PATCHES.
 WRITERS: dict[str, Callable[[Path], None]] = {
     "box.msh": fluent,
@@ -251,4 +271,5 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "box.e": exodus_hdf5,
     "box.inp": abaqus,
     "box.mdpa": kratos,
+    "box_elmer": elmer,
 }

@@ -1,0 +1,98 @@
+"""Elmer's mesh folders: mesh.nodes, mesh.elements, mesh.boundary and mesh.names. Boundaries become patches.
+
+https://www.nic.funet.fi/pub/sci/physics/elmer/doc/ElmerGridManual.pdf, appendix "Format of ElmerSolver meshes"
+"""
+
+import re
+import shutil
+from collections import defaultdict
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.format import Format
+from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners
+from mesh_motion_server.files.moved import edit_lines, move_rows
+from mesh_motion_server.files.numbering import rows_of
+from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
+
+__all__ = ["ELMER"]
+
+#: The hundreds of a type are its shape, the rest its nodes: 504 is a tetrahedron, 510 one of second order.
+_SHAPES = {1: "", 2: "line", 3: "triangle", 4: "quad", 5: "tetra", 6: "pyramid", 7: "wedge", 8: "hexahedron"}
+_NAME = re.compile(r"^\s*\$\s*(\S+)\s*=\s*(\d+)", re.MULTILINE)
+
+
+def _read(path: Path) -> MeshFile:
+    """Read a mesh from a folder.
+
+    Raises
+    ------
+    InvalidInput
+        For a missing file, unknown elements and malformed rows; names the file and the row.
+    """
+    try:
+        nodes = [line.split() for line in _lines(path / "mesh.nodes")]
+        numbers = np.array([int(row[0]) for row in nodes], dtype=np.int64)
+        points = np.array([[float(value) for value in row[2:5]] for row in nodes], dtype=np.float64).reshape(-1, 3)
+        cells: dict[str, list[Integers]] = defaultdict(list)
+        higher = 0
+        for name, _, own in _elements(path / "mesh.elements", numbers, 2):
+            if name:
+                cells[name].append(own[:, : CELL_TYPES[name].n_nodes])
+                higher += len(own) * (own.shape[1] > CELL_TYPES[name].n_nodes)
+        names = _boundary_names(path / "mesh.names")
+        patches: dict[str, list[Integers]] = defaultdict(list)
+        for _, tags, own in _elements(path / "mesh.boundary", numbers, 4):
+            for tag in np.unique(tags).tolist():
+                patches[names.get(tag, str(tag))].append(own[tags == tag].ravel())
+    except (ValueError, IndexError, OverflowError) as error:
+        raise InvalidInput(f"{path}: malformed Elmer mesh: {error}") from None
+    both = ({name: np.concatenate(parts) for name, parts in of.items()} for of in (cells, patches))
+    mesh = assemble(path, points, *both)
+    return replace(mesh, notes=(*mesh.notes, *by_corners(higher)))
+
+
+def _lines(path: Path) -> list[str]:
+    if not path.is_file():
+        raise ValueError(f"there is no {path.name}")
+    return [line for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+
+
+def _elements(path: Path, numbers: Integers, before: int) -> list[tuple[str, Integers, Integers]]:
+    """Our type, second numbers (m,) and nodes (m, k) of the rows of each type; it stands behind ``before`` numbers."""
+    found: dict[int, list[list[int]]] = defaultdict(list)
+    for place, line in enumerate(_lines(path), start=1):
+        row = [int(word) for word in line.split()]
+        kind = row[before]
+        if kind // 100 not in _SHAPES or len(row) != before + 1 + kind % 100:
+            raise ValueError(f"row {place} of {path.name} is of type {kind}, but has {len(row) - before - 1} nodes")
+        found[kind].append(row)
+    parts = []
+    for kind, listed in found.items():
+        rows = np.array(listed, dtype=np.int64)
+        nodes = rows_of(numbers, rows[:, before + 1 :], f"{path.name}: node")
+        parts.append((_SHAPES[kind // 100], rows[:, 1], nodes))
+    return parts
+
+
+def _boundary_names(path: Path) -> dict[int, str]:
+    """{number: name} of the boundaries, which follow their heading in mesh.names, a file that may be missing."""
+    text = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+    return {int(number): name for name, number in _NAME.findall(text.partition("names for boundaries")[2])}
+
+
+def _move(source: Path, target: Path, points: Floats) -> None:
+    """Write the folder with other coordinates of the nodes."""
+    shutil.copytree(source, target)
+
+    def change(lines: list[bytes]) -> None:
+        move_rows(lines, 0, points, column=2)
+
+    edit_lines(source / "mesh.nodes", target / "mesh.nodes", change)
+
+
+ELMER = Format("an Elmer folder", (), re.compile(rb"(?m)^mesh\.header$"), _read, move=_move, folder=True)
