@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile, read_mesh
 from mesh_motion_server.settings import MethodSettings
+from mesh_motion_server.toml import read_toml
 
 __all__ = [
     "Bending",
@@ -226,11 +227,11 @@ def read_case(path: Path | str) -> Case:
     """
     path = Path(path)
     try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
+        values = read_toml(path.read_text(encoding="utf-8"))
         content = CaseFile.model_validate(values)
     except OSError as error:
         raise InvalidInput(f"{path}: the case file cannot be read: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InvalidInput(f"{path}: not a TOML file: {str(error).splitlines()[0]}") from None
     except ValidationError as error:
         raise _first_offender(error, path) from None

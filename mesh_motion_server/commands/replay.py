@@ -12,6 +12,7 @@ import typer
 
 from mesh_motion_server.commands.cli import ExitStatus, complain, say
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.toml import read_toml
 
 if TYPE_CHECKING:
     from mesh_motion_server.cases.comparison import Comparison
@@ -53,7 +54,7 @@ def changes_of(assignments: Sequence[str]) -> dict[str, Any]:
         if not (key and equals and value):
             raise InvalidInput(f"expected a setting as key=value, got {text!r}", hint="--set support_radius=0.5")
         try:
-            changes[key] = tomllib.loads(f"value = {value}")["value"]
-        except (tomllib.TOMLDecodeError, RecursionError):
+            changes[key] = read_toml(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
             changes[key] = value
     return changes

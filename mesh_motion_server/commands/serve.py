@@ -75,11 +75,12 @@ def _server_settings(file: Path | None, given: dict[str, Any]) -> Any:
     import tomllib
 
     from mesh_motion_server.settings import ServerSettings
+    from mesh_motion_server.toml import read_toml
 
     try:
-        values = tomllib.loads(file.read_text(encoding="utf-8")) if file is not None else {}
+        values = read_toml(file.read_text(encoding="utf-8")) if file is not None else {}
         return ServerSettings.from_mapping(values | given)
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         complain(f"{file}: not readable as TOML: {error}")
     except MeshMotionError as error:
         complain(f"{file}: {error}" if file is not None else str(error))

@@ -27,6 +27,7 @@ from mesh_motion_protocol.key_files import KeyFileError, checked_key, checked_na
 
 from mesh_motion_server.errors import InvalidInput, SessionError
 from mesh_motion_server.security.authorisation import ROLES, Role
+from mesh_motion_server.toml import read_toml
 
 __all__ = ["Access", "AllowList", "Entry", "Everybody", "read_entries", "write_entries"]
 
@@ -152,8 +153,8 @@ def read_entries(path: Path) -> dict[str, Entry]:
     if len(text) > _MOST_BYTES:
         raise InvalidInput(f"{path}: an allow-list must have at most {_MOST_BYTES} bytes")
     try:
-        content = tomllib.loads(text.decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        content = read_toml(text.decode("utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InvalidInput(f"{path}: not readable as TOML: {error}") from None
     unknown = sorted(content.keys() - {"keys"})
     if unknown or not isinstance(content.get("keys"), dict):

@@ -10,13 +10,13 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 from mesh_motion_server.absence import is_missing
 from mesh_motion_server.errors import JournalError, MeshMotionError
 from mesh_motion_server.session.journal.files import MANIFEST, SLOTS, read_ledger
 from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, unreadable
-from mesh_motion_server.session.journal.mesh_store import MESH
+from mesh_motion_server.session.journal.mesh_store import MESH, has_its_length
 from mesh_motion_server.session.spec import SPEC, StoredSpec, check_digest
 from mesh_motion_server.session.state import State
 
@@ -31,6 +31,8 @@ _MOST = 10_000
 #: clocks tick in milliseconds to seconds.
 _SETTLED_SECONDS = 2.5
 
+_HINT = "restore the session's folder from a backup"
+
 Value = TypeVar("Value")
 Stamp = tuple[int, int, int, int, int]
 
@@ -42,7 +44,8 @@ class StoredSession:
     Attributes
     ----------
     state : str
-        READY; FAILED when its files do not verify; UNREADABLE when they cannot be read.
+        READY; FAILED when files are missing or cut, or the journal or the spec does not verify; UNREADABLE when they
+        cannot be read. Whether coordinates and mesh verify is for RESUME and inspect: gigabytes are read for that.
     owner : str
         The public key of the user who opened it; empty on a server without keys.
     """
@@ -54,6 +57,15 @@ class StoredSession:
     step: int
     state: str
     owner: str = ""
+
+
+class _Journal(NamedTuple):
+    """What is used of a journal: the last step, the digest of the spec, and where the last state is stored."""
+
+    step: int
+    spec: bytes
+    slot: str | None
+    slot_bytes: int
 
 
 class Remembered(Generic[Value]):
@@ -104,7 +116,8 @@ class Listing:
     def __init__(self, files: FileSystem) -> None:
         self._files = files
         self._specs: Remembered[tuple[bytes, StoredSpec | JournalError]] = Remembered(_MOST)
-        self._journals: Remembered[tuple[int, bytes]] = Remembered(_MOST)
+        self._journals: Remembered[_Journal] = Remembered(_MOST)
+        self._meshes: Remembered[bool] = Remembered(_MOST)
 
     def spec(self, folder: Path) -> StoredSpec:
         """What OPEN fixed.
@@ -116,7 +129,7 @@ class Listing:
         """
 
         try:
-            _, digest = self._journal(folder)
+            digest = self._journal(folder).spec
         except MeshMotionError:  # a damaged journal gives no digest; RESUME refuses it
             digest = None
         return self._checked_spec(folder, digest)
@@ -144,12 +157,12 @@ class Listing:
 
         return self._specs.get(folder / SPEC, read)
 
-    def _journal(self, folder: Path) -> tuple[int, bytes]:
-        """The last step, and the digest of the spec."""
-
-        def read() -> tuple[int, bytes]:
+    def _journal(self, folder: Path) -> _Journal:
+        def read() -> _Journal:
             ledger = read_ledger(folder, self._files)
-            return ledger.step, ledger.foundation.spec
+            foundation, last = ledger.foundation, ledger.snapshot
+            slot = None if last is None else SLOTS[last.slot]
+            return _Journal(ledger.step, foundation.spec, slot, foundation.record_area + foundation.state_bytes)
 
         return self._journals.get(folder / MANIFEST, read)
 
@@ -161,24 +174,30 @@ class Listing:
             return ""
         return "" if isinstance(spec, JournalError) else spec.owner
 
-    def _require_files(self, folder: Path) -> None:
-        """Raise if a file that every session has is not there; what it contains is for RESUME and inspect."""
+    def _require_files(self, folder: Path, journal: _Journal) -> None:
+        """Raise if a file that every session has is not there or is cut; the rest is for RESUME and inspect."""
+        mesh = folder / MESH
         for name in (MESH, *SLOTS):
             try:
-                lost = is_missing(folder / name)
+                if is_missing(folder / name):
+                    raise JournalError(f"{name} is missing", hint=_HINT)
+                if name == MESH:
+                    whole = self._meshes.get(mesh, lambda: has_its_length(mesh, self._files))
+                else:
+                    whole = name != journal.slot or os.stat(folder / name).st_size >= journal.slot_bytes
             except OSError as error:
                 raise unreadable(name, error) from error
-            if lost:
-                raise JournalError(f"{name} is missing", hint="restore the session's folder from a backup")
+            if not whole:
+                raise JournalError(f"{name} does not have its length", hint=_HINT)
 
     def describe(self, folder: Path) -> StoredSession:
-        """Describe a session at rest; of its files only the manifest's chain is read, and only once."""
+        """Describe a session at rest; of its files only heads and the manifest's chain are read, and only once."""
         owner = self.owner(folder)
         try:
-            step, digest = self._journal(folder)
-            spec = self._checked_spec(folder, digest)
-            self._require_files(folder)
+            journal = self._journal(folder)
+            spec = self._checked_spec(folder, journal.spec)
+            self._require_files(folder, journal)
         except MeshMotionError as error:
             state = UNREADABLE if error.code == "RESOURCE_EXHAUSTED.DISK" else State.FAILED
             return StoredSession(folder.name, "", 0, 0, 0, state, owner)
-        return StoredSession(folder.name, spec.label, spec.dimension, spec.partitions, step, State.READY, owner)
+        return StoredSession(folder.name, spec.label, spec.dimension, spec.partitions, journal.step, State.READY, owner)

@@ -1,5 +1,6 @@
 """What lists read of a journal: as much as is used, and the same as from the whole."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ from mesh_motion_protocol.messages import Commit, Move
 
 from mesh_motion_server.session import listing
 from mesh_motion_server.session.journal.files import MANIFEST, read_ledger
+from mesh_motion_server.session.journal.mesh_store import has_its_length
 from mesh_motion_server.session.journal.recovery import read_chain, sum_up
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.transport import registry
@@ -139,6 +141,23 @@ def test_a_session_that_lost_a_file_is_not_ready(five: SessionStore, name: str) 
     (five.root / "sessions" / SESSION / name).unlink()
     states = {found.session: found.state for found in five.sessions()}
     assert states == dict.fromkeys(OTHERS, "READY") | {SESSION: "FAILED"}
+
+
+@pytest.mark.parametrize("name", ["mesh.bin", "slot-1"])
+@pytest.mark.parametrize("length", [0, 7, 100, -1])
+def test_a_session_whose_file_was_cut_is_not_ready(five: SessionStore, name: str, length: int) -> None:
+    """What RESUME would refuse."""
+    path = five.root / "sessions" / SESSION / name
+    os.truncate(path, length % path.stat().st_size)
+    states = {found.session: found.state for found in five.sessions()}
+    assert states == dict.fromkeys(OTHERS, "READY") | {SESSION: "FAILED"}
+
+
+def test_a_list_reads_heads_of_meshes_only(journal: Any) -> None:
+    _, files, folder = journal
+    before = files.read_bytes
+    assert has_its_length(folder / "mesh.bin", files)
+    assert files.read_bytes - before < 200 < len(files.entries[folder / "mesh.bin"].cache)
 
 
 def test_what_may_still_change_unseen_is_not_remembered(five: SessionStore, reads: list[str]) -> None:

@@ -17,7 +17,8 @@ from mesh_motion_server.session.spec import SPEC
 from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.session.unbuilt import UNBUILT
-from proofs.driver import SESSION, TOKEN, make_driver, make_spec
+from mesh_motion_server.settings import ServerSettings
+from proofs.driver import SESSION, TOKEN, make_driver, make_spec, resume
 from proofs.stand_in import grid_mesh
 
 OTHER = "f" * 32
@@ -68,25 +69,46 @@ def test_a_built_session_without_its_manifest_is_lost_data_and_stays(
         assert inspect_session(folder).state == "damaged"
 
 
+def change_last_byte(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-1] + b"!")
+
+
+def make_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
 @pytest.mark.parametrize("durability", ["full", "relaxed", "replay"])
-@pytest.mark.parametrize("name", ["mesh.bin", SPEC])
-@pytest.mark.parametrize("damage", [Path.unlink, lambda path: path.write_bytes(path.read_bytes()[:-1] + b"?")])
+@pytest.mark.parametrize(
+    ("names", "damage"),
+    [
+        (["mesh.bin"], Path.unlink),
+        (["mesh.bin"], change_last_byte),
+        ([SPEC], Path.unlink),
+        ([SPEC], change_last_byte),
+        (["slot-0", "slot-1"], change_last_byte),
+        (["manifest.new"], make_folder),
+    ],
+)
 def test_a_resume_that_is_refused_changes_nothing(
-    store: SessionStore, durability: str, name: str, damage: Callable[[Path], None]
+    store: SessionStore, durability: str, names: list[str], damage: Callable[[Path], None]
 ) -> None:
     """Even where a crash left the journal to be settled."""
-    driver = make_driver(store, [grid_mesh()], spec={"durability": durability})
+    limits = ServerSettings(snapshot_steps=2)
+    driver = make_driver(store, [grid_mesh()], spec={"durability": durability}, limits=limits)
     driver.open()
-    driver.advance(1)
+    for step in (1, 2, 3):
+        driver.advance(step)
     folder = store.root / "sessions" / SESSION
     shutil.copytree(folder, kept := store.root / "kept")
     driver.host.close()
     shutil.rmtree(folder)
     kept.rename(folder)
-    damage(folder / name)
+    for name in names:
+        damage(folder / name)
     before = content(folder)
-    with pytest.raises(JournalError):
-        load(store)
+    with pytest.raises(MeshMotionError):
+        resume(store)
     assert content(folder) == before
 
 

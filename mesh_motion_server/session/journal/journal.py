@@ -342,14 +342,16 @@ class Journal:
 
         What was read may be in the page cache only, left there by a write whose sync failed, and a sync alone would not
         write it again: so the last record and its slot are written anew. Slots are cleaned last, for a torn manifest
-        is judged by them.
+        is judged by them. What may be refused comes first, so that a refusal changes nothing.
         """
+        state = self.read_state() if self.ledger.snapshot else None
+        self._renew_reserve()
         again = found.completion or found.records[-1:]
         packed = b"".join(pack_record(r.sequence, r.previous, r.body, r.format) for r in again)
         self._files.sync_folder(self._folder)
         slot = slot_of(again[-1])
         if slot is not None:
-            self._write_slot(slot, packed[-again[-1].length :], self.read_state())
+            self._write_slot(slot, packed[-again[-1].length :], state)
         start = found.end if found.completion else found.end - len(packed)
         self._end = start + len(packed)
         rest = bytes(self.ledger.capacity - self._end) if found.torn else b""
@@ -366,7 +368,6 @@ class Journal:
             # the torn record may have been an epoch that was answered
             self.ledger = replace(self.ledger, epoch=self.ledger.epoch + 1)
         failpoint("journal.settle.done")
-        self._renew_reserve()
 
     def _renew_reserve(self) -> None:
         """Hold the space of the next manifest; where there is none, the session goes on as long as it can."""

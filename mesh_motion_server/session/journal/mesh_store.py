@@ -26,13 +26,14 @@ from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.journal.filesystem import FileSystem, unreadable, write_all
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 
-__all__ = ["MESH", "read_mesh", "write_mesh"]
+__all__ = ["MESH", "has_its_length", "read_mesh", "write_mesh"]
 
 MESH = "mesh.bin"
 """The file's name in a session's folder."""
 
 _MAGIC = b"MMMESH\x01\n"
 _LENGTH = struct.Struct("<Q")
+_START = len(_MAGIC) + _LENGTH.size
 #: Half a megabyte of tetrahedra.
 _BLOCK_ROWS = 1 << 14
 
@@ -88,9 +89,33 @@ def read_mesh(path: Path, files: FileSystem, digest: bytes) -> list[PartitionMes
             details={"file": path.name},
         )
     (length,) = _LENGTH.unpack_from(data, len(_MAGIC))
-    start = len(_MAGIC) + _LENGTH.size
-    reader = _Reader(data, start + length + -(start + length) % 8)
-    return [_restore(described, reader) for described in msgpack.unpackb(data[start : start + length])]
+    end = _START + length
+    reader = _Reader(data, end + -end % 8)
+    return [_restore(described, reader) for described in msgpack.unpackb(data[_START:end])]
+
+
+def has_its_length(path: Path, files: FileSystem) -> bool:
+    """Whether the file is as long as its header says; reads no more than that, and so finds no wrong number.
+
+    Raises
+    ------
+    OSError
+        If the disk does not give it.
+    """
+    handle = files.open(path, writable=False)
+    try:
+        size, head = files.size(handle), files.read(handle, 0, _START)
+        if len(head) < _START:
+            return False
+        (length,) = _LENGTH.unpack_from(head, len(_MAGIC))
+        header = files.read(handle, _START, min(length, size))
+    finally:
+        files.close(handle)
+    end = _START + length
+    try:
+        return bool(size == end + -end % 8 + 8 * sum(map(_described_count, msgpack.unpackb(header))))
+    except (ValueError, LookupError, TypeError, AttributeError):  # the header is damaged
+        return False
 
 
 def _describe(partition: PartitionMesh) -> dict[str, Any]:
@@ -113,6 +138,13 @@ def _count(partition: PartitionMesh) -> int:
     cells = sum(piece.size for name in partition.cells for piece in partition.cell_pieces(name))
     patches = sum(len(patch.nodes) for patch in partition.patches.values())
     return partition.points.size + len(partition.global_ids) + cells + patches
+
+
+def _described_count(described: dict[str, Any]) -> int:
+    """How many numbers are written of it, by its map in the header."""
+    cells = sum(rows * CELL_TYPES[name].n_nodes for name, rows in described["cells"].items())
+    patches = sum(rows for _, rows in described["patches"].values())
+    return int(described["nodes"] * (described["dimension"] + 1) + cells + patches)
 
 
 def _blocks(partition: PartitionMesh) -> Iterator[NDArray[Any]]:

@@ -7,7 +7,7 @@ import pytest
 
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
-from mesh_motion_server.session.journal.mesh_store import read_mesh, write_mesh
+from mesh_motion_server.session.journal.mesh_store import has_its_length, read_mesh, write_mesh
 from proofs.stand_in import grid_mesh, split_mesh
 
 FILES = PosixFileSystem()
@@ -42,3 +42,26 @@ def test_every_damaged_byte_is_found(tmp_path: Path) -> None:
     with pytest.raises(JournalError, match="cannot be read") as caught:
         read_mesh(path, FILES, digest)
     assert caught.value.code == "DATA_LOSS.CHECKSUM"
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+def test_a_file_that_is_cut_or_grew_does_not_have_its_length(tmp_path: Path, parts: int) -> None:
+    path = tmp_path / "mesh.bin"
+    write_mesh(path, FILES, split_mesh(grid_mesh(5), parts) if parts > 1 else [grid_mesh(5)])
+    assert has_its_length(path, FILES)
+    data = path.read_bytes()
+    for length in range(0, len(data), 3):
+        path.write_bytes(data[:length])
+        assert not has_its_length(path, FILES)
+    path.write_bytes(data + b"x")
+    assert not has_its_length(path, FILES)
+
+
+def test_a_damaged_header_is_an_answer(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.bin"
+    write_mesh(path, FILES, [grid_mesh(3)])
+    data = path.read_bytes()
+    for offset in range(200):
+        for flipped in (1, 0x80, 0xFF):
+            path.write_bytes(data[:offset] + bytes([data[offset] ^ flipped]) + data[offset + 1 :])
+            has_its_length(path, FILES)  # raises nothing

@@ -1,0 +1,39 @@
+"""Text that claims to be TOML: keys of very many parts are refused at once, all that people write is read."""
+
+import time
+import tomllib
+from typing import Any
+
+import pytest
+
+from mesh_motion_server.toml import read_toml
+
+MANY = 30_000
+
+
+@pytest.mark.parametrize("part", ["a", "a-1", '"a b"', "'a'"])
+@pytest.mark.parametrize("dot", [".", " .\t"])
+@pytest.mark.parametrize("place", ["{} = 1", "[{}]", "[[{}]]", "x = {{ y = 2, {} = 1 }}"])
+def test_a_key_of_very_many_parts_is_refused(part: str, dot: str, place: str) -> None:
+    with pytest.raises(tomllib.TOMLDecodeError, match=r"more than 100 dotted parts \(at line 3\)"):
+        read_toml("\n\n" + place.format(dot.join([part] * MANY)))
+
+
+def nested(parts: int) -> dict[str, Any]:
+    return {"a": nested(parts - 1)} if parts else {"b": 1}
+
+
+def test_what_people_write_is_read() -> None:
+    floats = ", ".join(["0.5", "-1.25e-3"] * 500)
+    names = ", ".join(['"x.y"'] * 500)
+    text = f"a = [{floats}]\nb = 'mesh.v1.2.msh ... and so on.'\nc = [{names}]"
+    assert read_toml(text) == tomllib.loads(text)
+    assert read_toml(".".join("a" * 99) + ".b = 1") == nested(99)
+
+
+@pytest.mark.parametrize("piece", ["a", '"', "'", "a.", " ", "a. ", '"a".', "[", '"a', "a.b c."])
+def test_a_large_text_is_refused_soon(piece: str) -> None:
+    began = time.process_time()
+    with pytest.raises(tomllib.TOMLDecodeError):
+        read_toml("a = " + piece * 100_000)
+    assert time.process_time() - began < 2.0
