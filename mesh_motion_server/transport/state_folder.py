@@ -110,8 +110,10 @@ def _holder(lock: int) -> str:
 
 
 def _refused(root: Path, error: OSError) -> MeshMotionError:
+    taken = isinstance(error, FileExistsError)
+    reason = "it is a file, or a link that leads nowhere" if taken else error.strerror or error
     return ResourceError(
-        f"the state folder {root} cannot be used: {error.strerror or error}",
+        f"the state folder {root} cannot be used: {reason}",
         code="RESOURCE_EXHAUSTED.DISK",
         hint="see to the disk and to the rights of the folder, or give another --state",
     )

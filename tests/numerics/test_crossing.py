@@ -192,5 +192,5 @@ def test_between_periodic_sides_a_body_leaves_through_a_wall(walls: str, aside: 
         patches[name] = Patch(walls if name in ("low", "up") else "periodic", np.flatnonzero(on))
     table = CellTable.from_arrays({"quad": cells.reshape(-1, 4)})
     model = MotionModel.build(points, table, patches, Method())
-    for up, there in ((0.5, True), (0.41, True), (0.39, False)):
+    for up, there in ((0.5, True), (0.41, True), (0.4, True), (0.399, False)):
         assert ("cross itself" in refused(model, points[body] + np.array([aside, up]))) == there

@@ -42,7 +42,7 @@ def test_a_folder_that_others_may_write_to_is_refused(tmp_path: Path, name: str,
 def test_what_is_no_folder_is_refused(tmp_path: Path, what: str) -> None:
     path = tmp_path / "state"
     path.touch() if what == "file" else path.symlink_to("nowhere" if what == "dangling" else path)
-    with pytest.raises(ResourceError, match="cannot be used"):
+    with pytest.raises(ResourceError, match="cannot be used: it is a file, or a link that leads nowhere"):
         StateFolder(path)
 
 

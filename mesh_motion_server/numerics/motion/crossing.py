@@ -123,6 +123,12 @@ class PossibleCrossing:
             yield "cross itself", straddling_place(self.facets, moved)
         touching = touching_facets(self.facets, moved)
         yield "touch or cross itself", contact_place(facets, touching, self.known, reference, moved)
+        if len(self.roles.periodic):
+            # periodic sides bend, and a body may pass beyond them; but a wall that stays is between them
+            still = touching[~(self.facets.moving[touching] & (touching >= 0)).any(axis=1)]
+            known = self.known.copy()
+            known[self.roles.periodic] = True
+            yield "touch or cross itself", contact_place(facets, still, known, reference, moved)
 
 
 def _on_planes(sliding: SlidingSurfaces | None, away: Integers) -> Integers:
