@@ -1,7 +1,7 @@
 """scikit-build-core, with a compiler from PyPI (``ziglang``, 100 MB) where the machine has none.
 
-``pip install .`` in a checkout takes the client from the folder beside, as it may not have been released. A source
-distribution, an editable installation and what cibuildwheel makes ask for the client's release.
+``pip install .`` in a checkout takes the client from the folder beside, as it may not have been released. What is made
+to be given away, and an editable installation, ask for the client's release.
 """
 
 from __future__ import annotations
@@ -61,9 +61,11 @@ def _compiler() -> Iterator[None]:
 
 @contextmanager
 def _client_beside() -> Iterator[None]:
-    """The requirement of kernels/client_dependency.py is the folder, in a checkout."""
+    """The requirement of kernels/client_dependency.py is the folder, where pip installs a checkout."""
     root = Path(__file__).resolve().parents[1]
-    if not (root / ".git").exists() or "CIBUILDWHEEL" in os.environ:
+    # pip sets it for the hooks that it runs, and build does not
+    by_pip = "PIP_BUILD_TRACKER" in os.environ and "CIBUILDWHEEL" not in os.environ
+    if not ((root / ".git").exists() and by_pip):
         yield
         return
     os.environ["MESH_MOTION_CLIENT"] = f" @ {(root / 'adapters' / 'python').as_uri()}"

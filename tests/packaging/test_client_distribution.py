@@ -48,7 +48,7 @@ def test_a_checkout_installs_the_client_beside_it(kind: str, where: str, tmp_pat
     if not (ROOT / ".git").exists():
         pytest.skip("no checkout")
     hook = f"import build_backend; print(build_backend.prepare_metadata_for_build_{kind}({str(tmp_path)!r}))"
-    kernels = os.environ | {"PYTHONPATH": str(ROOT / "kernels")}
+    kernels = os.environ | {"PYTHONPATH": str(ROOT / "kernels"), "PIP_BUILD_TRACKER": str(tmp_path)}
     done = subprocess.run(
         [sys.executable, "-c", hook], cwd=ROOT, env=kernels, check=True, capture_output=True, text=True
     )
