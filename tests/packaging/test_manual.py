@@ -60,6 +60,14 @@ def test_every_command_shows_an_example() -> None:
     assert [name for name, command in commands().items() if not examples(command.help)] == []
 
 
+def _su2(points: np.ndarray, triangles: np.ndarray) -> str:
+    """A mesh of triangles without patches, as SU2 reads it."""
+    cells = [f"5 {a} {b} {c}" for a, b, c in triangles]
+    nodes = [f"{x!r} {y!r}" for x, y in points.tolist()]
+    lines = ["NDIME= 2", f"NELEM= {len(cells)}", *cells, f"NPOIN= {len(nodes)}", *nodes, "NMARK= 0"]
+    return "\n".join([*lines, ""])
+
+
 def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -79,6 +87,7 @@ def shell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shell]:
         (shell.folder / "out" / name).symlink_to("rotation")
     with np.load(shell.folder / "mesh.npz") as file:
         np.save(shell.folder / "out" / "points.npy", file["points"])
+        (shell.folder / "mesh.su2").write_text(_su2(file["points"], file["cells_triangle"]))
     yield shell
     shell.stop(server)
 
