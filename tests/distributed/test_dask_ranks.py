@@ -276,14 +276,17 @@ def test_a_server_that_dies_goes_on_with_the_same_bits(cluster, expected, tmp_pa
             assert_as_expected(moved, written(files, tmp_path / "2", session), expected("plane", CORRECTED)[1])
 
 
+PATCHES = {"points": np.zeros((3, 2)), **{f"patch_{name}": [0] for name in ROLES}}
+
+
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
         (lambda file: file.unlink(), "partition-001.npz: cannot be read: No such file"),
         (lambda file: file.write_bytes(b"mesh"), "partition-001.npz: not readable as an .npz archive"),
         (lambda file: np.savez(file, nodes=np.zeros(3)), "partition-001.npz: expected 'points', 'cells_<type>'"),
-        (lambda file: np.savez(file, points=np.zeros((3, 2)), cells_triangle=[[0, 1, 2]]), "001.npz: expected a parti"),
-        (lambda file: np.savez(file, points=np.zeros((3, 2)), cells_triangle=[[0, 1, 3]]), "001.npz: cells of type"),
+        (lambda file: np.savez(file, **PATCHES, cells_triangle=[[0, 1, 2]]), "001.npz: expected a parti"),
+        (lambda file: np.savez(file, **PATCHES, cells_triangle=[[0, 1, 3]]), "001.npz: cells of type"),
         (lambda file: np.savez(file, points=np.zeros((3, 2)), patch_flag=[0]), "patch 'flag' has no role"),
     ],
 )
