@@ -6,18 +6,16 @@ https://www.nic.funet.fi/pub/sci/physics/elmer/doc/ElmerGridManual.pdf, appendix
 import re
 import shutil
 from collections import defaultdict
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners
+from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, concatenated
 from mesh_motion_server.files.moved import edit_lines, move_rows
-from mesh_motion_server.files.numbering import rows_of
+from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["ELMER"]
 
@@ -36,24 +34,17 @@ def _read(path: Path) -> MeshFile:
     """
     try:
         nodes = [line.split() for line in _lines(path / "mesh.nodes")]
-        numbers = np.array([int(row[0]) for row in nodes], dtype=np.int64)
+        rows = NumberedRows.of(np.array([int(row[0]) for row in nodes], dtype=np.int64))
         points = np.array([[float(value) for value in row[2:5]] for row in nodes], dtype=np.float64).reshape(-1, 3)
-        cells: dict[str, list[Integers]] = defaultdict(list)
-        higher = 0
-        for name, _, own in _elements(path / "mesh.elements", numbers, 2):
-            if name:
-                cells[name].append(own[:, : CELL_TYPES[name].n_nodes])
-                higher += len(own) * (own.shape[1] > CELL_TYPES[name].n_nodes)
+        elements = [(name, own) for name, _, own in _elements(path / "mesh.elements", rows, 2)]
         names = _boundary_names(path / "mesh.names")
         patches: dict[str, list[Integers]] = defaultdict(list)
-        for _, tags, own in _elements(path / "mesh.boundary", numbers, 4):
+        for _, tags, own in _elements(path / "mesh.boundary", rows, 4):
             for tag in np.unique(tags).tolist():
                 patches[names.get(tag, str(tag))].append(own[tags == tag].ravel())
     except (ValueError, IndexError, OverflowError) as error:
         raise InvalidInput(f"{path}: malformed Elmer mesh: {error}") from None
-    both = ({name: np.concatenate(parts) for name, parts in of.items()} for of in (cells, patches))
-    mesh = assemble(path, points, *both)
-    return replace(mesh, notes=(*mesh.notes, *by_corners(higher)))
+    return assemble_elements(path, points, elements, concatenated(patches))
 
 
 def _lines(path: Path) -> list[str]:
@@ -62,7 +53,7 @@ def _lines(path: Path) -> list[str]:
     return [line for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
 
 
-def _elements(path: Path, numbers: Integers, before: int) -> list[tuple[str, Integers, Integers]]:
+def _elements(path: Path, node_rows: NumberedRows, before: int) -> list[tuple[str, Integers, Integers]]:
     """Our type, second numbers (m,) and nodes (m, k) of the rows of each type; it stands behind ``before`` numbers."""
     found: dict[int, list[list[int]]] = defaultdict(list)
     for place, line in enumerate(_lines(path), start=1):
@@ -74,7 +65,7 @@ def _elements(path: Path, numbers: Integers, before: int) -> list[tuple[str, Int
     parts = []
     for kind, listed in found.items():
         rows = np.array(listed, dtype=np.int64)
-        nodes = rows_of(numbers, rows[:, before + 1 :], f"{path.name}: node")
+        nodes = node_rows(rows[:, before + 1 :], f"{path.name}: node")
         parts.append((_SHAPES[kind // 100], rows[:, 1], nodes))
     return parts
 

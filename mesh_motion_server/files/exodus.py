@@ -4,10 +4,8 @@ Sandia report SAND92-2137 (2006), https://sandialabs.github.io/seacas-docs/
 """
 
 import re
-from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +14,7 @@ import numpy as np
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.hdf5 import opened_hdf5
-from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners
+from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements
 from mesh_motion_server.files.moved import copied_hdf5
 from mesh_motion_server.files.packages import check_unpacked, reason_of
 from mesh_motion_server.files.replace import replacing
@@ -42,25 +40,18 @@ def _read(path: Path) -> MeshFile:
     with _opened(path) as data:
         points = _points(data)
         blocks = _blocks(data, len(points))
-        dimension = max((CELL_TYPES[name].dimension for name, _ in blocks if name), default=0)
-        cells: dict[str, list[Integers]] = defaultdict(list)
-        higher = 0
-        for name, nodes in blocks:
-            if name:
-                cells[name].append(nodes[:, : CELL_TYPES[name].n_nodes])
-                own = CELL_TYPES[name].dimension == dimension
-                higher += len(nodes) * (own and nodes.shape[1] > CELL_TYPES[name].n_nodes)
-        joined = {name: np.concatenate(parts) for name, parts in cells.items()}
-        mesh = assemble(path, points, joined, _sets(data, points, blocks))
-        return replace(mesh, notes=(*mesh.notes, *by_corners(higher)))
+        return assemble_elements(path, points, blocks, _sets(data, points, blocks))
+
+
+def _is_hdf5(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(4) == b"\x89HDF"
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[dict[str, Any]]:
     """The variables of a file by their names."""
-    with path.open("rb") as file:
-        head = file.read(4)
-    if head == b"\x89HDF":
+    if _is_hdf5(path):
         with opened_hdf5(path, "Exodus file") as root:
             for name in root:
                 check_unpacked(path, root[name].id.get_storage_size(), root[name].nbytes)
@@ -161,9 +152,7 @@ def _name(data: dict[str, Any], kind: str, number: int) -> str:
 
 def _move(source: Path, target: Path, points: Floats) -> None:
     """Write the file with other coordinates of the nodes; results in the file stay."""
-    with source.open("rb") as file:
-        head = file.read(4)
-    if head == b"\x89HDF":
+    if _is_hdf5(source):
         with copied_hdf5(source, target) as variables:
             _overwrite(variables, points)
         return

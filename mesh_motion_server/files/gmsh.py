@@ -20,8 +20,9 @@ import numpy as np
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.gmsh_values import AsciiValues, BinaryValues, Values
-from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, group_names
+from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, concatenated, group_names
 from mesh_motion_server.files.moved import Place, edit, replaced
+from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
@@ -80,7 +81,7 @@ def read_gmsh(path: Path) -> MeshFile:
     """
     try:
         content = _read_sections(path.read_bytes())
-        rows = _NodeRows.of(content.tags)
+        rows = NumberedRows.of(content.tags, missing="an element names node {number}, which is not in $Nodes")
         cells, patches = _cells(content, rows), _patches(content, rows)
     except (ValueError, IndexError, OverflowError) as error:
         raise InvalidInput(f"{path}: malformed or unsupported Gmsh file: {error}") from None
@@ -263,32 +264,7 @@ def _element_type(code: int) -> tuple[str, int]:
     return _TYPES[code], CELL_TYPES[_TYPES[code]].n_nodes
 
 
-@dataclass(frozen=True, eq=False)
-class _NodeRows:
-    """The row in $Nodes of each node tag; tags may be sparse and in any order."""
-
-    tags: Integers  # (n,) ascending
-    rows: Integers  # (n,)
-
-    @classmethod
-    def of(cls, tags: Integers) -> _NodeRows:
-        order = np.argsort(tags, kind="stable")
-        ascending = tags[order]
-        if len(repeated := ascending[1:][np.diff(ascending) == 0]):
-            raise ValueError(f"node {int(repeated[0])} appears twice in $Nodes")
-        return cls(ascending, order)
-
-    def __call__(self, nodes: Integers) -> Integers:
-        """Rows of node tags, in the shape of ``nodes``."""
-        places = np.searchsorted(self.tags, nodes)
-        known = places < len(self.tags)
-        known[known] = self.tags[places[known]] == nodes[known]
-        if not known.all():
-            raise ValueError(f"an element names node {int(nodes[~known][0])}, which is not in $Nodes")
-        return self.rows[places]
-
-
-def _cells(content: _Content, rows: _NodeRows) -> dict[str, Integers]:
+def _cells(content: _Content, rows: NumberedRows) -> dict[str, Integers]:
     """{type: (m, k)} cells of all dimensions; 2.2 lists an element of several groups several times."""
     found: dict[str, list[_Block]] = defaultdict(list)
     for block in content.blocks:
@@ -306,7 +282,7 @@ def _merge(blocks: list[_Block]) -> Integers:
     return nodes[np.sort(first)]
 
 
-def _patches(content: _Content, rows: _NodeRows) -> dict[str, Integers]:
+def _patches(content: _Content, rows: NumberedRows) -> dict[str, Integers]:
     """{name: (p,) node rows, with repeats} of the groups of lower dimension than the mesh."""
     top = max((block.dimension for block in content.blocks), default=0)
     lower = [block for block in content.blocks if block.dimension < top]
@@ -324,7 +300,7 @@ def _patches(content: _Content, rows: _NodeRows) -> dict[str, Integers]:
     for block in lower:
         for group in block.groups:
             found[names[block.dimension, group]].append(rows(block.nodes.ravel()))
-    return {name: np.concatenate(parts) for name, parts in found.items()}
+    return concatenated(found)
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:

@@ -9,31 +9,28 @@ http://www.dhondt.de/ccx_2.20.pdf, chapter 7
 import re
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners
+from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, concatenated
 from mesh_motion_server.files.moved import edit_lines, move_rows
-from mesh_motion_server.files.numbering import rows_of
-from mesh_motion_server.files.sides import ABAQUS, side_nodes
+from mesh_motion_server.files.numbering import NumberedRows
+from mesh_motion_server.files.sides import ABAQUS, PLANES, SOLIDS, side_nodes
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["ABAQUS_INP"]
 
 #: A type's name ends with its number of nodes and letters for how it is integrated: C3D8, C3D20R, CPS4, STRI65, F3D8.
-_SOLIDS = {4: "tetra", 10: "tetra", 8: "hexahedron", 20: "hexahedron", 27: "hexahedron", 6: "wedge", 15: "wedge",
-           5: "pyramid", 13: "pyramid"}  # fmt: skip
-_PLANES = {3: "triangle", 6: "triangle", 4: "quad", 8: "quad", 9: "quad"}
 _LINES = {2: "line", 3: "line"}
 _FAMILIES = (
-    (re.compile(r"(?:[DA]?C3D|F3D|FC3D|SC)(\d+)"), _SOLIDS),
-    (re.compile(r"(?:[DA]?C(?:PS|PE|PEG|AX|2D)|M3D|F2D|SFM3D|R3D|DS|MAX|[SM])(\d+)"), _PLANES),
-    (re.compile(r"STRI(\d)"), _PLANES),
+    (re.compile(r"(?:[DA]?C3D|F3D|FC3D|SC)(\d+)"), SOLIDS),
+    (re.compile(r"(?:[DA]?C(?:PS|PE|PEG|AX|2D)|M3D|F2D|SFM3D|R3D|DS|MAX|[SM])(\d+)"), PLANES),
+    (re.compile(r"STRI(\d)"), PLANES),
     (re.compile(r"[TR][23]D(\d+)"), _LINES),
 )
 
@@ -177,12 +174,9 @@ def _flat(sets: dict[str, list[int | str]], name: str, seen: tuple[str, ...] = (
 def _mesh(path: Path, found: _Content) -> MeshFile:
     if not found.points or not found.elements:
         raise InvalidInput(f"{path}: no nodes, or no elements of a volume or a plane")
-    numbers, points = np.concatenate(found.numbers), np.concatenate(found.points)
-    blocks = [(name, ids, rows_of(numbers, nodes, "node")) for name, ids, nodes in found.elements]
+    rows, points = NumberedRows.of(np.concatenate(found.numbers)), np.concatenate(found.points)
+    blocks = [(name, ids, rows(nodes)) for name, ids, nodes in found.elements]
     dimension = max(CELL_TYPES[name].dimension for name, _, _ in blocks)
-    cells: dict[str, list[Integers]] = defaultdict(list)
-    for name, _, nodes in blocks:
-        cells[name].append(nodes[:, : CELL_TYPES[name].n_nodes])
     patches: dict[str, list[Integers]] = defaultdict(list)
     for name, parts in found.surfaces.items():
         for items, side in parts:
@@ -190,19 +184,15 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
             patches[name] += [of.ravel() for of in _surface(points, blocks, own, side)]
     for name in found.node_sets:
         own = np.unique(_flat(found.node_sets, name))
-        if len(own) < len(numbers):  # the set of all nodes is no patch
-            patches[name].append(rows_of(numbers, own, f"set {name!r}: node"))
+        if len(own) < len(points):  # the set of all nodes is no patch
+            patches[name].append(rows(own, f"set {name!r}: node"))
     for name in found.element_sets:
         own = _flat(found.element_sets, name)
         for cell, ids, nodes in blocks:
             if CELL_TYPES[cell].dimension < dimension and (inside := np.isin(ids, own)).any():
                 patches[name].append(nodes[inside].ravel())
-    joined = {name: np.concatenate(parts) for name, parts in cells.items()}
-    nodes_of = {name: np.concatenate(parts) for name, parts in patches.items()}
-    mesh = assemble(path, points, joined, {name: nodes for name, nodes in nodes_of.items() if len(nodes)})
-    own_blocks = (nodes for name, _, nodes in blocks if CELL_TYPES[name].dimension == dimension
-                  and nodes.shape[1] > CELL_TYPES[name].n_nodes)  # fmt: skip
-    return replace(mesh, notes=(*mesh.notes, *by_corners(sum(map(len, own_blocks)))))
+    nodes_of = {name: nodes for name, nodes in concatenated(patches).items() if len(nodes)}
+    return assemble_elements(path, points, [(name, nodes) for name, _, nodes in blocks], nodes_of)
 
 
 def _surface(

@@ -4,27 +4,24 @@ https://kratosmultiphysics.github.io/Kratos/pages/Kratos/For_Users/Crash_course/
 """
 
 import re
-from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners
+from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements
 from mesh_motion_server.files.moved import edit_lines, move_rows
-from mesh_motion_server.files.numbering import rows_of
+from mesh_motion_server.files.numbering import NumberedRows
+from mesh_motion_server.files.sides import PLANES, SOLIDS
 from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["KRATOS"]
 
 _SIZE = re.compile(r"(\d)D(\d+)(N|$)")
-_SOLIDS = {4: "tetra", 10: "tetra", 8: "hexahedron", 20: "hexahedron", 27: "hexahedron", 6: "wedge", 15: "wedge",
-           5: "pyramid", 13: "pyramid", 3: "triangle", 2: "line"}  # fmt: skip
-_PLANES = {3: "triangle", 6: "triangle", 4: "quad", 8: "quad", 9: "quad", 2: "line"}
+_SOLIDS, _PLANES = SOLIDS | {3: "triangle", 2: "line"}, PLANES | {2: "line"}
 
 
 @dataclass(eq=False)
@@ -125,13 +122,8 @@ def _rows(head: list[str], rows: list[list[str]]) -> tuple[str, Integers, Intege
 def _mesh(path: Path, found: _Content) -> MeshFile:
     if not found.points:
         raise ValueError("it has no nodes")
-    numbers, points = np.concatenate(found.numbers), np.concatenate(found.points)
-    cells: dict[str, list[Integers]] = defaultdict(list)
-    higher = 0
-    for name, _, nodes in found.elements:
-        if name:
-            cells[name].append(rows_of(numbers, nodes, "node")[:, : CELL_TYPES[name].n_nodes])
-            higher += len(nodes) * (nodes.shape[1] > CELL_TYPES[name].n_nodes)
+    rows = NumberedRows.of(np.concatenate(found.numbers))
+    elements = [(name, rows(nodes)) for name, _, nodes in found.elements if name]
     conditions = {
         int(number): nodes for _, ids, listed in found.conditions for number, nodes in zip(ids, listed, strict=True)
     }
@@ -143,10 +135,8 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
         listed = [np.array(part.nodes, dtype=np.int64), *(conditions[number] for number in part.conditions)]
         nodes = np.unique(np.concatenate(listed))
         if len(nodes) and not part.has_elements:
-            patches[name] = rows_of(numbers, nodes, f"sub-model part {name!r}: node")
-    joined = {name: np.concatenate(parts) for name, parts in cells.items()}
-    mesh = assemble(path, points, joined, patches)
-    return replace(mesh, notes=(*mesh.notes, *by_corners(higher)))
+            patches[name] = rows(nodes, f"sub-model part {name!r}: node")
+    return assemble_elements(path, np.concatenate(found.points), elements, patches)
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:

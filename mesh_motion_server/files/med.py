@@ -7,6 +7,7 @@ https://docs.salome-platform.org/latest/dev/MEDCoupling/developer/med-file.html
 
 import re
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.hdf5 import array_of, opened_hdf5
-from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, chosen_zone
+from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, chosen_zone, concatenated
 from mesh_motion_server.files.moved import copied_hdf5
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
@@ -45,26 +46,16 @@ def _read(path: Path, zone: str = "") -> MeshFile:
         mesh = _step(file, chosen)
         groups = _groups(file, chosen)
         points = _components(path, mesh["NOE/COO"], "f")
-        types, higher, dimension = _elements(path, mesh, len(points))
+        types, dimension = _elements(path, mesh, len(points))
         patches: dict[str, list[Integers]] = defaultdict(list)
         if "FAM" in mesh["NOE"]:
-            families = array_of(path, mesh["NOE/FAM"], "iu")
-            for family in np.unique(families).tolist():
-                for name in groups.get(family, ()):
-                    patches[name].append(np.flatnonzero(families == family))
+            for group, rows in _grouped(array_of(path, mesh["NOE/FAM"], "iu"), groups):
+                patches[group].append(rows)
         for key, (name, nodes) in types.items():
             if "FAM" in mesh[f"MAI/{key}"] and (not name or CELL_TYPES[name].dimension < dimension):
-                families = array_of(path, mesh[f"MAI/{key}/FAM"], "iu")
-                for family in np.unique(families).tolist():
-                    for group in groups.get(family, ()):
-                        patches[group].append(nodes[families == family].ravel())
-        cells: dict[str, list[Integers]] = defaultdict(list)
-        for name, nodes in types.values():
-            if name:
-                cells[name].append(nodes[:, : CELL_TYPES[name].n_nodes])
-        joined = {name: np.concatenate(parts) for name, parts in cells.items()}
-        read = assemble(path, points, joined, {name: np.concatenate(parts) for name, parts in patches.items()})
-        return replace(read, zone=chosen, notes=(*read.notes, *by_corners(higher)))
+                for group, rows in _grouped(array_of(path, mesh[f"MAI/{key}/FAM"], "iu"), groups):
+                    patches[group].append(nodes[rows].ravel())
+        return replace(assemble_elements(path, points, [*types.values()], concatenated(patches)), zone=chosen)
 
 
 def _step(file: Any, name: str) -> Any:
@@ -79,8 +70,8 @@ def _components(path: Path, data: Any, kinds: str) -> Any:
     return array_of(path, data, kinds).reshape(-1, count).T
 
 
-def _elements(path: Path, mesh: Any, n_points: int) -> tuple[dict[str, tuple[str, Integers]], int, int]:
-    """{MED's type: (our type, nodes (m, k))}, how many cells are of higher order, and the dimension of the cells."""
+def _elements(path: Path, mesh: Any, n_points: int) -> tuple[dict[str, tuple[str, Integers]], int]:
+    """{MED's type: (our type, nodes (m, k))}, and the dimension of the cells."""
     found = {}
     for key in mesh.get("MAI", ()):
         if key not in _TYPES:
@@ -92,9 +83,14 @@ def _elements(path: Path, mesh: Any, n_points: int) -> tuple[dict[str, tuple[str
             reason = f"names node {int(nodes[tuple(wrong[0])]) + 1}" if len(wrong) else f"has {nodes.shape[1]} nodes"
             raise ValueError(f"element {int(wrong[0, 0]) + 1 if len(wrong) else 1} of type {key} {reason}")
         found[key] = (name, nodes)
-    dimension = max((CELL_TYPES[name].dimension for name, _ in found.values() if name), default=0)
-    own = [(name, nodes) for name, nodes in found.values() if name and CELL_TYPES[name].dimension == dimension]
-    return found, sum(len(nodes) for name, nodes in own if nodes.shape[1] > CELL_TYPES[name].n_nodes), dimension
+    return found, max((CELL_TYPES[name].dimension for name, _ in found.values() if name), default=0)
+
+
+def _grouped(families: Integers, groups: dict[int, list[str]]) -> Iterator[tuple[str, Integers]]:
+    """The groups of the ``families`` (m,) of nodes or elements, and the rows that are in them."""
+    for family in np.unique(families).tolist():
+        for group in groups.get(family, ()):
+            yield group, np.flatnonzero(families == family)
 
 
 def _groups(file: Any, mesh: str) -> dict[int, list[str]]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,7 +14,9 @@ from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 
-__all__ = ["MeshFile", "assemble", "by_corners", "chosen_zone", "group_names"]
+__all__ = ["MeshFile", "assemble", "assemble_elements", "by_corners", "chosen_zone", "concatenated", "group_names"]
+
+Key = TypeVar("Key")
 
 _KINDS = ("point", "curve", "surface", "volume")
 
@@ -92,6 +96,25 @@ def assemble(path: Path, points: Floats, cells: Mapping[str, Integers], patches:
     only_lines = ("the mesh is 1D, it has lines only: was the group of its surface or volume not saved?",)
     notes = only_lines if dimension == 1 else ()
     return MeshFile(points, used, nodes_of, path, notes=notes)
+
+
+def assemble_elements(
+    path: Path, points: Floats, elements: Sequence[tuple[str, Integers]], patches: Mapping[str, Integers]
+) -> MeshFile:
+    """As :func:`assemble`, from blocks of elements: our type, and nodes (m, k), the corners first; "" is no cell."""
+    cells: dict[str, list[Integers]] = defaultdict(list)
+    for name, nodes in elements:
+        if name:
+            cells[name].append(nodes[:, : CELL_TYPES[name].n_nodes])
+    mesh = assemble(path, points, concatenated(cells), patches)
+    own = ((nodes, CELL_TYPES[name].n_nodes) for name, nodes in elements if name in mesh.cells)
+    higher = sum(len(nodes) for nodes, corners in own if nodes.shape[1] > corners)
+    return replace(mesh, notes=(*mesh.notes, *by_corners(higher)))
+
+
+def concatenated(parts: Mapping[Key, Sequence[Integers]]) -> dict[Key, Integers]:
+    """The parts under each key as one array."""
+    return {key: np.concatenate(some) for key, some in parts.items()}
 
 
 def by_corners(count: int) -> list[str]:

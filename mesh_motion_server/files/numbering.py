@@ -1,27 +1,50 @@
 """Rows of what a file numbers: numbers may be sparse and in any order."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass
+
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Integers
 
-__all__ = ["rows_of"]
+__all__ = ["NumberedRows"]
 
 
-def rows_of(numbers: Integers, named: Integers, what: str) -> Integers:
-    """Rows in ``numbers`` (n,) of the numbers ``named``, in the shape of these.
+@dataclass(frozen=True, eq=False)
+class NumberedRows:
+    """The row of each number; ``missing`` is the error for a number that is not there."""
 
-    Raises
-    ------
-    ValueError
-        If a number is not there, or twice; ``what`` is the word for it: "node".
-    """
-    order = np.argsort(numbers, kind="stable")
-    ascending = numbers[order]
-    if len(twice := ascending[1:][np.diff(ascending) == 0]):
-        raise ValueError(f"{what} {int(twice[0])} appears twice")
-    places = np.minimum(np.searchsorted(ascending, named), max(len(numbers) - 1, 0))
-    wrong = ascending[places] != named if len(numbers) else np.ones(named.shape, bool)
-    if wrong.any():
-        raise ValueError(f"{what} {int(named[wrong][0])} is named, but is not there")
-    rows: Integers = order[places]
-    return rows
+    numbers: Integers  # (n,) ascending
+    rows: Integers  # (n,)
+    missing: str = "{what} {number} is named, but is not there"
+
+    @classmethod
+    def of(cls, numbers: Integers, **more: str) -> NumberedRows:
+        """Of the numbers (n,) of all nodes.
+
+        Raises
+        ------
+        ValueError
+            If a number is there twice.
+        """
+        order = np.argsort(numbers, kind="stable")
+        ascending = numbers[order]
+        if len(twice := ascending[1:][np.diff(ascending) == 0]):
+            raise ValueError(f"node {int(twice[0])} appears twice")
+        return cls(ascending, order, **more)
+
+    def __call__(self, named: Integers, what: str = "node") -> Integers:
+        """Rows of the numbers ``named``, in the shape of these.
+
+        Raises
+        ------
+        ValueError
+            If a number is not there.
+        """
+        places = np.searchsorted(self.numbers, named)
+        known = places < len(self.numbers)
+        known[known] = self.numbers[places[known]] == named[known]
+        if not known.all():
+            raise ValueError(self.missing.format(what=what, number=int(named[~known][0])))
+        return self.rows[places]

@@ -8,7 +8,12 @@ import numpy as np
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
-__all__ = ["ABAQUS", "EXODUS", "side_nodes"]
+__all__ = ["ABAQUS", "EXODUS", "PLANES", "SOLIDS", "side_nodes"]
+
+#: Our type of elements with so many nodes, of first and second order.
+SOLIDS = {4: "tetra", 10: "tetra", 8: "hexahedron", 20: "hexahedron", 27: "hexahedron", 6: "wedge", 15: "wedge",
+          5: "pyramid", 13: "pyramid"}  # fmt: skip
+PLANES = {3: "triangle", 6: "triangle", 4: "quad", 8: "quad", 9: "quad"}
 
 Sides = dict[str, Sequence[Sequence[int]]]
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, group_names
+from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, concatenated, group_names
 from mesh_motion_server.files.moved import edit, replaced
 from mesh_motion_server.files.packages import reason_of
 from mesh_motion_server.files.vtk_grid import VtkGrid
@@ -98,7 +98,7 @@ def _mesh(path: Path, read: Callable[[Path], list[VtkGrid]], files: list[Path]) 
     patches: dict[str, list[Integers]] = defaultdict(list)
     for key, nodes in whole.patches.items():
         patches[key if isinstance(key, str) else names[key]].append(nodes)
-    mesh = assemble(path, whole.points, whole.cells, {name: np.concatenate(parts) for name, parts in patches.items()})
+    mesh = assemble(path, whole.points, whole.cells, concatenated(patches))
     notes = [*notes, *by_corners(sum(int(grid.is_higher.sum()) for _, grid in grids))]
     if not patches:
         notes += _no_patches([grid for _, grid in grids])
@@ -127,9 +127,7 @@ def _piece(grid: VtkGrid, cells: list[tuple[str, Integers, Integers]], dimension
     own: dict[str, list[Integers]] = defaultdict(list)
     for name, rows, nodes in cells:
         own[name].append(nodes[kept[rows]])
-    return VtkPiece(
-        grid.points, {name: np.concatenate(parts) for name, parts in own.items()}, _patches(grid, cells, dimension)
-    )
+    return VtkPiece(grid.points, concatenated(own), _patches(grid, cells, dimension))
 
 
 def _patches(grid: VtkGrid, cells: list[tuple[str, Integers, Integers]], dimension: int) -> dict[PatchKey, Integers]:
@@ -161,7 +159,7 @@ def _patches(grid: VtkGrid, cells: list[tuple[str, Integers, Integers]], dimensi
                 )
         if marked and found:
             break
-    return {name: np.concatenate(parts) for name, parts in found.items()}
+    return concatenated(found)
 
 
 def _flat(arrays: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.generic]]:

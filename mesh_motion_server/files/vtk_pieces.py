@@ -16,9 +16,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.files.mesh_file import concatenated
 from mesh_motion_server.numerics.arrays import Floats, Integers
 
-__all__ = ["PatchKey", "VtkPiece", "joined", "sources"]
+__all__ = ["PatchKey", "VtkPiece", "joined", "renumbered", "sources"]
 
 #: The name of a patch, or the dimension and the number of a group.
 PatchKey = str | tuple[int, int]
@@ -66,20 +67,23 @@ def joined(path: Path, pieces: Sequence[VtkPiece]) -> tuple[VtkPiece, list[str]]
         return pieces[0], []
     first = np.cumsum([0, *(len(piece.points) for piece in pieces)])
     number, kept = _numbering(path, np.concatenate([piece.points for piece in pieces]), first)
+    points = np.concatenate([piece.points for piece in pieces])[kept]
+    whole = renumbered(pieces, number, points)
+    return whole, [f"{len(pieces)} pieces were joined; {int(first[-1]) - len(points)} nodes were in several of them"]
+
+
+def renumbered(pieces: Sequence[VtkPiece], number: Integers, points: Floats) -> VtkPiece:
+    """All pieces in one, with the ``points``; ``number`` (n,) is the new number of each node, piece after piece."""
     cells: dict[str, list[Integers]] = defaultdict(list)
     patches: dict[PatchKey, list[Integers]] = defaultdict(list)
-    for piece, start in zip(pieces, first, strict=False):
+    start = 0
+    for piece in pieces:
         for name, nodes in piece.cells.items():
             cells[name].append(number[start + nodes])
         for key, nodes in piece.patches.items():
             patches[key].append(number[start + nodes])
-    points = np.concatenate([piece.points for piece in pieces])[kept]
-    whole = VtkPiece(
-        points,
-        {name: np.concatenate(parts) for name, parts in cells.items()},
-        {key: np.concatenate(parts) for key, parts in patches.items()},
-    )
-    return whole, [f"{len(pieces)} pieces were joined; {int(first[-1]) - len(points)} nodes were in several of them"]
+        start += len(piece.points)
+    return VtkPiece(points, concatenated(cells), concatenated(patches))
 
 
 def _numbering(path: Path, points: Floats, first: Integers) -> tuple[Integers, Integers]:

@@ -14,9 +14,9 @@ import numpy as np
 
 from mesh_motion_server.files.cgns.conditions import patch_name
 from mesh_motion_server.files.cgns.tree import Node
-from mesh_motion_server.files.mesh_file import MeshFile, assemble
+from mesh_motion_server.files.mesh_file import MeshFile, assemble, concatenated
 from mesh_motion_server.files.vtk_grid import structured_cells
-from mesh_motion_server.files.vtk_pieces import VtkPiece, joined
+from mesh_motion_server.files.vtk_pieces import PatchKey, VtkPiece, joined, renumbered
 from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["numbering", "read_structured"]
@@ -37,8 +37,7 @@ class _Block:
         limits = np.stack([low, high])
         if (limits.min(axis=0) < 1).any() or (limits.max(axis=0) > self.counts).any():
             raise self.node.refused(f"it names nodes {low.tolist()} to {high.tolist()} of {list(self.counts)}")
-        axes = [np.arange(a, b + (1 if b >= a else -1), 1 if b >= a else -1) for a, b in limits.T.tolist()]
-        return self.number(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
+        return self.number(_indices(low, high))
 
     def number(self, indices: Integers) -> Integers:
         """Nodes (k,) of indices (..., dimensions), counted from 1."""
@@ -72,26 +71,16 @@ def read_structured(path: Path, base: Node, zones: list[Node], points: list[Floa
     pieces = []
     for block in _blocks(zones, points):
         code, nodes = structured_cells(block.counts)
-        patches: dict[str, list[Integers]] = defaultdict(list)
+        patches: dict[PatchKey, list[Integers]] = defaultdict(list)
         for group in block.node.children("ZoneBC_t"):
             for condition in group.children("BC_t"):
                 patches[patch_name(base, condition)].append(_listed(block, condition))
-        pieces.append(
-            VtkPiece(block.points, {_NAMES[code]: nodes}, {name: np.concatenate(of) for name, of in patches.items()})
-        )
+        pieces.append(VtkPiece(block.points, {_NAMES[code]: nodes}, concatenated(patches)))
     number, notes = numbering(path, zones, points)
-    starts = np.cumsum([0, *map(len, points)])
     whole = np.empty((int(number.max()) + 1, points[0].shape[1]))
     whole[number[::-1]] = np.concatenate(points)[::-1]  # the first of several nodes counts
-    cells: dict[str, list[Integers]] = defaultdict(list)
-    nodes_of: dict[str, list[Integers]] = defaultdict(list)
-    for piece, start in zip(pieces, starts, strict=False):
-        for name, nodes in piece.cells.items():
-            cells[name].append(number[start + nodes])
-        for key, nodes in piece.patches.items():
-            nodes_of[str(key)].append(number[start + nodes])
-    both = ({name: np.concatenate(parts) for name, parts in of.items()} for of in (cells, nodes_of))
-    mesh = assemble(path, whole, *both)
+    one = renumbered(pieces, number, whole)
+    mesh = assemble(path, whole, one.cells, {str(name): nodes for name, nodes in one.patches.items()})
     return replace(mesh, notes=(*mesh.notes, *notes))
 
 
@@ -110,6 +99,12 @@ def _listed(block: _Block, condition: Node) -> Integers:
     if (node := condition.child("PointList")) is None or of_faces:
         raise condition.refused("neither a PointRange nor a PointList of nodes")
     return block.number(node.integers().reshape(-1, size))
+
+
+def _indices(low: Integers, high: Integers) -> Integers:
+    """(..., dimensions) all indices from ``low`` to ``high``, either of which may be the larger."""
+    axes = [np.arange(a, b + (1 if b >= a else -1), 1 if b >= a else -1) for a, b in zip(low, high, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
 def _ends(node: Node, values: Integers, size: int) -> tuple[Integers, Integers]:
@@ -155,8 +150,7 @@ def _paired(link: Node, block: _Block, donor: _Block) -> tuple[Integers, Integer
     turn = children[2].integers() if children[2] is not None else np.arange(1, size + 1)
     if sorted(np.abs(turn).tolist()) != list(range(1, size + 1)):
         raise link.refused(f"a transform of {turn.tolist()}")
-    axes = [np.arange(a, b + (1 if b >= a else -1), 1 if b >= a else -1) for a, b in zip(low, high, strict=True)]
-    indices = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    indices = _indices(low, high)
     matrix = np.zeros((size, size), dtype=np.int64)
     matrix[np.abs(turn) - 1, np.arange(size)] = np.sign(turn)
     return block.number(indices), donor.number((indices - low) @ matrix.T + donor_low)
