@@ -112,9 +112,10 @@ Turned turned(const Small<d>& a, Pack rest) {
     return {law.value(), law.first(), law.second()};
 }
 
-/// The gradient of the obliqueness at the edges (columns of A).
+/// The gradient of the obliqueness at the edges (columns of A); 0 where no lane's angles, by φ's derivative, count.
 template <int d>
-Small<d> obliqueness_slope(const Small<d>& j, const Small<d>& p, const Small<d>& a, Pack tau) {
+Small<d> obliqueness_slope(const Small<d>& j, const Small<d>& p, const Small<d>& a, Pack tau, Pack angle) {
+    if (!any(angle > 0.0)) return {};
     Small<d> pull = cofactor<d>(j);
     for (int i = 0; i < d; ++i)
         for (int k = 0; k < d; ++k) pull[i][k] *= -1.0 / tau;
@@ -125,20 +126,17 @@ Small<d> obliqueness_slope(const Small<d>& j, const Small<d>& p, const Small<d>&
     return pull;
 }
 
-/// The gradient of ℓ there, from its derivative h1 with respect to τ and that of φ with respect to o.
+/// The gradient of ℓ there, from its derivative h1 with respect to τ, that of φ with respect to o, and the gradient of o.
 template <int d>
-Small<d> slope(const Small<d>& j, const Small<d>& p, const Small<d>& a, Pack h1, Pack tau, Pack angle) {
+Small<d> slope(const Small<d>& j, const Small<d>& p, Pack h1, Pack angle, const Small<d>& tilt) {
     const Small<d> cof = cofactor<d>(j);
     const Pack twice = 2.0 * inverse_square<d>(j);
     Small<d> pull;
     for (int i = 0; i < d; ++i)
         for (int k = 0; k < d; ++k) pull[i][k] = twice * j[i][k] + h1 * cof[i][k];
     pull = product_transposed<d>(pull, p);
-    if (any(angle > 0.0)) {
-        const Small<d> tilt = obliqueness_slope<d>(j, p, a, tau);
-        for (int i = 0; i < d; ++i)
-            for (int k = 0; k < d; ++k) pull[i][k] += angle * tilt[i][k];
-    }
+    for (int i = 0; i < d; ++i)
+        for (int k = 0; k < d; ++k) pull[i][k] += angle * tilt[i][k];
     return pull;
 }
 
@@ -209,7 +207,8 @@ void distortion_gradients(Matrix<const double> points, Matrix<const std::int32_t
                     const auto [j, p, edges] = mesh.jacobians<d>(at);
                     const Pack tau = determinant<d>(j), rest = mesh.rest_angle(at);
                     const Pack h1 = slopes<d>(tau, {m, epsilon, a}).first;
-                    const auto pull = slope<d>(j, p, edges, h1, tau, turned<d>(edges, rest).first);
+                    const Pack angle = turned<d>(edges, rest).first;
+                    const auto pull = slope<d>(j, p, h1, angle, obliqueness_slope<d>(j, p, edges, tau, angle));
                     for (int i = 0; i < d; ++i)
                         for (int k = 0; k < d; ++k) {
                             const Pack x = weight >= least ? weight * pull[i][k] : all(0.0);
@@ -266,15 +265,14 @@ void corner_hessians(Matrix<const double> points, Matrix<const std::int32_t> cor
                 Curvature<d> total;
                 if (exact) curvature<d, true>(j, inverse_square<d>(j), ideal, terms, weight, total);
                 else curvature<d>(j, inverse_square<d>(j), ideal, terms, weight, total);
-                const auto pull = slope<d>(j, ideal, edges, h1, tau, angle);
+                const auto tilt = obliqueness_slope<d>(j, ideal, edges, tau, angle);
+                const auto pull = slope<d>(j, ideal, h1, angle, tilt);
                 const auto q = squares<d>(edges);
-                const bool bent = any(oblique.second > 0.0);
-                const Small<d> tilt = bent ? obliqueness_slope<d>(j, ideal, edges, tau) : Small<d>{};
                 for (int r = 0; r < d * d; ++r)
                     for (int s = 0; s <= r; ++s) {
                         const int k = r / d, x = r % d, y = s % d;
                         total[r][s] += bend * pull[x][k] * pull[y][s / d];
-                        if (bent) total[r][s] += weight * oblique.second * tilt[x][k] * tilt[y][s / d];
+                        total[r][s] += weight * oblique.second * tilt[x][k] * tilt[y][s / d];
                         if (k != s / d) continue;  // log |a_k|
                         const Pack along = (exact ? 2.0 : 1.0) * edges[x][k] * edges[y][k] / q[k];
                         total[r][s] += weight * angle * ((x == y ? 1.0 : 0.0) - along) / q[k];
