@@ -5,11 +5,13 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import pytest
 from mesh_motion_client import Unavailable, connect
+
+from proofs.processes import alive
+from proofs.waiting import wait_until
 
 CLIENT = """
 import time
@@ -18,14 +20,6 @@ server = connect()
 print(server._embedded.process.pid, flush=True)
 time.sleep(600)
 """
-
-
-def gone(pid):
-    deadline = time.monotonic() + 30
-    while Path(f"/proc/{pid}").exists() and Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z":
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    return True
 
 
 def test_it_answers_and_ends_with_the_connection():
@@ -41,7 +35,7 @@ def test_kill_9_of_the_client_ends_it():
     with subprocess.Popen([sys.executable, "-c", CLIENT], stdout=subprocess.PIPE, text=True) as client:
         pid = int(client.stdout.readline())
         os.kill(client.pid, signal.SIGKILL)
-    assert gone(pid)
+    wait_until(lambda: not alive(pid), "the server has ended with its client")
 
 
 def test_a_server_that_cannot_start_says_why(tmp_path):

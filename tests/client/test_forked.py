@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mesh_motion_client import SessionError, connect
 
+from proofs.processes import alive
 from proofs.waiting import wait_until
 
 UP = np.array([[0.0, 0.25]] * 4)
@@ -83,5 +84,5 @@ def test_a_private_server_belongs_to_the_parent():
         [sys.executable, "-c", PROGRAM], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as program:
         endpoint, pid = program.stdout.readline().split()
-        wait_until(lambda: not Path(f"/proc/{pid}").exists(), "the server has ended with its client")
+        wait_until(lambda: not alive(int(pid)), "the server has ended with its client")
     shutil.rmtree(Path(endpoint.removeprefix("ipc://")).parent)

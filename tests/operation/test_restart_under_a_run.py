@@ -109,14 +109,14 @@ def test_every_kind_of_session_is_there_after_a_restart(serve: Any, background: 
 def test_an_upload_is_begun_anew_at_the_next_server(serve: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     server, honest, opened = serve(), Session.upload, []
 
-    def interrupted(session: Session, mesh: Any, partitions: int) -> Any:
+    def interrupted(session: Session, *arguments: Any, **options: Any) -> Any:
         opened.append(session.credentials.session)
         if len(opened) == 1:
             parts = iter(mesh.parts(**session._courier.address))
             session._courier.deliver(next(parts), Uploaded, PATIENCE)  # some of the mesh has arrived
             assert server.stop() == 0
             server.start()
-        return honest(session, mesh, partitions)
+        return honest(session, *arguments, **options)
 
     monkeypatch.setattr(Session, "upload", interrupted)
     mesh = small_mesh()
