@@ -23,6 +23,7 @@ PAGES = (
     "docs/howto/*.md",
     "docs/reference/*.md",
     "kernels/README.md",
+    "recipes/README.md",
     "adapters/README.md",
     "adapters/*/README.md",
     "protocol/SPEC.md",
