@@ -152,8 +152,8 @@ def _peers(case: Case, periods: int) -> Iterator[tuple[str, Played | None]]:
 _TABLE = (
     f"{PERIODS} periods of {PERIOD} steps, each step committed. Smallest quality of the first and of the last period "
     "(0 or negative: cells are inside out); after the last period, with the boundary at rest, the distance of the "
-    "farthest node from its place, as a share of the boundary's amplitude; largest step of a node over the largest of a "
-    "boundary node; largest second difference of a node's positions, and CPU time of a step, both over those of the "
+    "farthest node from its place, as a share of the boundary's amplitude; largest step of a node over the largest of "
+    "a boundary node; largest second difference of a node's positions, and CPU time of a step, both over those of the "
     "plain motion. OpenFOAM's displacementLaplacian and Kratos as [the benchmark](../benchmarks/README.md) sets them "
     "up; a dash: it stopped."
 )
