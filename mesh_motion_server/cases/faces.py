@@ -1,12 +1,15 @@
 """Face quality for finite-volume solvers: what a run keeps of MOVED's faces, and the last line that play prints."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 __all__ = ["FACES", "faces_line", "faces_numbers"]
 
 #: Face values that are columns of steps.csv.
-FACES = ("max_non_orthogonality", "faces_above_65", "faces_above_75", "max_skewness", "min_volume_ratio")
+FACES = (
+    *("max_non_orthogonality", "faces_above_65", "faces_above_75", "max_skewness", "min_volume_ratio"),
+    *("shortest_edge", "smallest_face"),
+)
 
 Faces = Mapping[str, Mapping[str, Any]]
 
@@ -38,7 +41,17 @@ def faces_line(steps: Sequence[Faces]) -> str:
         f"non-orthogonality at most {most['max_non_orthogonality']:.1f}°{where} "
         f"({rest['max_non_orthogonality']:.1f}° at rest), {_above(most)}; skewness at most {skewness:.2f} "
         f"({rest['max_skewness']:.2f}), volume ratio at least {ratio:.2f} ({rest['min_volume_ratio']:.2f})"
+        f"{_shrunk(after.values())}"
     )
+
+
+def _shrunk(after: Iterable[Mapping[str, Any]]) -> str:
+    """The least edge and face of all steps; in a plane they are the same; empty from a server that does not know."""
+    told = [(float(now["shortest_edge"]), float(now["smallest_face"])) for now in after if "shortest_edge" in now]
+    if not told:
+        return ""
+    edge, face = (min(values) for values in zip(*told, strict=True))
+    return f"; shortest edge {edge:.2g}" + (f", smallest face {face:.2g}" if face != edge else "") + " of that at rest"
 
 
 def _above(numbers: Mapping[str, Any]) -> str:

@@ -70,7 +70,7 @@ class Built:
 
     def faces_at(self, points: Floats) -> FaceMeasures | None:
         """Of the mesh with its nodes at ``points`` (n, d), the cells in the orientation that the model judges."""
-        return face_measures(points, self._oriented_cells)
+        return face_measures(points, self._oriented_cells, self.mesh.points)
 
     @cached_property
     def _oriented_cells(self) -> CellTable:

@@ -84,7 +84,7 @@ def told_faces(angle: float) -> dict[str, Any]:
     worst = [{"cell": k, "centre": [0.5, 0.5], "non_orthogonality": angle - k} for k in range(10)]
     above = {"faces_above_65": int(angle > 65), "faces_above_75": 0}
     return {"faces": 40, "max_non_orthogonality": angle, "max_skewness": angle / 40, "min_volume_ratio": 0.5,
-            "worst": worst} | above  # fmt: skip
+            "shortest_edge": 20.0 / angle, "smallest_face": 10.0 / angle, "worst": worst} | above  # fmt: skip
 
 
 def wendland(a: np.ndarray, b: np.ndarray, radius: float) -> np.ndarray:
@@ -168,11 +168,11 @@ def test_each_step_has_its_faces_in_the_solvers_words(make_case, stand_in: Plays
         assert "worst" not in step["faces"]["before"]
         assert [face["non_orthogonality"] for face in step["faces"]["after"]["worst"]] == [angle]
     rows = list(csv.DictReader((tmp_path / "out" / "steps.csv").read_text().splitlines()))
-    assert list(rows[0])[-5:] == list(FACES)
+    assert list(rows[0])[-len(FACES) :] == list(FACES)
     assert [(float(row["max_non_orthogonality"]), int(row["faces_above_65"])) for row in rows] == [(63, 0), (66, 1)]
     assert faces_line([step.faces for step in played.steps]) == (
         "non-orthogonality at most 66.0° in step 2 (20.0° at rest), 1 face above 65°; skewness at most 1.65 (0.50), "
-        "volume ratio at least 0.50 (0.50)"
+        "volume ratio at least 0.50 (0.50); shortest edge 0.3, smallest face 0.15 of that at rest"
     )
 
 
@@ -342,7 +342,7 @@ def test_a_case_through_a_real_server(make_case, server: Server, tmp_path: Path)
         assert step.predicted_min == pytest.approx(step.min_size_skew, rel=1e-9)
         assert step.seconds > 0
     for name, points in (("before", played.mesh.points), ("after", played.points)):
-        measured = face_measures(points, played.mesh.cell_table)
+        measured = face_measures(points, played.mesh.cell_table, played.mesh.points)
         told = {key: value for key, value in played.steps[-1].faces[name].items() if key != "worst"}
         assert told == pytest.approx(measured.numbers(), rel=1e-9)
     assert nothing_is_left(server)

@@ -80,6 +80,38 @@ def test_the_volume_ratio_is_that_of_neighbours() -> None:
 
 
 @pytest.mark.parametrize("kind", CELL_KINDS)
+def test_the_shortest_edge_and_smallest_face_are_those_against_rest(kind: str) -> None:
+    """By every edge and face of every cell."""
+    rest, cells = box_mesh(kind, 5).points, box_mesh(kind, 5).cells
+    points, plane = shaken(kind)[0], cells.dimension == 2
+
+    def least(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        facets = [n[list(f)] for b in cells for n in b.nodes for f in LOCAL_FACETS[b.type.name]]
+        lengths = np.array([np.linalg.norm(x[a] - x[b]) for f in facets for a, b in zip(f, np.roll(f, 1), strict=True)])
+        spokes = [np.cross(x[f[2]] - x[f[0]], x[f[-1]] - x[f[1]] if len(f) > 3 else x[f[2]] - x[f[1]]) for f in facets
+                  if not plane]  # fmt: skip
+        return lengths, np.array([np.linalg.norm(area) / 2 for area in spokes])
+
+    (lengths, areas), (lengths_at_rest, areas_at_rest) = least(points), least(rest)
+    found = face_measures(points, cells, rest)
+    assert found is not None
+    assert found.shortest_edge == pytest.approx((lengths / lengths_at_rest).min(), rel=1e-12)
+    expected = found.shortest_edge if plane else (areas / areas_at_rest).min()
+    assert found.smallest_face == pytest.approx(expected, rel=1e-12)
+    assert found.smallest_face < found.shortest_edge or plane
+
+
+def test_a_collapsed_edge_is_seen_where_cells_keep_their_angles_and_areas() -> None:
+    """Squeezed to a thousandth along x, and as much longer along y: a rectangle of the same area."""
+    mesh = box_mesh("quad", 4)
+    found = face_measures(mesh.points * [1e-3, 1e3], mesh.cells, mesh.points)
+    assert found is not None
+    assert found.max_non_orthogonality == pytest.approx(0.0, abs=FLOOR)
+    assert found.min_volume_ratio == pytest.approx(1.0)
+    assert found.shortest_edge == found.smallest_face == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize("kind", CELL_KINDS)
 def test_uniform_meshes_have_the_angles_of_their_cells(kind: str) -> None:
     mesh = box_mesh(kind, 5)
     found = measured(mesh.points, mesh.cells)
@@ -131,10 +163,10 @@ def test_the_worst_faces_are_named_by_their_cells(kind: str) -> None:
 
 
 def test_blocks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    points, cells = shaken("hexahedron + wedge")
-    whole = measured(points, cells)
+    rest, (points, cells) = box_mesh("hexahedron + wedge", 5).points, shaken("hexahedron + wedge")
+    whole = face_measures(points, cells, rest)
     monkeypatch.setattr(finite_volume, "_BLOCK", 17)
-    assert measured(points, cells) == whole
+    assert face_measures(points, cells, rest) == whole
 
 
 def test_facets_are_matched_as_one_by_one() -> None:
@@ -161,7 +193,7 @@ def test_what_has_no_faces_has_no_measures() -> None:
     single = measured(np.array([[0, 0], [1, 0], [0, 1]]), CellTable.from_arrays({"triangle": np.array([[0, 1, 2]])}))
     assert single.numbers() | {"max_skewness": 0} == {
         "faces": 0, "max_non_orthogonality": 0.0, "faces_above_65": 0, "faces_above_75": 0, "max_skewness": 0,
-        "min_volume_ratio": 1.0,
+        "min_volume_ratio": 1.0, "shortest_edge": 1.0, "smallest_face": 1.0,
     }  # fmt: skip
     assert single.worst == ()
 

@@ -101,7 +101,8 @@ def largest_angle(step: int) -> float:
 def _faces(angle: float) -> dict[str, Any]:
     """What a history is told of the faces of a mesh."""
     above = {f"faces_above_{limit}": int(max(0.0, angle - limit)) for limit in (65, 75)}
-    return {"faces": 1050, "max_non_orthogonality": angle, **above, "max_skewness": 0.5, "min_volume_ratio": 0.25}
+    shares = {"max_skewness": 0.5, "min_volume_ratio": 0.25, "shortest_edge": 0.5, "smallest_face": 0.375}
+    return {"faces": 1050, "max_non_orthogonality": angle, **above, **shares}
 
 
 def _summary(lowest: float, chance: random.Random, dimension: int) -> dict[str, Any]:

@@ -38,7 +38,7 @@ def flag() -> Case:
         cells = {key.removeprefix("cells_"): data[key] for key in data if key.startswith("cells_")}
         sides = [data[key] for key in data if key.startswith("patch_") and key != "patch_flag"]
         moving = np.sort(data["patch_flag"])
-        outer = np.setdiff1d(np.concatenate(sides), moving)
+        outer = np.unique(np.concatenate(sides))  # the ends of the flag are on the cylinder, too
         mesh = Subject(data["points"], CellTable.from_arrays(cells), {"flag": moving}, outer)
     told = np.zeros((PERIOD, *mesh.points.shape))
     with np.load(folder / "motion.npz") as motion:

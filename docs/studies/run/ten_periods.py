@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.peers.measurement import SystemFailure
+from benchmarks.peers.systems import SYSTEMS
+from benchmarks.peers.task import Task, step_file
 from docs.studies.beyond.smooth_in_time import PERIOD, Case, flag, turning
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from mesh_motion_server.session.factors import FactorCache
@@ -22,7 +28,15 @@ KINDS: dict[str, dict[str, Any]] = {
     "relative": {"displacement": "relative"},
     "plain": {"displacement": "absolute", "correction": "none", "allow_invalid": True},
 }
-CASES = {
+#: Other systems as the benchmark sets them up, where they are installed, and the motions that they get too.
+PEERS = {
+    "OpenFOAM, corrected": "openfoam-converged",
+    "OpenFOAM, uncorrected": "openfoam-uncorrected",
+    "Kratos laplacian": "kratos-laplacian",
+    "Kratos structural_similarity": "kratos-similarity",
+}
+PEERED = ("Turek–Hron flag, ± 80 mm", "block ± 60°")
+CASES: dict[str, Callable[[], Case]] = {
     "Turek–Hron flag, ± 80 mm": flag,
     "block ± 60°": lambda: turning("thesis_block", 60.0),
     "quads ± 60°": lambda: turning("grid of quads", 60.0),
@@ -57,20 +71,38 @@ class Played:
 def play(case: Case, choices: dict[str, Any], periods: int) -> Played:
     """Play a case, each step committed before the next."""
     model = case.mesh.model(**{"quality_metric": "relative-size-skew", **choices})
-    moving, factors, points = model.roles.moving, FactorCache(1 << 28), model.points
-    places, qualities, seconds = [points], [], 0.0
+    factors, points, seconds = FactorCache(1 << 28), model.points, 0.0
+    places: list[Floats] = []
     for targets in case.targets * periods:
         begin = time.process_time()
-        motion = model.move(points, targets, factors)
+        points = model.move(points, targets, factors).points
         seconds += time.process_time() - begin
-        points = motion.points
         places.append(points)
-        qualities.append(motion.corrected.metric.min)
+    return _measured(case, places, seconds)
+
+
+def play_peer(case: Case, system: str, periods: int) -> Played:
+    """Play a case by one of :data:`SYSTEMS`; SystemFailure where it stops."""
+    mesh, moving = case.mesh, np.sort(np.concatenate(list(case.mesh.bodies.values())))
+    cells: dict[str, NDArray[np.integer[Any]]] = {block.type.name: block.nodes.astype(np.int64) for block in mesh.cells}
+    displacements = np.array(case.targets * periods) - mesh.points[moving]
+    task = Task(mesh.points, cells, moving, mesh.outer, displacements)
+    with tempfile.TemporaryDirectory() as folder:
+        cost = SYSTEMS[system].move(task, Path(folder), 1)
+        return _measured(
+            case, [np.load(step_file(Path(folder), k)) for k in range(task.steps)], cost.step_cpu * task.steps
+        )
+
+
+def _measured(case: Case, places: Sequence[Floats], seconds: float) -> Played:
+    """Of the positions (n, d) after each step, and the CPU time of all."""
+    model, each = case.mesh.model(quality_metric="relative-size-skew"), len(case.targets)
+    moving = model.roles.moving
     amplitude = max(_largest(targets - model.points[moving]) for targets in case.targets)
-    steps = [after - before for before, after in pairwise(places)]
+    steps = [after - before for before, after in pairwise([model.points, *places])]
     return Played(
-        qualities,
-        [_largest(places[(k + 1) * len(case.targets)] - model.points) / amplitude for k in range(periods)],
+        [model.summary(points).metric.min for points in places],
+        [_largest(place - model.points) / amplitude for place in places[each - 1 :: each]],
         max(_largest(step) / _largest(step[moving]) for step in steps),
         max(_largest(after - before) for before, after in pairwise(steps)),
         seconds / len(steps),
@@ -82,29 +114,48 @@ def _largest(vectors: Floats) -> float:
 
 
 def run(quick: bool) -> Outcome:
-    periods, rows, drawn = 2 if quick else PERIODS, [], {}
+    periods = 2 if quick else PERIODS
+    rows: list[list[Cell]] = []
+    drawn: dict[str, dict[str, Played]] = {}
     for name, make in CASES.items():
         if quick and name != "block ± 60°":
             continue
         case = make()
         played = {kind: play(case, choices, periods) for kind, choices in KINDS.items()}
-        drawn[name], plain = played, played["plain"]
-        for kind, found in played.items():
-            first, last = (min(found.qualities[k * PERIOD :][:PERIOD]) for k in (0, periods - 1))
-            row: list[Cell] = [name, kind, first, last, found.rest[-1], found.step, found.second / plain.second]
-            rows.append([*row, found.seconds / plain.seconds])
+        drawn[name] = played
+        peers = _peers(case, periods) if name in PEERED and not quick else ()
+        rows += [[name, kind, *_row(found, played["plain"])] for kind, found in (*played.items(), *peers)]
     columns = ("motion", "method", "first period", "last", "at rest", "step", "second difference", "cost")
     return Outcome(
         (Table(columns, rows, _TABLE, digits=3),), (Picture(lambda f: _draw(f, drawn), _PICTURE, (9.0, 3.4)),)
     )
 
 
+def _row(found: Played | None, plain: Played) -> list[Cell]:
+    """Of the table, from the first period on."""
+    if found is None:
+        return [None] * 6
+    first, last = min(found.qualities[:PERIOD]), min(found.qualities[-PERIOD:])
+    return [first, last, found.rest[-1], found.step, found.second / plain.second, found.seconds / plain.seconds]
+
+
+def _peers(case: Case, periods: int) -> Iterator[tuple[str, Played | None]]:
+    """Of those that are installed; None where one stops before the end."""
+    for kind, system in PEERS.items():
+        if SYSTEMS[system].missing() is None:
+            try:
+                yield kind, play_peer(case, system, periods)
+            except SystemFailure:
+                yield kind, None
+
+
 _TABLE = (
     f"{PERIODS} periods of {PERIOD} steps, each step committed. Smallest quality of the first and of the last period "
-    "(negative: cells are inside out); after the last period, with the boundary at rest, the distance of the farthest "
-    "node from its place, as a share of the boundary's amplitude; largest step of a node over the largest of a "
-    "boundary node; largest second difference of a node's positions, and CPU time of a step, both over those of the "
-    "plain motion."
+    "(0 or negative: cells are inside out); after the last period, with the boundary at rest, the distance of the "
+    "farthest node from its place, as a share of the boundary's amplitude; largest step of a node over the largest of "
+    "a boundary node; largest second difference of a node's positions, and CPU time of a step, both over those of the "
+    "plain motion. OpenFOAM's displacementLaplacian and Kratos as [the benchmark](../benchmarks/README.md) sets them "
+    "up; a dash: it stopped."
 )
 _PICTURE = f"Smallest quality, step by step, {PERIODS} periods."
 
@@ -112,7 +163,7 @@ _PICTURE = f"Smallest quality, step by step, {PERIODS} periods."
 def _draw(figure: Any, drawn: dict[str, dict[str, Played]]) -> None:
     shown = list(drawn)[:2]
     for ax, name in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
-        for kind, found in drawn[name].items():
+        for kind, found in ((kind, drawn[name][kind]) for kind in KINDS):
             ax.plot(np.arange(1, len(found.qualities) + 1) / PERIOD, found.qualities, label=kind, lw=1.0)
         ax.set(title=name, xlabel="period", ylabel="smallest quality", ylim=(-0.05, 1.05))
         ax.legend(fontsize=8, loc="upper right")

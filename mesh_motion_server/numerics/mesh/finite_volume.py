@@ -1,4 +1,4 @@
-"""Finite-volume measures of a mesh: non-orthogonality, skewness and volume ratios of its faces.
+"""Finite-volume measures of a mesh: non-orthogonality, skewness and volume ratios of its faces, and what shrank most.
 
 The definitions are exactly those of OpenFOAM, so the numbers are those that its ``checkMesh`` prints:
 
@@ -11,6 +11,7 @@ volume ratio        min(V_o, V_n) / max(V_o, V_n) of a face's two cells; negativ
 
 A face's centre and area are those of its triangles around the mean of its nodes, a cell's centre and volume those of
 its pyramids around the mean of its faces' centres. A plane mesh is treated as one cell thick; its edges are faces.
+Edges and faces are compared with themselves at rest: neither angles nor ratios of volumes show a cell that is squeezed.
 
 References
 ----------
@@ -91,6 +92,8 @@ class FaceMeasures:
         Faces of the boundary included.
     min_volume_ratio : float
         Of two cells with a common face; 1: equally large, negative: one of them is inverted.
+    shortest_edge, smallest_face : float
+        Least length of an edge and area of a face, over its length and area at rest; in a plane an edge is a face.
     worst : tuple of WorstFace
         The least orthogonal first; at most ten.
     """
@@ -101,6 +104,8 @@ class FaceMeasures:
     faces_above_75: int
     max_skewness: float
     min_volume_ratio: float
+    shortest_edge: float
+    smallest_face: float
     worst: tuple[WorstFace, ...]
 
     def numbers(self) -> dict[str, Any]:
@@ -119,12 +124,16 @@ class _Solid:
 _KEPT: WeakKeyDictionary[CellTable, _Solid] = WeakKeyDictionary()
 
 
-def face_measures(points: NDArray[np.floating], cells: CellTable) -> FaceMeasures | None:
-    """Non-orthogonality, skewness and volume ratios of a mesh; None in one dimension, where faces are points.
+def face_measures(
+    points: NDArray[np.floating], cells: CellTable, rest: NDArray[np.floating] | None = None
+) -> FaceMeasures | None:
+    """The measures of a mesh; None in one dimension, where faces are points.
 
     Parameters
     ----------
     points : (n, d) array, mesh length unit
+    rest : (n, d) array, optional
+        Positions at rest; by default ``points``.
 
     Notes
     -----
@@ -133,6 +142,7 @@ def face_measures(points: NDArray[np.floating], cells: CellTable) -> FaceMeasure
     if cells.dimension == 1:
         return None
     positions, facets, (angles, skewness, ratio) = _faces(points, cells)
+    edge, face = (1.0, 1.0) if rest is None else _shrunk(np.asarray(points), np.asarray(rest), cells, facets)
     return FaceMeasures(
         faces=len(angles),
         max_non_orthogonality=float(angles.max(initial=0.0)),
@@ -140,6 +150,8 @@ def face_measures(points: NDArray[np.floating], cells: CellTable) -> FaceMeasure
         faces_above_75=int(np.count_nonzero(angles > 75.0)),
         max_skewness=float(skewness.max(initial=0.0)),
         min_volume_ratio=ratio,
+        shortest_edge=edge,
+        smallest_face=face,
         worst=_worst(positions, facets, angles, cells.dimension),
     )
 
@@ -197,6 +209,31 @@ def _measured(points: Floats, facets: CellFacets, centres: Floats, volumes: Floa
             d = normal * _dot(normal, reach)[:, None]
             skewness[rows.start + chosen] = _skewness(reach, d, area, corners - middle[:, None], least=0.4)
     return angles, skewness, ratio
+
+
+def _shrunk(points: Floats, rest: Floats, cells: CellTable, facets: CellFacets) -> tuple[float, float]:
+    """Least length of an edge and area of a face as shares of those at rest; in a plane both are of an edge."""
+    edge = face = np.inf
+    for nodes in _polygons(cells, facets):
+        now, before = points[nodes], rest[nodes]
+        edge = min(edge, _least_share(*(_length(np.roll(x, -1, axis=1) - x) for x in (now, before))))
+        if cells.dimension == 3:
+            face = min(face, _least_share(*(_length(_face_geometry(x)[1]) for x in (now, before))))
+    return edge, face if cells.dimension == 3 else edge
+
+
+def _polygons(cells: CellTable, facets: CellFacets) -> Iterator[Ints]:
+    """Nodes (f, k) of the faces in space, of the cells in a plane; in batches of equally many corners."""
+    for table in [block.nodes for block in cells] if cells.dimension == 2 else [facets.nodes]:
+        for rows in _blocks(len(table)):
+            triangles = table[rows, -1] < 0
+            yield from (table[rows][triangles, :3], table[rows][~triangles])
+
+
+def _least_share(now: Floats, before: Floats) -> float:
+    """The least of ``now`` over ``before``; what has no extent at rest is left out."""
+    real = before > 0.0
+    return float((now[real] / before[real]).min(initial=np.inf))
 
 
 def _skewness(reach: Floats, d: Floats, area: Floats, spokes: Floats, *, least: float) -> Floats:

@@ -22,7 +22,7 @@ _WORST = {"partition": 0, "type": "triangle", "cell": 3, "centre": [0.25, 0.75],
 _SUMMARY = {"size": _STATISTICS, "skew": _STATISTICS, "size_skew": _STATISTICS, "metric": _STATISTICS, "inverted": 0,
             "cells": 2, "worst": [_WORST]}  # fmt: skip
 _FACES = {"faces": 1, "max_non_orthogonality": 12.5, "faces_above_65": 0, "faces_above_75": 0, "max_skewness": 0.25,
-          "min_volume_ratio": 0.75, "worst": [
+          "min_volume_ratio": 0.75, "shortest_edge": 0.5, "smallest_face": 0.375, "worst": [
               {"partition": 0, "type": "triangle", "cell": 0, "centre": [0.5, 0.5], "non_orthogonality": 12.5,
                "neighbour": {"partition": 0, "type": "triangle", "cell": 1}}]}  # fmt: skip
 

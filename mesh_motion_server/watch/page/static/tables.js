@@ -31,6 +31,8 @@ const FACES = [
   ["faces above 75°", "faces_above_75", whole],
   ["largest skewness", "max_skewness", quality],
   ["least volume ratio", "min_volume_ratio", quality],
+  ["shortest edge, of that at rest", "shortest_edge", quality],
+  ["smallest face, of that at rest", "smallest_face", quality],
 ];
 
 /** For the mesh of the last Move, if it requested faces; otherwise unknown. */

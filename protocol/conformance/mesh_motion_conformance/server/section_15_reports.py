@@ -94,7 +94,8 @@ def _factorization(fields: dict[str, Any]) -> None:
 
 _FACES: dict[str, Any] = {
     "faces": int, "max_non_orthogonality": _NUMBER, "faces_above_65": int, "faces_above_75": int,
-    "max_skewness": _NUMBER, "min_volume_ratio": _NUMBER, "worst": list,
+    "max_skewness": _NUMBER, "min_volume_ratio": _NUMBER, "shortest_edge": _NUMBER, "smallest_face": _NUMBER,
+    "worst": list,
 }  # fmt: skip
 _CELL: dict[str, Any] = {"partition": int, "type": str, "cell": int}
 
@@ -119,6 +120,9 @@ def _faces(stage: Stage) -> None:
         angles = [face["non_orthogonality"] for face in told["worst"]]
         if angles != sorted(angles, reverse=True) or angles[0] != told["max_non_orthogonality"]:
             raise Unmet("faces.worst: the least orthogonal first", str(angles))
+    least = [found["before"][name] for name in ("shortest_edge", "smallest_face")]
+    if least != [1.0, 1.0]:
+        raise Unmet("faces.before: edges and faces as long and large as at rest", str(least))
     angle = found["before"]["max_non_orthogonality"]
     if abs(angle - math.degrees(math.atan(0.5))) > 1e-6:  # d leads two thirds of a square across and one third up
         raise Unmet("faces.before: the reference mesh's 26.565 degrees", str(angle))
