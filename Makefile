@@ -11,6 +11,7 @@
 # make prove-full the same with the counts of a night
 # make mutants changes journal, session, codec and judging in small ways and shows that the tests notice (tests/mutation), ten minutes
 # make sanitize runs the tests of the numerics on kernels that check every index, address, operation and race, an hour
+# make nightly runs what takes hours and rarely fails: sanitizers, mutants, the demo without a compiler, proofs with the counts of a night
 # make peers  compares with OpenFOAM, Kratos and textbook RBF, as far as they are installed (benchmarks/README.md)
 # make bench  measures growth to five million nodes, the correction and every system installed: one page, twenty minutes
 # make bench-quick the most telling of it in three minutes
@@ -37,10 +38,10 @@ PYTEST = -n $(JOBS) --dist loadfile --durations 40 --durations-min 5
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all test-fast wheel release manual lock lint format prove prove-full drivers mutants sanitize sanitize-addresses sanitize-threads peers bench bench-quick studies docs adapters mok flap turek docker docker-openfoam clean
+.PHONY: help demo test test-all test-fast wheel release manual lock lint format prove prove-full drivers mutants nightly sanitize sanitize-addresses sanitize-threads peers bench bench-quick studies docs adapters mok flap turek docker docker-openfoam clean
 
 help:
-	@sed -n '1,25s/^# \{0,1\}//p' Makefile
+	@sed -n '1,26s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -137,6 +138,9 @@ sanitize-addresses: $(VENV)/.development
 sanitize-threads: $(VENV)/.development
 	$(call SANITIZED,thread,thread,libtsan.so)
 comma := ,
+
+nightly: sanitize mutants prove-full
+	tools/without_compiler.sh $(MAKE) demo VENV=out/bare
 
 peers: $(VENV)/.development
 	$(BIN)/python -m benchmarks.peers --out out/peers --threads 1

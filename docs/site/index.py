@@ -16,7 +16,9 @@ INDEX = "docs/index"
 PAGES = (
     "README.md",
     "CHANGELOG.md",
+    "CODE_OF_CONDUCT.md",
     "CONTRIBUTING.md",
+    "SECURITY.md",
     "docs/*.md",
     "docs/tutorials/*.md",
     "docs/tutorials/*.ipynb",
