@@ -2,9 +2,9 @@
 # make test   runs a core of every area's tests, two files at a time (JOBS=4 for more), in about six minutes
 # make test-all runs all of them, as CI does: whole runs, each page of the documentation, many drawn examples, in half an hour;
 #             what fails runs once more, alone, and is named as flaky if it then passes
-# make manual writes docs/man anew after a change of a command
+# make manual writes docs/man after a change of a command
 # make wheel  builds the distributions into dist, the wheel for every instruction set, and tries it in an empty environment
-# make lock   writes the exact versions and hashes of all packages anew (requirements/)
+# make lock   writes the newest exact versions and hashes of all packages (requirements/)
 # make release VERSION=x.y.z checks what a release must be, builds it twice, tries it and says what comes next
 # make lint   ruff and mypy, as CI does
 # make prove  shows in a few minutes that nothing committed is lost and nothing wrong let in: a line each, out/prove/proof.json

@@ -150,7 +150,7 @@ def build_twice(root: Path, folder: Path) -> list[Path]:
 
 
 def write_checksums(files: Sequence[Path]) -> Path:
-    """``SHA256SUMS`` beside them, as ``sha256sum --check`` reads it."""
+    """``SHA256SUMS`` in their folder, as ``sha256sum --check`` reads it."""
     sums = files[0].parent / "SHA256SUMS"
     sums.write_text("".join(f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in files))
     return sums

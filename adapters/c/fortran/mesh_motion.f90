@@ -501,7 +501,7 @@ contains
       ignored = c_set_timeouts(self%handle, wait, compute)
       if (present(secret_file) .and. present(server_key)) then
          ignored = c_set_keys(self%handle, ended(secret_file), ended(server_key))
-      else if (present(secret_file)) then ! one without the other is an error, which the C library tells
+      else if (present(secret_file)) then ! one without the other is an error of the C library
          ignored = c_set_keys(self%handle, ended(secret_file), ended(""))
       else if (present(server_key)) then
          ignored = c_set_keys(self%handle, ended(""), ended(server_key))
@@ -523,7 +523,8 @@ contains
       text = json_of(c_welcome(self%handle), path)
    end function
 
-   ! The sessions behind an id (absent: from the first on), as many as a reply holds; listed("more") tells of others.
+   ! The sessions behind an id (absent: from the first on), as many as a reply holds; while listed("more") is 1, there are
+   ! others.
    subroutine server_list(self, after)
       class(mm_server), intent(in) :: self
       character(*), intent(in), optional :: after
@@ -535,7 +536,7 @@ contains
       end if
    end subroutine
 
-   ! What list() was told, as JSON: "sessions", "sessions.0.state", "more".
+   ! The reply to list(), as JSON: "sessions", "sessions.0.state", "more".
    function server_listed(self, path) result(text)
       class(mm_server), intent(in) :: self
       character(*), intent(in) :: path
@@ -663,7 +664,7 @@ contains
       character(*), intent(in) :: type
       integer(c_int64_t), intent(in) :: nodes(:, :)
       integer(c_int) :: ignored
-      if (size(nodes, 1) /= nodes_of(type)) then ! the C library would read what is not there; so it tells the error
+      if (size(nodes, 1) /= nodes_of(type)) then ! the C library would read behind the array; this call makes the error
          ignored = c_cells(self%handle, ended(type), 1_c_size_t, c_null_ptr)
          return
       end if
@@ -771,7 +772,7 @@ contains
       ignored = c_set_evaluation(self%handle, ended(evaluation))
    end subroutine
 
-   ! What mm_moved tells of each move from now on: "faces" for the mesh as a finite-volume code sees it, "" for no more
+   ! What mm_moved reports in addition, from now on: "faces" for the mesh as a finite-volume code sees it, or ""
    subroutine session_report(self, report)
       class(mm_session), intent(inout) :: self
       character(*), intent(in) :: report
@@ -787,7 +788,7 @@ contains
       ignored = c_set_compute_limit(self%handle, seconds)
    end subroutine
 
-   ! The step that the run ends with, told with each commit from now on; 0: unknown
+   ! The last step of the run, which each commit sends from now on; 0: unknown
    subroutine session_final_step(self, step)
       class(mm_session), intent(inout) :: self
       integer, intent(in) :: step

@@ -21,8 +21,9 @@
  * connections are mended, and a session whose worker died is resumed from its journal, inside the calls.
  *
  * A context with all its sessions is used by one thread at a time; several contexts may be used by several threads.
- * A forked child makes a context of its own; calls with that of its parent fail at once. There is no global state. Text is UTF-8, ended by a zero byte. Nodes count from 0. Arrays are row-major.
- * protocol/SPEC.md says what the words mean: committed state, trial, patch, role, partition, quality.
+ * A forked child makes a context of its own; calls with that of its parent fail at once. There is no global state. Text
+ * is UTF-8 and ends with a zero byte. Nodes count from 0. Arrays are row-major. protocol/SPEC.md defines the words:
+ * committed state, trial, patch, role, partition, quality.
  */
 #ifndef MESH_MOTION_H
 #define MESH_MOTION_H
@@ -136,10 +137,11 @@ MM_API mm_result mm_set_durability(mm_session *session, const char *durability);
 /* Which partition this is, of how many: 0, 1 unless set. One partition is one rank of a parallel driver. */
 MM_API mm_result mm_set_partition(mm_session *session, int partition, int partitions);
 
-/* Who evaluates the motion at the nodes: "server", or "client" (SPEC.md, section 23): the server has the boundary,
- * nodes and cells stay here, moved and judged in mm_move, with the same results. What it is not offered with is refused by mm_open, mm_build and mm_move. Join and resume such a session with its mesh: mm_points and what follows go
- * before. mm_moved then tells `quality`, `reached` and `warnings`. Needs a library with the compiled kernels; else
- * UNIMPLEMENTED. */
+/* The side that evaluates the motion at the nodes: "server" or "client" (SPEC.md, section 23). With "client" the server
+ * has the boundary only; nodes and cells stay here, and mm_move moves and judges them, with the same results. mm_open,
+ * mm_build and mm_move refuse settings that need the server. Give such a session its mesh (mm_points and the calls
+ * after it) before mm_join and mm_resume. mm_moved then has `quality`, `reached` and `warnings`. UNIMPLEMENTED in a
+ * library without the compiled kernels. */
 MM_API mm_result mm_set_evaluation(mm_session *session, const char *evaluation);
 
 /* --- opening ----------------------------------------------------------------------------------------------------- */
@@ -148,15 +150,15 @@ MM_API mm_result mm_set_evaluation(mm_session *session, const char *evaluation);
 MM_API mm_result mm_open(mm_session *session);
 /* … which join by them. Also for a session that another partition has resumed. */
 MM_API mm_result mm_join(mm_session *session);
-/* Uploads the mesh (or this partition's part) and waits until the whole is checked and durable. Then the mesh is
- * forgotten here: a session that is opened anew needs mm_points and what follows again. */
+/* Uploads the mesh (or this partition's part) and waits until the whole is checked and durable. Then the
+ * library forgets the mesh: to open the session again, call mm_points and the calls after it again. */
 MM_API mm_result mm_build(mm_session *session);
 /* Takes a session up again at its last committed step, after a crash of any side; earlier holders are fenced off. */
 MM_API mm_result mm_resume(mm_session *session);
 
 #define MM_ID_SIZE 33 /* 32 hexadecimal digits and the end */
 #define MM_TOKEN_BYTES 32
-/* What opens a session again. Whoever has them has the session: keep the token secret. */
+/* The credentials of the session. With them any client can resume it, so keep the token secret. */
 MM_API const char *mm_id(const mm_session *session);
 MM_API const uint8_t *mm_token(const mm_session *session);
 MM_API mm_result mm_set_credentials(mm_session *session, const char *id, const uint8_t token[MM_TOKEN_BYTES]);
@@ -176,14 +178,14 @@ typedef enum { MM_KEEP, MM_DISCARD } mm_outcome;
  * FAILED_PRECONDITION.QUALITY: there is no acceptable mesh; the session is as before. */
 MM_API mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const double *displacement, size_t nodes,
                          double *answer);
-/* What mm_moved tells beside the quality of each move from now on: "", or "faces" for the mesh as a finite-volume code
- * sees it (SPEC.md, section 15), which takes time: set it for the move that is committed, and take it back. */
+/* What mm_moved reports in addition to the quality, from now on: "" or "faces", the mesh as a finite-volume code sees
+ * it (SPEC.md, section 15). It takes time: set it for the move that is committed, then set "" again. */
 MM_API mm_result mm_set_report(mm_session *session, const char *report);
 /* Seconds after which the server gives up computing a move, from now on; 0: never. The move is then refused with
  * MM_DEADLINE_EXCEEDED, and the session is as before. */
 MM_API mm_result mm_set_compute_limit(mm_session *session, double seconds);
-/* The step that the run ends with, told with each commit from now on; 0: unknown. Who watches the session then sees when
- * the run ends. Tell it again where it changes. */
+/* The last step of the run, which each commit sends from now on; 0: unknown. With it the monitor estimates when the run
+ * ends. Call it again when the last step changes. */
 MM_API mm_result mm_set_final_step(mm_session *session, int64_t step);
 /* The last move becomes the committed state, durably, and the time step ends. */
 MM_API mm_result mm_commit(mm_session *session);
@@ -191,7 +193,7 @@ MM_API mm_result mm_commit(mm_session *session);
 MM_API mm_result mm_rollback(mm_session *session);
 /* Coordinates of all nodes: committed, or of the mesh as it was uploaded. */
 MM_API mm_result mm_fetch(mm_session *session, mm_frame which, size_t nodes, double *points);
-/* Asks the server; mm_state, mm_durable_step and mm_status_report tell the answer. */
+/* Asks the server; mm_state, mm_durable_step and mm_status_report then have the answer. */
 MM_API mm_result mm_status(mm_session *session);
 /* MM_KEEP leaves the session stored and resumable, MM_DISCARD deletes it. Doing it twice is no error. */
 MM_API mm_result mm_close(mm_session *session, mm_outcome outcome);
@@ -203,7 +205,7 @@ MM_API const int64_t *mm_moving_nodes(const mm_session *session, size_t *count);
 MM_API int64_t mm_step(const mm_session *session);          /* last committed step; 0: as uploaded */
 MM_API int64_t mm_durable_step(const mm_session *session);  /* what survives the end of the machine */
 MM_API int64_t mm_iteration(const mm_session *session);     /* moves of the step under way */
-MM_API const char *mm_state(const mm_session *session);     /* as last told: READY, TRIAL … */
+MM_API const char *mm_state(const mm_session *session);     /* of the last reply: READY, TRIAL … */
 MM_API const uint8_t *mm_digest(const mm_session *session); /* 32 bytes: SHA-256 of the committed state */
 /* Where the last move added enrichment functions: `count` rows of mm_dimension coordinates. */
 MM_API const double *mm_enrichment_points(const mm_session *session, size_t *count);

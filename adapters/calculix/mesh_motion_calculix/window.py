@@ -87,7 +87,7 @@ def window_deck(
     interface : str
         Name of the node set whose motion is printed.
     loads : list of (int, (d,) array)
-        Node numbers and forces, force unit. Zero forces too: a load stays until it is given anew.
+        Node numbers and forces, force unit. Zero forces too: a load stays until another one replaces it.
     dt : float
         Length of the window, time unit.
     """
@@ -147,7 +147,7 @@ def run(folder: Path, options: Options) -> None:
 
 
 def _failure(output: str, status: int, log: Path) -> CalculixError | None:
-    """The error that a run's output and exit status tell, None for a run that went well."""
+    """The error in a run's output and exit status; None for a run without one."""
     ignored = _UNKNOWN_CARD.search(output)
     if ignored:
         return DeckError(f"ccx does not know the card {ignored[1].strip()}", f"all of it: {log}")

@@ -81,13 +81,13 @@ class Settings:
     tolerance : float
         A window has converged where the residual's norm is at most this share of the displacements' norm …
     noise : float
-        … or at most this root mean square, length unit: what the solid's digits can tell apart.
+        … or at most this root mean square, length unit: the resolution of the solid's printed digits.
     most_iterations : int
         More are an error. The fluid must allow two more.
     thickness : float
         Forces on the fluid's mesh are multiplied by this: the solid's thickness over the fluid mesh's, in 2D.
     watch : tuple of float
-        The solid's node next to this reference place is told in the history.
+        The history has the motion of the solid's node next to this reference place.
     """
 
     windows: int
@@ -142,12 +142,12 @@ class Coupling:
         offsets = np.linalg.norm(solid.points - np.array(settings.watch), axis=1)
         self._watched = int(offsets.argmin())
 
-    def run(self, tell: Callable[[Row], None] | None = None) -> list[Row]:
+    def run(self, report: Callable[[Row], None] | None = None) -> list[Row]:
         """All windows that are not yet accepted.
 
         Parameters
         ----------
-        tell : callable, optional
+        report : callable, optional
             Is given each window's row.
 
         Returns
@@ -177,8 +177,8 @@ class Coupling:
                 writer.writerow(asdict(row))
                 file.flush()
                 rows.append(row)
-                if tell is not None:
-                    tell(row)
+                if report is not None:
+                    report(row)
         return rows
 
     def _windows(self) -> Iterator[Row]:

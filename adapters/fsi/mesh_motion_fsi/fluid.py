@@ -33,7 +33,7 @@ _VERSION = "1"
 
 @dataclass(frozen=True)
 class Request:
-    """What the fluid tells before it asks for displacements.
+    """What the fluid sends before it asks for displacements.
 
     Attributes
     ----------
@@ -196,7 +196,7 @@ class OpenFoam:
         return list(self._socket.recv_multipart())
 
     def _end(self, status: int) -> str:
-        """How the solver ended; after a signal its log ends with a stack, which tells little."""
+        """How the solver ended; after a signal its log ends with a stack, which does not help."""
         if status < 0:
             return f"{self.application} was ended by {signal.Signals(-status).name}; see {self.case}/log.*"
         return f"{self.application} ended with status {status}: {self.last_words()}"

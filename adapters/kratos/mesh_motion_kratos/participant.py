@@ -38,7 +38,7 @@ class Roles:
     fixed : (f,) int64 array
         Rows that stay.
     patches : dict
-        As the server is told.
+        Names and roles, as they are sent to the server.
     """
 
     moving: NDArray[np.int64]

@@ -23,7 +23,7 @@ class StoredSession:
     Attributes
     ----------
     credentials : Credentials
-        Whoever has them has the session: the file may be read by its owner only.
+        With them any client can resume the session, so only the file's owner may read it.
     opened_with : str
         :func:`digest` of the settings.
     """

@@ -53,7 +53,7 @@ void Foam::remoteSession::setTimeouts(const scalar atLeast)
 void Foam::remoteSession::connect()
 {
     setTimeouts(300);
-    // one without the other is a mistake, which get() tells
+    // one without the other is a mistake, which get() reports
     if (coeffs_.found("secretKey") || coeffs_.found("serverKey"))
     {
         fileName secret(coeffs_.get<fileName>("secretKey"));

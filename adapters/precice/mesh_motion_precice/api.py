@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 __all__ = ["Coupling", "connect_precice"]
 
-#: Where the launchers of MPI tell how many processes they started.
+#: Environment variables in which launchers of MPI write the number of processes.
 _RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 
 

@@ -1,4 +1,4 @@
-"""How many windows a run has, by preCICE's configuration: preCICE's interface does not tell it."""
+"""How many windows a run has, by preCICE's configuration: preCICE's interface does not have it."""
 
 from __future__ import annotations
 

@@ -1,0 +1,61 @@
+"""The prose of a source file: comments, docstrings and pages, each line with its number."""
+
+import ast
+import io
+import re
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+
+#: Comments of languages whose strings may hold anything: a string or a comment, whichever begins first.
+_C = re.compile(r'"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|(?P<comment>/\*.*?\*/|//[^\n]*)', re.DOTALL)
+_FORTRAN = re.compile(r'"[^"\n]*"|\'[^\'\n]*\'|(?P<comment>![^\n]*)')
+_HASH = re.compile(r'"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|(?P<comment>(?:(?<=\s)|^)#[^\n]*)', re.MULTILINE)
+_COMMENTS = {
+    **dict.fromkeys([".c", ".h", ".cpp", ".hpp", ".C", ".H", ".js", ".css"], _C),
+    **dict.fromkeys([".f90"], _FORTRAN),
+    **dict.fromkeys([".sh", ".toml", ".yml", ".yaml", ".cmake", ".cfg", ".in"], _HASH),
+    **dict.fromkeys(["Makefile", "Dockerfile", "CMakeLists.txt", "Allwmake", "run"], _HASH),
+}
+_CODE = re.compile(r"`[^`]*`|\]\([^)]*\)|<[^>]*>")
+
+Lines = Iterator[tuple[int, str]]
+
+
+def prose(path: Path) -> list[tuple[int, str]]:
+    """Line numbers from 1 and the text of each line of prose; nothing for a file of another kind."""
+    if path.suffix == ".md":
+        return list(_page(path.read_text(encoding="utf-8")))
+    if path.suffix == ".py":
+        return list(_python(path.read_text(encoding="utf-8")))
+    if (comment := _COMMENTS.get(path.suffix) or _COMMENTS.get(path.name)) is not None:
+        return list(_comments(comment, path.read_text(encoding="utf-8")))
+    return []
+
+
+def _page(text: str) -> Lines:
+    """A page without its blocks of code, code in a line, and addresses of links."""
+    is_code = False
+    for number, line in enumerate(text.splitlines(), 1):
+        is_code ^= line.lstrip().startswith("```")
+        if not is_code:
+            yield number, _CODE.sub(" ", line)
+
+
+def _python(text: str) -> Lines:
+    """Comments, and the docstrings of modules, classes and functions."""
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            yield token.start[0], token.string
+    for node in ast.walk(ast.parse(text)):
+        documented = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
+        if documented and ast.get_docstring(node, clean=False) is not None:
+            lines = text.splitlines()[node.body[0].lineno - 1 : node.body[0].end_lineno]
+            yield from enumerate(lines, node.body[0].lineno)
+
+
+def _comments(comment: re.Pattern[str], text: str) -> Lines:
+    for found in comment.finditer(text):
+        if found["comment"]:
+            first = text.count("\n", 0, found.start()) + 1
+            yield from enumerate(found["comment"].splitlines(), first)
