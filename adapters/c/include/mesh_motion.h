@@ -14,11 +14,11 @@
  *     if (mm_error(server)) fprintf(stderr, "%s\n", mm_error_message(server));   // once, at the end, is enough
  *
  * Errors are sticky, as those of a stream: the first one stays in the context, and every later call returns it at once
- * and does nothing, until mm_clear_error. So a program may look after each call, or after a whole time step.
+ * and does nothing, until mm_clear_error. So a program can check after each call, or after a whole time step.
  *
- * Every call that waits ends: within the time-outs of mm_set_timeouts. A call that timed out may be made again,
- * unchanged: it is then the same request, and what it asks for is done once, whatever was lost on the way. Broken
- * connections are mended, and a session whose worker died is resumed from its journal, inside the calls.
+ * Every call ends within the time-outs of mm_set_timeouts. A call that timed out may be repeated without a change: it
+ * is then the same request, and the server executes it once, even if messages were lost. The calls restore broken
+ * connections, and resume a session from its journal when its worker has died.
  *
  * A context with all its sessions is used by one thread at a time; several contexts may be used by several threads.
  * A forked child makes a context of its own; calls with that of its parent fail at once. There is no global state. Text
@@ -66,18 +66,18 @@ typedef enum {
 
 /* --- a server ---------------------------------------------------------------------------------------------------- */
 
-/* NULL only where there is no memory. */
+/* NULL only without memory. */
 MM_API mm_context *mm_context_new(void);
 /* Frees its sessions too. NULL is admitted. */
 MM_API void mm_context_free(mm_context *context);
-/* Seconds for what takes no computing (60) and for what does: build, move, commit, rollback, resume (1800). */
+/* Time-outs in seconds: of small requests (60), and of build, move, commit, rollback and resume (1800). */
 MM_API mm_result mm_set_timeouts(mm_context *context, double seconds, double compute_seconds);
-/* Called with one line, once, when no server answers, while the call goes on waiting: after some two seconds, where a
- * session is opened or resumed after ten. It makes no call with this context. Without mm_set_warning the line goes to
- * standard error; with NULL nowhere. */
+/* The library calls it once, with one line, when no server answers, and the call continues to wait: after some two
+ * seconds, or after ten where a session is opened or resumed. It must not call the library with this context. Without
+ * mm_set_warning the line goes to standard error; with NULL there is no line. */
 typedef void (*mm_warning)(void *data, const char *line);
 MM_API mm_result mm_set_warning(mm_context *context, mm_warning warning, void *data);
-/* For a server that asks for keys: the files that `mesh-motion keys` wrote, the client's .secret and the server's
+/* For a server that needs keys: the files that `mesh-motion keys` wrote, the client's .secret and the server's
  * .public (or that key itself, 40 characters). Without this call MESH_MOTION_KEY and MESH_MOTION_SERVER_KEY name them.
  */
 MM_API mm_result mm_set_keys(mm_context *context, const char *secret_file, const char *server_key);
@@ -98,7 +98,7 @@ MM_API const mm_report *mm_listed(const mm_context *context);
 MM_API mm_result mm_error(const mm_context *context);
 MM_API const char *mm_error_code(const mm_context *context);    /* "FAILED_PRECONDITION.QUALITY"; "" without an error */
 MM_API const char *mm_error_message(const mm_context *context); /* what was expected, what came */
-MM_API const char *mm_error_hint(const mm_context *context);    /* the way out; may be "" */
+MM_API const char *mm_error_hint(const mm_context *context);    /* what to do; may be "" */
 /* The first offender: node, patch, row, value … With FAILED_PRECONDITION.QUALITY: best, fraction, worst.0.cell … */
 MM_API const mm_report *mm_error_details(const mm_context *context);
 /* 1 if the code is this one or one of its details: "ABORTED" is also ABORTED.FENCED. */
@@ -108,7 +108,7 @@ MM_API void mm_clear_error(mm_context *context);
 /* --- a mesh and how it is moved ---------------------------------------------------------------------------------- */
 
 MM_API mm_session *mm_session_new(mm_context *context);
-/* Ends the connection and no more: the session stays on the server until its lease ends (mm_close is better). */
+/* Ends the connection only: the session stays on the server until its lease ends (mm_close is better). */
 MM_API void mm_session_free(mm_session *session);
 
 /* The arrays of these four are not copied: leave them in place until mm_build returns. Indices and types are checked.
@@ -134,7 +134,7 @@ MM_API mm_result mm_set_label(mm_session *session, const char *label);
 /* What mm_commit waits for: "full", "replay" or "relaxed" (SPEC.md, section 21), of those that WELCOME names. With
  * "relaxed" steps behind mm_durable_step may be lost; the next call then says ABORTED.STEPS_LOST. */
 MM_API mm_result mm_set_durability(mm_session *session, const char *durability);
-/* Which partition this is, of how many: 0, 1 unless set. One partition is one rank of a parallel driver. */
+/* The number of this partition, and how many there are (0 and 1). A partition is a rank of a parallel driver. */
 MM_API mm_result mm_set_partition(mm_session *session, int partition, int partitions);
 
 /* The side that evaluates the motion at the nodes: "server" or "client" (SPEC.md, section 23). With "client" the server
@@ -153,7 +153,7 @@ MM_API mm_result mm_join(mm_session *session);
 /* Uploads the mesh (or this partition's part) and waits until the whole is checked and durable. Then the
  * library forgets the mesh: to open the session again, call mm_points and the calls after it again. */
 MM_API mm_result mm_build(mm_session *session);
-/* Takes a session up again at its last committed step, after a crash of any side; earlier holders are fenced off. */
+/* Resumes a session at its last committed step, after a crash of any side; earlier clients lose the session. */
 MM_API mm_result mm_resume(mm_session *session);
 
 #define MM_ID_SIZE 33 /* 32 hexadecimal digits and the end */
@@ -168,8 +168,8 @@ MM_API mm_result mm_load_credentials(mm_session *session, const char *path);
 
 /* --- a time step ------------------------------------------------------------------------------------------------- */
 
-/* What a displacement counts from: the committed state (increments) or the mesh as it was uploaded (totals, as structural
- * codes have them). */
+/* The state from which a displacement counts: the committed state (increments), or the mesh as it was uploaded (totals,
+ * as structural codes have them). */
 typedef enum { MM_SINCE_COMMITTED, MM_SINCE_REFERENCE } mm_frame;
 typedef enum { MM_KEEP, MM_DISCARD } mm_outcome;
 
