@@ -46,7 +46,7 @@ class Acceleration(Protocol):
         """The window has converged; another begins."""
 
     def state(self) -> dict[str, Vector]:
-        """Arrays that a later run needs to go on alike."""
+        """Arrays that a later run needs to continue in the same way."""
 
     def restore(self, state: Mapping[str, Vector]) -> None:
         """Take up a state."""

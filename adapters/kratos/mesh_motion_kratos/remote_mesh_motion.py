@@ -28,7 +28,7 @@ def CreateSolver(model: Any, settings: Any) -> RemoteMeshSolver:
 
 
 class RemoteStrategy:
-    """What ``MeshSolverBase`` asks of a solution strategy.
+    """The methods that ``MeshSolverBase`` needs of a solution strategy.
 
     The session begins with the first step, when the processes have fixed what they fix.
     """
