@@ -30,8 +30,10 @@ PAGES = (
     "protocol/SPEC.md",
     "protocol/conformance/README.md",
     "benchmarks/README.md",
+    "changes/README.md",
     "examples/README.md",
     "examples/*/README.md",
+    "recipes/README.md",
 )
 
 _SECTION = re.compile(r"^## (?P<name>.+)$")

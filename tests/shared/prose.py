@@ -17,29 +17,34 @@ _COMMENTS = {
     **dict.fromkeys([".sh", ".toml", ".yml", ".yaml", ".cmake", ".cfg", ".in"], _HASH),
     **dict.fromkeys(["Makefile", "Dockerfile", "CMakeLists.txt", "Allwmake", "run"], _HASH),
 }
-_CODE = re.compile(r"`[^`]*`|\]\([^)]*\)|<[^>]*>")
+#: Code within a line, addresses of links, tags.
+_CODE = re.compile(r"(`+).*?\1|\]\([^)]*\)|<[^>]*>")
 
 Lines = Iterator[tuple[int, str]]
 
 
 def prose(path: Path) -> list[tuple[int, str]]:
     """Line numbers from 1 and the text of each line of prose; nothing for a file of another kind."""
+    return [(number, _CODE.sub(" ", line)) for number, line in _lines(path)]
+
+
+def _lines(path: Path) -> Lines:
+    comment = _COMMENTS.get(path.suffix) or _COMMENTS.get(path.name)
     if path.suffix == ".md":
-        return list(_page(path.read_text(encoding="utf-8")))
-    if path.suffix == ".py":
-        return list(_python(path.read_text(encoding="utf-8")))
-    if (comment := _COMMENTS.get(path.suffix) or _COMMENTS.get(path.name)) is not None:
-        return list(_comments(comment, path.read_text(encoding="utf-8")))
-    return []
+        yield from _page(path.read_text(encoding="utf-8"))
+    elif path.suffix == ".py":
+        yield from _python(path.read_text(encoding="utf-8"))
+    elif comment is not None:
+        yield from _comments(comment, path.read_text(encoding="utf-8"))
 
 
 def _page(text: str) -> Lines:
-    """A page without its blocks of code, code in a line, and addresses of links."""
+    """A page without its blocks of code."""
     is_code = False
     for number, line in enumerate(text.splitlines(), 1):
         is_code ^= line.lstrip().startswith("```")
         if not is_code:
-            yield number, _CODE.sub(" ", line)
+            yield number, line
 
 
 def _python(text: str) -> Lines:

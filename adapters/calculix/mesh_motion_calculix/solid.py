@@ -238,9 +238,9 @@ class Solid:
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise RunError(f"{path} cannot be continued: {error!r}", "start in an empty folder") from None
         if deck != self._digest():
-            raise RunError(f"{self._folder} was begun with another deck or set", "an empty folder starts anew")
+            raise RunError(f"{self._folder} was begun with another deck or set", "start in an empty folder")
         if digests != state.get("sha256"):
-            raise RunError(f"files of window {number} in {self._folder} were changed", "an empty folder starts anew")
+            raise RunError(f"files of window {number} in {self._folder} were changed", "start in an empty folder")
         for left in {*self._folder.glob("accepted-*")} - {*files.values()}:
             left.unlink()
         motion = self._read(self._accepted("dat", number))
