@@ -2,15 +2,16 @@
 # make test   runs a core of every area's tests, two files at a time (JOBS=4 for more), in about six minutes
 # make test-all runs all of them, as CI does: whole runs, each page of the documentation, many drawn examples, in half an hour;
 #             what fails runs once more, alone, and is named as flaky if it then passes
-# make manual writes docs/man anew after a change of a command
+# make manual writes docs/man after a change of a command
 # make wheel  builds the distributions into dist, the wheel for every instruction set, and tries it in an empty environment
-# make lock   writes the exact versions and hashes of all packages anew (requirements/)
+# make lock   writes the newest exact versions and hashes of all packages (requirements/)
 # make release VERSION=x.y.z checks what a release must be, builds it twice, tries it and says what comes next
 # make lint   ruff and mypy, as CI does
 # make prove  shows in a few minutes that nothing committed is lost and nothing wrong let in: a line each, out/prove/proof.json
 # make prove-full the same with the counts of a night
 # make mutants changes journal, session, codec and judging in small ways and shows that the tests notice (tests/mutation), ten minutes
 # make sanitize runs the tests of the numerics on kernels that check every index, address, operation and race, an hour
+# make nightly runs what takes hours and rarely fails: sanitizers, mutants, the demo without a compiler, proofs with the counts of a night
 # make peers  compares with OpenFOAM, Kratos and textbook RBF, as far as they are installed (benchmarks/README.md)
 # make bench  measures growth to five million nodes, the correction and every system installed: one page, twenty minutes
 # make bench-quick the most telling of it in three minutes
@@ -37,10 +38,10 @@ PYTEST = -n $(JOBS) --dist loadfile --durations 40 --durations-min 5
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all test-fast wheel release manual lock lint format prove prove-full drivers mutants sanitize sanitize-addresses sanitize-threads peers bench bench-quick studies docs adapters mok flap turek docker docker-openfoam clean
+.PHONY: help demo test test-all test-fast wheel release manual lock lint format prove prove-full drivers mutants nightly sanitize sanitize-addresses sanitize-threads peers bench bench-quick studies docs adapters mok flap turek docker docker-openfoam clean
 
 help:
-	@sed -n '1,25s/^# \{0,1\}//p' Makefile
+	@sed -n '1,26s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -137,6 +138,9 @@ sanitize-addresses: $(VENV)/.development
 sanitize-threads: $(VENV)/.development
 	$(call SANITIZED,thread,thread,libtsan.so)
 comma := ,
+
+nightly: sanitize mutants prove-full
+	tools/without_compiler.sh $(MAKE) demo VENV=out/bare
 
 peers: $(VENV)/.development
 	$(BIN)/python -m benchmarks.peers --out out/peers --threads 1

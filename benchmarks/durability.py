@@ -1,10 +1,10 @@
 """What a commit costs at each level of durability: ``python -m benchmarks.durability [--folder DIR] [--commits N]``.
 
 The journal's own code commits states of 1, 10 and 100 MB (n nodes in 3D, of which n^(2/3) move), the levels in turns,
-so that the disk's moods are theirs alike. Beside it the disk alone: a page overwritten and synced, and the state
-overwritten and synced. With "relaxed" commits come as fast as the disk takes them (what its answer waits for) and every
-5 ms (how far the durable step falls behind). Medians; "replay" also with its share of a state that is stored every
-``snapshot_steps`` commits.
+so that changes of the disk's speed affect all levels alike. For comparison the disk alone: a page overwritten and
+synced, and the state overwritten and synced. With "relaxed" commits come as fast as the disk takes them (what its
+answer waits for) and every 5 ms (how far the durable step falls behind). Medians; "replay" also with its share of a
+state that is stored every ``snapshot_steps`` commits.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """What a session's history costs a step: ``python -m benchmarks.history [--folder DIR] [--steps N]``.
 
 Two sessions of the same mesh take turns, one with a history and one without, each step a Move and a commit through the
-whole service layer, without a socket. The difference is taken step by step, so that the machine's moods are both
-sessions' alike; medians, in microseconds. Beside it the time spent in the history itself, the least of all steps: on a
-machine that does other work too it is the one figure that holds.
+whole service layer, without a socket. The difference is taken step by step, so that changes of the machine's load
+affect both sessions alike; medians, in microseconds. For comparison the time spent in the history itself, the least of
+all steps: on a machine with other work this is the only reliable figure.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 One session of a real server steps on, each step a Move and a commit of a mesh of triangles. For blocks of some seconds
 browsers look at it, each as the page does: the list every second, every two seconds the session and its series, every
-three its mesh; for blocks in between nobody looks. The medians of neighbouring blocks are compared pair by pair.
-Beside it the processor time of the page's process: where other cores are free, nothing of it is the step's.
+three its mesh; for blocks in between no browser looks. The medians of neighbouring blocks are compared pair by pair.
+The processor time of the page's process is measured too: where other cores are free, it does not slow the step.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _TICK = os.sysconf("SC_CLK_TCK")
 
 
 class _Browser(threading.Thread):
-    """Looks at the page until it is told to stop."""
+    """Looks at the page until it is stopped."""
 
     def __init__(self, address: str, session: str) -> None:
         super().__init__(daemon=True)

@@ -1,7 +1,7 @@
 """scikit-build-core, with a compiler from PyPI (``ziglang``, 100 MB) where the machine has none.
 
-``pip install .`` in a checkout takes the client from the folder beside, as it may not have been released. What is made
-to be given away, and an editable installation, ask for the client's release.
+``pip install .`` in a checkout takes the client from ``adapters/python``, as it may not have been released. A wheel, a
+source distribution and an editable installation require the client's release.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ def is_missing(path: Path) -> bool:
     Raises
     ------
     OSError
-        If the disk does not tell.
+        If the disk gives no answer.
     """
     try:
         path.lstat()

@@ -29,7 +29,7 @@ from mesh_motion_server.numerics.method import KEYS, Key, Method
 __all__ = ["DURABILITY_LEVELS", "MethodSettings", "ServerSettings", "check_durability", "check_evaluation"]
 
 _Level = Literal["full", "replay", "relaxed"]
-#: Durability levels that a server offers unless it is told otherwise, the default first.
+#: Durability levels that a server offers unless its settings name others, the default first.
 DURABILITY_LEVELS: tuple[_Level, ...] = ("full", "replay", "relaxed")
 
 #: What the motion of a boundary must be so that its field, and regions of bad cells, are all that the volume needs.
@@ -105,11 +105,11 @@ class ServerSettings(_Strict):
 
     ``metrics`` is HOST:PORT of the pages for Prometheus and probes, ``monitor`` of the page for people. A loop that is
     silent for ``stuck_seconds`` counts as stuck. New sessions are refused where less than ``reserve_disk_bytes`` or
-    ``reserve_memory_bytes`` would be left to the running ones. ``history_bytes`` is what each session's history,
-    for people, may take beside its journal; 0: none is kept.
+    ``reserve_memory_bytes`` would be left to the running ones. ``history_bytes`` is the largest size of each
+    session's history, in addition to its journal; 0: none is kept.
 
     ``data_ports`` is the range, as ``"7441-7504"``, from which each session's data endpoint takes a free port: what a
-    firewall opens and a container maps; without it the system chooses. ``advertised_host`` is told to clients as the
+    firewall opens and a container maps; without it the system chooses. ``advertised_host`` is sent to clients as the
     host of data endpoints in place of the one listened on; ``"0.0.0.0"`` stands for the host by which a client has
     reached the control endpoint. Both are for tcp.
 

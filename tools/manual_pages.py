@@ -1,6 +1,6 @@
 """Manual pages from the command line itself: ``docs/man/mesh-motion.1`` and one for each command.
 
-``make manual`` writes them, a test tells when they are not those of the commands any more, and the wheel installs them
+``make manual`` writes them, a test fails when they differ from the commands, and the wheel installs them
 in ``share/man/man1``.
 """
 

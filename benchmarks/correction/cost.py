@@ -1,7 +1,7 @@
 """Measures one case in this process: ``python -m benchmarks.correction.cost CASE FOLDER REPEAT`` prints JSON.
 
 The limit is what any such method has to do: for every iteration one gradient and one Hessian of the region that was
-free then, all blocks anew, and one judgement of every cell of the mesh. It is timed in the same process.
+free then, all blocks recomputed, and one judgement of every cell of the mesh. It is timed in the same process.
 """
 
 from __future__ import annotations

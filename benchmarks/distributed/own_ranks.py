@@ -4,7 +4,7 @@ Each rank reads the file of its partition, moves its nodes and judges its cells,
 takes part by itself, or with ``--dask`` in a worker of a Dask cluster. For comparison the same steps of a session that
 has the whole mesh. Prints one row a case: bytes of a step each way between server and ranks, all ranks together,
 seconds, processor time of the busiest rank, and the session's memory. With ``--corrected 0.25`` each step turns the
-body so far that cells are below that size-skew and are corrected; how many nodes the ranks tell of, and how many are
+body so far that cells are below that size-skew and are corrected; how many nodes the ranks send, and how many are
 freed.
 """
 
@@ -51,7 +51,7 @@ def _motion(body: Any, step: int, threshold: float) -> Any:
 
 
 def _rank(endpoint: str, file: Path, rank: int, ranks: int, evaluation: str, threshold: float, lines: Any) -> None:
-    """Open or join, make some steps, and tell what they took."""
+    """Open or join, make some steps, and report their cost."""
     count_bytes()
     mesh = Mesh.load(file, ROLES)
     with connect(endpoint) as server:
@@ -79,7 +79,7 @@ def _rank(endpoint: str, file: Path, rank: int, ranks: int, evaluation: str, thr
 
 
 def _on_ranks(files: Sequence[Path], evaluation: str, threshold: float) -> list[dict[str, float]]:
-    """What each rank tells; processes of their own."""
+    """The report of each rank; ranks are processes of their own."""
     context = multiprocessing.get_context("spawn")
     with connect(server_options=["--threads", "1"]) as server:
         lines = [context.Queue() for _ in range(len(files) + 1)]

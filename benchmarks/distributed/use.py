@@ -40,7 +40,7 @@ def spent() -> dict[str, float]:
 
 
 async def peak_memory() -> int:
-    """Of the session, as the rank on this worker is told."""
+    """The peak memory of the session, asked from the rank on this worker."""
     (rank,) = dask_worker._RANKS.values()
     report = await asyncio.get_running_loop().run_in_executor(rank.thread, rank.session.status)
     return int(report.report["peak_memory_bytes"])

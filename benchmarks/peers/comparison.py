@@ -98,7 +98,7 @@ def compare(
 ) -> Iterator[Outcome]:
     """Measure the systems on the cases, in a fixed order; each outcome as soon as it is there.
 
-    Meshes are kept in ``out/meshes`` or where told.
+    Meshes are kept in ``out/meshes`` or in a given folder.
     """
     missing = {name: SYSTEMS[name].missing() for name in systems}
     for case_name in cases:

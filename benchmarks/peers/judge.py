@@ -1,7 +1,8 @@
 """One judge for all: the quality of the positions that a system left, by the server's own metric and by OpenFOAM's.
 
 Size is relative to the reference mesh, size-skew is √size · skew with the sign of size. A step counts as inverted where
-any corner determinant of a cell is not positive. The boundary error says whether a system moved the boundary as told.
+any corner determinant of a cell is not positive. The boundary error is the distance of
+the boundary from its given place.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ class Verdict:
     most_inverted : int
         Inverted cells in the worst step.
     boundary_error : float
-        Largest distance, in any step, of a boundary node from where it was told to be; mesh length unit.
+        Largest distance, in any step, of a boundary node from its given place; mesh length unit.
     non_orthogonality, rest_non_orthogonality : float
         Largest of the faces, at the end and at rest, degrees.
     faces_above_65, faces_above_75 : int

@@ -11,7 +11,7 @@ __all__ = ["Figures", "MachineLimits", "Rates", "Seconds", "StartFigures", "Wire
 
 T = TypeVar("T")
 
-#: Nothing takes less than the clock can tell, so that ratios exist.
+#: The resolution of the clock is the least duration, so that ratios exist.
 _TICK = max(time.get_clock_info("process_time").resolution, 1e-9)
 
 
@@ -91,7 +91,7 @@ class Figures(_Read):
     step : Seconds
         A step's first Move: another mesh than before, so that nothing is in the cache.
     iteration : Seconds
-        A later Move of the same step, told in full: ``quality_report = "every-move"``.
+        A later Move of the same step, reported in full: ``quality_report = "every-move"``.
     brief : Seconds
         The same as it comes, with ``quality_report = "first-and-commit"``.
     solve, displace, predict : Seconds
@@ -107,7 +107,7 @@ class Figures(_Read):
     inverted : int
         Cells.
     boundary_error : float
-        Largest error of the interpolation at a boundary node, before it is put where it was told to be; a share of the
+        Largest error of the interpolation at a boundary node, before it is put at its given place; a share of the
         largest displacement.
     corrected : bool
         Whether a correction followed.

@@ -66,7 +66,7 @@ class _Memory:
 
     def __init__(self) -> None:
         gc.collect()
-        with suppress(OSError):  # where the kernel allows it, the high-water mark begins anew
+        with suppress(OSError):  # where the kernel allows it, reset the high-water mark
             Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
         self.base = _resident()
 

@@ -29,7 +29,7 @@ __all__ = ["machine_limits", "rates"]
 
 _REPEAT = 15
 _PAIRS = 2048  # nodes and centres of a tile, as the dense mover's
-_TILES = 16  # of them for the compiled loop, beside which starting threads takes no time
+_TILES = 16  # of them for the compiled loop: enough that the start of threads takes no time in comparison
 _HORNER_NUMBERS = 256  # stay in the first cache
 _HORNER_FLOPS = 128  # of each number
 # -ffast-math by its parts: the whole links code that flushes denormals in the process that loads the library, and there

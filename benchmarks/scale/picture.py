@@ -1,4 +1,4 @@
-"""The growth as a plot: seconds of a step against nodes, both logarithmic, with the slope; other systems beside it."""
+"""The growth as a plot: seconds of a step against nodes, both logarithmic, with the slope, and other systems."""
 
 from __future__ import annotations
 

@@ -149,7 +149,7 @@ def _judging(evidence: Evidence, factor: float) -> Iterator[Row]:
 
 
 def _boundary(evidence: Evidence) -> Iterator[Row]:
-    """Errors at boundary nodes before they are put where they were told to be."""
+    """Errors at boundary nodes before they are put at their given places."""
     for mesh in ("M2", "M7", "M3", "M4", "M5", "W2", "W3", "S2", "S3"):
         figures = _library(evidence, mesh)
         error = figures.boundary_error if figures else None
@@ -198,7 +198,7 @@ def _growth(evidence: Evidence) -> Iterator[Row]:
     yield _most("M5: largest memory, set-up included", 4.0, figures.resident_bytes / 1e9 if figures else None, " GB")
 
 
-_NO_ITERATIONS = (("", None), (" told in full", None))
+_NO_ITERATIONS = (("", None), (" in full", None))
 
 
 def _iterations(evidence: Evidence) -> Iterator[Row]:
@@ -208,7 +208,7 @@ def _iterations(evidence: Evidence) -> Iterator[Row]:
         step = of_threads(figures.step, threads) if figures else 1.0
         first = of_threads(figures.first, threads) / step if figures else None
         yield _most(f"{mesh}: the session's first move, of the next", 1.5, first)
-        for name, seconds in (("", figures.brief), (" told in full", figures.iteration)) if figures else _NO_ITERATIONS:
+        for name, seconds in (("", figures.brief), (" in full", figures.iteration)) if figures else _NO_ITERATIONS:
             share = of_threads(seconds, threads) / step if seconds else None
             yield _most(f"{mesh}: a later iteration{name}, of the first", 0.6, share)
 

@@ -16,7 +16,9 @@ INDEX = "docs/index"
 PAGES = (
     "README.md",
     "CHANGELOG.md",
+    "CODE_OF_CONDUCT.md",
     "CONTRIBUTING.md",
+    "SECURITY.md",
     "docs/*.md",
     "docs/tutorials/*.md",
     "docs/tutorials/*.ipynb",
@@ -29,6 +31,7 @@ PAGES = (
     "protocol/SPEC.md",
     "protocol/conformance/README.md",
     "benchmarks/README.md",
+    "changes/README.md",
     "examples/README.md",
     "examples/*/README.md",
 )

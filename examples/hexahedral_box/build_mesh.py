@@ -14,7 +14,7 @@ INNER, ROWS_OUTSIDE, ROWS_INSIDE = (0.4, 0.6), 5, 3
 
 
 def main() -> None:
-    """Write mesh.npz beside this file."""
+    """Write mesh.npz into the folder of this file."""
     low, high = INNER
     spacing = np.linspace(0.0, 1.0, ROWS_OUTSIDE + 1)
     outside = low * (1.0 - (1.0 - spacing) ** 1.35)  # finer towards the inner box

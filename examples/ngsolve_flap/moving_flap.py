@@ -1,7 +1,7 @@
 """NGSolve: Stokes flow past a flap that bends, on a mesh that the mesh-motion server moves.
 
 Netgen makes the mesh once. Each step bends the flap, the server answers with the displacement of every vertex, and
-``mesh.SetDeformation`` puts it under the finite elements: no element is made anew. python moving_flap.py [--server …]
+``mesh.SetDeformation`` applies it to the finite elements: no element is made again. python moving_flap.py [--server …]
 """
 
 from __future__ import annotations

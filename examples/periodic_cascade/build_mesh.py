@@ -18,7 +18,7 @@ SIZE_BLADE, SIZE_FAR = 0.018, 0.06
 
 
 def main() -> None:
-    """Write mesh.npz beside this file."""
+    """Write mesh.npz into the folder of this file."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("Mesh.Algorithm", 6)

@@ -12,7 +12,7 @@ LENGTH, BORE, COLUMNS, ROWS = 2.0, 1.0, 32, 16
 
 
 def main() -> None:
-    """Write mesh.npz beside this file."""
+    """Write mesh.npz into the folder of this file."""
     x, y = np.meshgrid(np.linspace(0.0, LENGTH, COLUMNS + 1), np.linspace(0.0, BORE, ROWS + 1))
     points = np.stack([x.ravel(), y.ravel()], axis=1)
     corner = (np.arange(ROWS)[:, None] * (COLUMNS + 1) + np.arange(COLUMNS)).ravel()

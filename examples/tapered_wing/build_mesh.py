@@ -18,7 +18,7 @@ SIZE_WING, SIZE_FAR = 0.024, 0.3
 
 
 def main() -> None:
-    """Write mesh.npz beside this file."""
+    """Write mesh.npz into the folder of this file."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     fluid = cut_wing_from_box()
@@ -60,7 +60,7 @@ def section(x0: float, chord: float, z: float) -> int:
 
 
 def sort_faces() -> dict[str, list[int]]:
-    """The faces of each patch, told apart by their bounding boxes."""
+    """The faces of each patch, found by their bounding boxes."""
     patches: dict[str, list[int]] = {"wing": [], "symmetry": [], "far": []}
     for _, face in gmsh.model.getEntities(2):
         box = np.array(gmsh.model.getBoundingBox(2, face)).reshape(2, 3)

@@ -15,7 +15,7 @@ TIP_RISE, TWIST, STEPS = 0.3, np.deg2rad(-30.0), 10
 
 
 def main() -> None:
-    """Write motion.npz beside this file."""
+    """Write motion.npz into the folder of this file."""
     mesh = read_mesh(HERE / "mesh.npz")
     nodes = mesh.patches["wing"]
     displacement = np.stack([deform(mesh.points[nodes], step / STEPS) for step in range(1, STEPS + 1)])

@@ -14,7 +14,7 @@ SIZE = 0.0422
 
 
 def main() -> None:
-    """Write mesh.npz beside this file."""
+    """Write mesh.npz into the folder of this file."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("Mesh.Algorithm", 6)  # frontal Delaunay

@@ -13,7 +13,7 @@ SIZE, SIZE_AT_THE_SLAB = 0.0446, 0.04
 
 
 def main() -> None:
-    """Write mesh.npz beside this file."""
+    """Write mesh.npz into the folder of this file."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("Mesh.Algorithm", 6)  # frontal Delaunay

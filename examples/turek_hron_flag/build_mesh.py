@@ -20,7 +20,7 @@ ALONG = {"arc": 20, "flag": 52, "tip": 6}  # cells along half of the cylinder, o
 
 
 def main() -> None:
-    """Write mesh.npz beside this file."""
+    """Write mesh.npz into the folder of this file."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("Mesh.Algorithm", 6)

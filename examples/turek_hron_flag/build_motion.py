@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 
 
 def main() -> None:
-    """Write motion.npz beside this file."""
+    """Write motion.npz into the folder of this file."""
     mesh = read_mesh(HERE / "mesh.npz")
     nodes = mesh.patches["flag"]
     amplitude = find_amplitude()

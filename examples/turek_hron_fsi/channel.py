@@ -24,7 +24,7 @@ _ROOT = _CENTRE[0] + math.sqrt(_RADIUS**2 - _HALF**2)
 FLAG = (_ROOT, _CENTRE[1]), 0.6 - _ROOT, 2.0 * _HALF  # the middle of its foot, its length and width, m
 _COLUMNS, _ROWS = (0.0, 0.1, 0.3, 0.6, 2.5), (0.0, 0.1, 0.19, 0.21, 0.3, 0.41)
 
-#: cells of the mesh of 13 000: about the cylinder, from it outwards, in front, along the flag, behind it, beside the
+#: cells of the mesh of 13 000: about the cylinder, from it outwards, in front, along the flag, behind it, next to the
 #: walls, at the flag's end
 _CELLS = {"west": 16, "north": 20, "east": 22, "out": 22, "front": 8, "flag": 48, "wake": 80, "wall": 14, "tip": 8}
 

@@ -188,7 +188,7 @@ def draw(case: str, runs: dict[str, dict[str, Array]], path: Path) -> None:
 
 
 def play(case: str, solver: str, name: str, out: Path) -> dict[str, Array]:
-    """Run it, or go on with it; an error is an outcome, told in a line."""
+    """Run it, or go on with it; an error is an outcome, printed in a line."""
     folder = out / f"{case}-{name}"
     sys.stdout.write(f"\n{case.upper()}, {LABELS[name]}\n")
     given = ["--out", str(folder), *RUNS[solver][name]]

@@ -202,7 +202,7 @@ MESH_MOTION_API int mesh_motion_boundary_nodes(const mesh_motion_cells *cells, i
 #define MESH_MOTION_BINS 2048
 #define MESH_MOTION_WORST 10
 
-/* The cells of one rank, judged again and again in one pass each. What ranks tell, added up, is exact: section 23 of
+/* The cells of one rank, judged again and again in one pass each. The sum of the ranks' results is exact: section 23 of
  * the protocol says how. Of each value four bytes are kept.
  */
 typedef struct mesh_motion_tally mesh_motion_tally;
@@ -229,18 +229,18 @@ MESH_MOTION_API int mesh_motion_tally_judge(mesh_motion_tally *tally, int64_t n,
                                             mesh_motion_part *part);
 /* What values of a metric are in the bin at the end of a way (divisions, 3): low, scale, bin. counts
  * (MESH_MOTION_BINS): in each of its parts. different: how many different values, of which the first `most` are in
- * values and how often each occurs in repeated (most); -1: they need not be told.
+ * values and how often each occurs in repeated (most); -1: the server does not need them.
  */
 MESH_MOTION_API int mesh_motion_tally_bin(const mesh_motion_tally *tally, const char *metric, int64_t divisions,
                                           const double *way, int64_t *counts, int64_t most, double *values,
                                           int64_t *repeated, int64_t *different);
 
-/* The bad cells of a rank and those about them, which CORRECT of the protocol tells: section 23. */
+/* The bad cells of a rank and their neighbours, as CORRECT of the protocol sends them: section 23. */
 typedef struct {
-    int64_t cells[7];     /* how many are told, by type in the list above … */
+    int64_t cells[7];     /* how many are sent, by type in the list above … */
     const char *names[7]; /* … which are these */
     int64_t nodes, corners;
-    const int64_t *indices, *whole; /* (nodes): of their nodes, and 1 where all cells at it are told, else 0 */
+    const int64_t *indices, *whole; /* (nodes): of their nodes, and 1 where all cells at it are sent, else 0 */
     const int64_t *rows;            /* (corners): of each cell, type after type, the places of its nodes in indices */
     double least_skew, least_size;  /* of all other cells, relative to them at rest; 1 without any */
 } mesh_motion_region;

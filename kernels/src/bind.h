@@ -74,7 +74,7 @@ void bind(nanobind::module_& m, const char* name, Loop loop) {
     m.def(name, loop, nanobind::call_guard<Unlocked>());
 }
 
-// one function a folder (its bindings.cpp) tells what Python sees of it
+// one function a folder (its bindings.cpp) declares the folder's functions to Python
 void bind_interpolation(nanobind::module_& m);
 void bind_quality(nanobind::module_& m);
 void bind_correction(nanobind::module_& m);

@@ -44,7 +44,7 @@ struct alignas(cache_line) Share {
     Index end;
 };
 
-/// Tells the processor that it waits.
+/// A hint to the processor that this thread waits.
 inline void pause() {
 #if defined(__x86_64__) || defined(_M_X64)
     __builtin_ia32_pause();
@@ -56,7 +56,7 @@ inline void pause() {
 /// Threads that sleep until there is a job. One job at a time; a second caller meanwhile works alone.
 ///
 /// A thread has the same share of the blocks in each loop: what it wrote is in its own cache when it reads it. Cores that
-/// share no cache take twice as long for conjugate gradients where whoever comes first takes a block.
+/// share no cache take twice as long for conjugate gradients if any free thread takes the next block.
 ///
 /// A motion is a hundred short loops, and to wake a thread takes as long as many of them: after a job a thread looks out
 /// for the next one for a while before it sleeps, and so does a caller for the threads that it waits for.
@@ -82,7 +82,7 @@ class Pool {
         work(job, 0);
         {
             const std::lock_guard lock(state_);
-            places_ = 0;  // whoever has not begun by now is not waited for: on a busy machine that takes milliseconds
+            places_ = 0;  // do not wait for threads that have not begun: on a busy machine that takes milliseconds
         }
         look_out([this] { return busy_ == 0; });
         std::unique_lock lock(state_);

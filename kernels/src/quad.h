@@ -1,4 +1,4 @@
-// Four numbers beside each other, for sums too short for the compiler's own vector loops.
+// Four adjacent numbers, for sums too short for the compiler's own vector loops.
 #pragma once
 
 namespace mesh_motion {

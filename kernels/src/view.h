@@ -161,7 +161,7 @@ struct Unfilled : std::allocator<T> {
     }
 };
 
-/// A vector that nobody has filled with zeros.
+/// A vector whose memory is not filled with zeros.
 template <class T>
 using UnfilledVector = std::vector<T, Unfilled<T>>;
 

@@ -49,7 +49,7 @@ def play_demo(folder: Path, say: Callable[[str], None] = lambda _: None) -> list
     Parameters
     ----------
     folder : path
-        Receives a folder for each case, with its case files, and a picture of each, ``NAME.png``: standard beside
+        Receives a folder for each case, with its case files, and a picture of each, ``NAME.png``: standard and
         corrected.
     say : callable, optional
         Receives progress messages.

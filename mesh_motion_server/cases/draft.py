@@ -1,6 +1,6 @@
 """Draft a first case file: the mesh's patches, a guessed role for each, and a small motion.
 
-Roles are guesses. The name of a patch can tell that it is a symmetry plane or a far boundary. Otherwise a patch inside
+Roles are guesses. The name of a patch can show that it is a symmetry plane or a far boundary. Otherwise a patch inside
 the mesh, which does not reach the sides of the box around all nodes, is a moving body, and all other patches are fixed;
 if there is none, the patch that reaches farthest inside moves. A body that is joined to a fixed patch bends; others are
 shifted.

@@ -42,7 +42,7 @@ def list_sessions(endpoint: str, timeout: float, keys: Keys | None = None) -> Fo
     Raises
     ------
     mesh_motion_client.MeshMotionError
-        If nobody answers within ``timeout`` seconds.
+        If no server answers within ``timeout`` seconds.
     """
     with connect(endpoint, timeout=timeout, keys=keys) as server:
         sessions, name = server.sessions(), server.welcome.server

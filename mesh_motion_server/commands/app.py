@@ -32,8 +32,8 @@ __all__ = ["app"]
 
 _EPILOGUE = (
     "Exit status: 0 done, 1 a demand not met (conform) or a session that came out otherwise (play "
-    "--from-journal), 2 usage or invalid input, 3 refused (no acceptable mesh), 4 session, limit or storage, 69 nobody "
-    "answers or not installed, 70 defect, 78 wrong or unsafe server settings, 130 interrupted."
+    "--from-journal), 2 usage or invalid input, 3 refused (no acceptable mesh), 4 session, limit or storage, 69 no "
+    "answer or not installed, 70 defect, 78 wrong or unsafe server settings, 130 interrupted."
 )
 
 app = typer.Typer(
@@ -182,7 +182,7 @@ def inspect(
 ) -> None:
     """List the sessions of a running server, or look into stored ones without changing anything.
 
-    A folder is judged: every checksum of the journal, the mesh and the state. Status 4 tells of damage.
+    A folder is judged: every checksum of the journal, the mesh and the state. Status 4 means damage.
 
     \b
     mesh-motion inspect --endpoint tcp://127.0.0.1:7440

@@ -8,7 +8,7 @@ status  meaning
 2       usage, or an invalid case, mesh, table or setting
 3       refused: no acceptable mesh was found for a motion
 4       the session or the server's limits or storage do not allow it, or results cannot be written
-69      nobody answers: no server at the endpoint, the endpoint is taken, or a package is not installed
+69      no answer: no server at the endpoint, the endpoint is taken, or a package is not installed
 70      a defect of this program
 78      the server's settings are wrong or unsafe
 130     interrupted

@@ -18,7 +18,7 @@ __all__ = ["init"]
 def init(
     mesh: Annotated[Path, typer.Argument(metavar="MESH", help="A mesh file or an OpenFOAM case.", show_default=False)],
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="CASE.toml", help="By default case.toml beside the mesh.")
+        Path | None, typer.Option("--out", "-o", metavar="CASE.toml", help="By default case.toml in the mesh's folder.")
     ] = None,
     zone: Annotated[str, typer.Option(metavar="NAME", help="Of a mesh file with several zones.")] = "",
 ) -> None:

@@ -26,7 +26,7 @@ Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The server's key fo
 
 @keys.command(short_help="Make a server's keys.")
 def server(folder: Folder) -> None:
-    """Make DIR/server.secret, DIR/server.public, and DIR/allow.toml, which admits nobody yet.
+    """Make DIR/server.secret, DIR/server.public, and DIR/allow.toml, which admits no key yet.
 
     \b
     mesh-motion keys server keys

@@ -30,7 +30,7 @@ __all__ = ["play"]
 CaseArgument = Annotated[Path | None, typer.Argument(metavar="CASE.toml", help="The case file.", show_default=False)]
 OutOption = Annotated[
     Path | None,
-    typer.Option("--out", "-o", metavar="DIR", help="Receives the results; by default out/NAME beside the case."),
+    typer.Option("--out", "-o", metavar="DIR", help="Receives the results; by default out/NAME in the case's folder."),
 ]
 
 

@@ -48,7 +48,7 @@ def _require_writable(path: Path, folder: Path) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """Open a temporary file beside ``path``; rename it when the block ends without an error, else remove it."""
+    """Open a temporary file next to ``path``; rename it when the block ends without an error, else remove it."""
     with replaced_by_name(path) as partial, partial.open("wb") as file:
         yield file
 

@@ -79,7 +79,7 @@ METRICS = {
             ("orderly", "failure", "signal"),
         ),
         Metric("gateway_starts", "counter", "Starts of the gateway process."),
-        Metric("gateway_falls", "counter", "Ends of the gateway process that nobody had asked for."),
+        Metric("gateway_falls", "counter", "Unexpected ends of the gateway process."),
         Metric("worker_resident_bytes", "gauge", "Resident memory of all workers together, in bytes."),
         Metric("largest_worker_resident_bytes", "gauge", "Resident memory of the largest worker, in bytes."),
         Metric("disk_free_bytes", "gauge", "Free space of the disk with the state folder, in bytes."),

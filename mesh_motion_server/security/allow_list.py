@@ -7,7 +7,7 @@
 
 A check costs one ``stat``; the file is read again when it has been replaced or changed. So a key that is removed from
 the list has lost its rights by the next request, also on open connections. While the file cannot be read, is wrong, or
-could be written by others, nobody is admitted: requests are answered UNAVAILABLE, and the log has the reason.
+could be written by others, no key is admitted: requests are answered UNAVAILABLE, and the log has the reason.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ class Verdict(Enum):
     USE
         Allowed, if the session's token (PROBE, RESUME, JOIN) or an earlier JOIN permits it too.
     OVERSEE
-        Taken without token and JOIN: PROBE, and STATUS without coordinates, tell; CLOSE ends the whole session.
+        Taken without token and JOIN: PROBE, and STATUS without coordinates, are answered; CLOSE ends the whole session.
     DENIED, HIDDEN, UNKNOWN
         Answered with this code; HIDDEN as if there were no such session.
     """

@@ -55,7 +55,7 @@ def require_curve() -> None:
 
 
 def make_server_keys(folder: Path) -> PublicKey:
-    """A server's key pair and an allow-list that admits nobody.
+    """A server's key pair and an allow-list that admits no key.
 
     Raises
     ------

@@ -142,7 +142,7 @@ def spawn(module: str, *arguments: str, threads: int = 1, anew: bool = False) ->
 
     With ``anew`` it starts as ``python -m module DESCRIPTOR arguments…`` and has nothing of the supervisor's memory.
 
-    The compiled loops of the child have their own threads, which sleep while they wait: beside a solver that uses every
+    The compiled loops of the child have their own threads, which sleep while they wait: while a solver uses every
     core, spinning threads take three times as long. This process must have no zmq context, and no thread that holds a
     lock which the child needs.
 
@@ -232,7 +232,7 @@ def use_repeatable_libraries() -> None:
 
 
 def _has_avx2() -> bool:
-    """As Linux tells of the first processor. The compiled loops know too, but they make their threads when loaded."""
+    """As Linux describes the first processor. The compiled loops know too, but they make their threads when loaded."""
     with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="latin-1") as lines:
         return any(line.startswith("flags") and {"avx2", "fma"} <= set(line.split()) for line in lines)
     return False

@@ -173,7 +173,7 @@ class Registry:
         return self.live.get(session)
 
     def forget_fallen(self) -> None:
-        """Keep only the latest sessions whose worker failed and that nobody resumed: the store has the others."""
+        """Keep only the latest sessions whose worker failed and that were not resumed: the store has the others."""
         fallen = [live.session for live in self.live.values() if live.status == "dead"]
         for session in fallen[:-_FALLEN]:
             del self.live[session]

@@ -149,7 +149,7 @@ def _listen(
     protection: Protection | None,
     settings: ServerSettings,
 ) -> str:
-    """Bind beside the control endpoint; with keys, only if a real connection shows that unknown keys are refused.
+    """Bind next to the control endpoint; with keys, only if a real connection shows that unknown keys are refused.
 
     Returns
     -------

@@ -1,9 +1,9 @@
 """A worker: one session's process, with its socket.
 
-It handles one request at a time: frames → message → host → replies → frames. While it computes it serves nobody else;
-the gateway answers whether it is alive (PROBE). How it is started: :mod:`.template`.
+It handles one request at a time: frames → message → host → replies → frames. While it computes it answers no other
+request; the gateway answers whether it is alive (PROBE). How it is started: :mod:`.template`.
 
-The lease holds while any connection is open. ``lease_seconds`` after the last one the host is told, and after
+The lease holds while any connection is open. ``lease_seconds`` after the last one the session is suspended, and after
 ``idle_seconds`` the process ends; the session stays resumable. A session without a mesh ends with its lease.
 """
 

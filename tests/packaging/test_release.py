@@ -4,6 +4,7 @@ import hashlib
 import re
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -77,6 +78,10 @@ def spoil_section(root: Path) -> None:
     replace(root / "CHANGELOG.md", r"(?s)(## 7.8.9 - 2026-01-31).*", f"## {VERSION} - 2026-01-31\n")
 
 
+def spoil_fragments(root: Path) -> None:
+    (root / "changes" / "+slip-walls.fixed.md").write_text("Walls slide.\n")
+
+
 def spoil_tag(root: Path) -> None:
     git(root, "tag", f"v{VERSION}")
 
@@ -104,6 +109,7 @@ def spoil_rendered(root: Path) -> None:
         (spoil_changelog, "CHANGELOG.md must have a section '## 7.8.9 - YYYY-MM-DD', got Unreleased, 7.8.9"),
         (spoil_section, "section 7.8.9 lists no change"),
         (spoil_unreleased, "still has unreleased changes"),
+        (spoil_fragments, r"got 1, first \+slip-walls\.fixed\.md: towncrier build --version 7\.8\.9"),
         (spoil_tag, "the tag v7.8.9 exists already"),
         (spoil_tree, "first mesh_motion_server/forgotten.py"),
         (spoil_protocol, "must be of version 1.0, as mesh_motion_protocol says, got '1.1'"),
@@ -118,6 +124,21 @@ def test_a_check_refuses(
     told = capsys.readouterr().err
     assert told.count("\n") == 1
     assert re.search(words, told), told
+
+
+def test_news_fragments_become_a_section_that_may_be_released(clone: Path) -> None:
+    kinds = ["added", "changed", "deprecated", "removed", "fixed", "security"]
+    for kind in kinds:
+        (clone / "changes" / f"+{kind}.{kind}.md").write_text(f"What was {kind}.\n")
+    git(clone, "add", "changes")
+    build = [sys.executable, "-m", "towncrier", "build", "--yes", "--version", "7.9.0", "--date", "2026-02-01"]
+    subprocess.run(build, cwd=clone, check=True, capture_output=True)
+    release.check_changelog(clone, "7.9.0")
+    release.check_fragments(clone, "7.9.0")
+    section = (clone / "CHANGELOG.md").read_text(encoding="utf-8").partition("## 7.9.0 - 2026-02-01\n")[2]
+    assert re.findall(r"(?m)^(?:### .*|- .*)", section.partition("\n## ")[0]) == [
+        line for kind in kinds for line in (f"### {kind.capitalize()}", f"- What was {kind}.")
+    ]
 
 
 @pytest.mark.parametrize("version", ["1.2", "v1.2.3", "1.2.3rc1", ""])

@@ -115,7 +115,7 @@ static void call(driver *run, const char *verb)
     } else if (strcmp(verb, "open") == 0) {
         open_session(run);
     } else if (!run->session) {
-        return; /* the verb that should have made it has told so */
+        return; /* an earlier verb has reported that there is none */
     } else if (strcmp(verb, "move") == 0 || strcmp(verb, "move-reference") == 0) {
         move(run, strcmp(verb, "move") == 0 ? MM_SINCE_COMMITTED : MM_SINCE_REFERENCE);
     } else if (strcmp(verb, "commit") == 0) {

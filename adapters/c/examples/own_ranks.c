@@ -116,7 +116,7 @@ static void check(const mm_context *server)
     }
 }
 
-/* What each rank tells of its part: as if the server had all of it. */
+/* Each rank describes its part with the same calls as for a whole mesh. */
 static void describe(mm_session *session, const slab *mesh, int rank, int ranks)
 {
     mm_set_partition(session, rank, ranks);

@@ -30,7 +30,7 @@ module mesh_motion
    public :: mm_built, mm_moved, mm_committed, mm_status_report
 
    integer(c_int), parameter :: mm_since_committed = 0, mm_since_reference = 1 ! what a displacement counts from
-   integer(c_int), parameter :: mm_keep = 0, mm_discard = 1                    ! what becomes of a closed session
+   integer(c_int), parameter :: mm_keep = 0, mm_discard = 1                    ! whether a closed session is kept
    integer, parameter :: mm_built = 1, mm_moved = 2, mm_committed = 3, mm_status_report = 4 ! the last replies
    integer, parameter :: id_size = 32, token_size = 32
 
@@ -485,7 +485,7 @@ contains
 
    ! --- a server -----------------------------------------------------------------------------------------------------
 
-   ! Seconds for what takes no computing and for what does; the two keys for a server that asks for them.
+   ! Time-outs in seconds of small requests and of computations; the two keys for a server that needs them.
    subroutine server_connect(self, endpoint, seconds, compute_seconds, secret_file, server_key)
       class(mm_server), intent(inout) :: self
       character(*), intent(in) :: endpoint
@@ -501,7 +501,7 @@ contains
       ignored = c_set_timeouts(self%handle, wait, compute)
       if (present(secret_file) .and. present(server_key)) then
          ignored = c_set_keys(self%handle, ended(secret_file), ended(server_key))
-      else if (present(secret_file)) then ! one without the other is an error, which the C library tells
+      else if (present(secret_file)) then ! one without the other is an error of the C library
          ignored = c_set_keys(self%handle, ended(secret_file), ended(""))
       else if (present(server_key)) then
          ignored = c_set_keys(self%handle, ended(""), ended(server_key))
@@ -515,7 +515,7 @@ contains
       ignored = c_ping(self%handle)
    end subroutine
 
-   ! What the server said of itself, as JSON: "version", "limits", "server", "durability".
+   ! The server's WELCOME, as JSON: "version", "limits", "server", "durability".
    function server_welcome(self, path) result(text)
       class(mm_server), intent(in) :: self
       character(*), intent(in) :: path
@@ -523,7 +523,8 @@ contains
       text = json_of(c_welcome(self%handle), path)
    end function
 
-   ! The sessions behind an id (absent: from the first on), as many as a reply holds; listed("more") tells of others.
+   ! The sessions behind an id (absent: from the first on), as many as a reply holds; while listed("more") is 1, there are
+   ! others.
    subroutine server_list(self, after)
       class(mm_server), intent(in) :: self
       character(*), intent(in), optional :: after
@@ -535,7 +536,7 @@ contains
       end if
    end subroutine
 
-   ! What list() was told, as JSON: "sessions", "sessions.0.state", "more".
+   ! The reply to list(), as JSON: "sessions", "sessions.0.state", "more".
    function server_listed(self, path) result(text)
       class(mm_server), intent(in) :: self
       character(*), intent(in) :: path
@@ -580,7 +581,7 @@ contains
       call c_clear_error(self%handle)
    end subroutine
 
-   ! Its sessions must have been freed or closed: the connections end.
+   ! Free or close its sessions before: this ends the connections.
    subroutine server_free(self)
       class(mm_server), intent(inout) :: self
       call c_context_free(self%handle)
@@ -595,7 +596,7 @@ contains
       self%handle = c_session_new(server%handle)
    end subroutine
 
-   ! Before the server is freed.
+   ! Call it before the server is freed.
    subroutine session_free(self)
       class(mm_session), intent(inout) :: self
       call c_session_free(self%handle)
@@ -643,7 +644,7 @@ contains
       address = c_loc(copy%indices)
    end function
 
-   ! Of a cell; 0 for a type that there is not
+   ! Number of nodes of a cell; 0 for an unknown type
    function nodes_of(type) result(count)
       character(*), intent(in) :: type
       integer :: count
@@ -663,7 +664,7 @@ contains
       character(*), intent(in) :: type
       integer(c_int64_t), intent(in) :: nodes(:, :)
       integer(c_int) :: ignored
-      if (size(nodes, 1) /= nodes_of(type)) then ! the C library would read what is not there; so it tells the error
+      if (size(nodes, 1) /= nodes_of(type)) then ! the C library would read behind the array; this call makes the error
          ignored = c_cells(self%handle, ended(type), 1_c_size_t, c_null_ptr)
          return
       end if
@@ -711,7 +712,7 @@ contains
       ignored = c_global_ids(self%handle, first_index(self%copies))
    end subroutine
 
-   ! One for each node: its number in the whole mesh, as it is
+   ! The number of each node in the whole mesh, sent without a change
    subroutine session_ids_32(self, ids)
       class(mm_session), intent(inout) :: self
       integer(c_int32_t), intent(in) :: ids(:)
@@ -763,7 +764,7 @@ contains
       ignored = c_set_durability(self%handle, ended(durability))
    end subroutine
 
-   ! Who moves and judges the nodes: "server", or "client"
+   ! The side that moves and judges the nodes: "server" or "client"
    subroutine session_evaluation(self, evaluation)
       class(mm_session), intent(inout) :: self
       character(*), intent(in) :: evaluation
@@ -771,7 +772,7 @@ contains
       ignored = c_set_evaluation(self%handle, ended(evaluation))
    end subroutine
 
-   ! What mm_moved tells of each move from now on: "faces" for the mesh as a finite-volume code sees it, "" for no more
+   ! What mm_moved reports in addition, from now on: "faces" for the mesh as a finite-volume code sees it, or ""
    subroutine session_report(self, report)
       class(mm_session), intent(inout) :: self
       character(*), intent(in) :: report
@@ -787,7 +788,7 @@ contains
       ignored = c_set_compute_limit(self%handle, seconds)
    end subroutine
 
-   ! The step that the run ends with, told with each commit from now on; 0: unknown
+   ! The last step of the run, which each commit sends from now on; 0: unknown
    subroutine session_final_step(self, step)
       class(mm_session), intent(inout) :: self
       integer, intent(in) :: step
@@ -795,7 +796,7 @@ contains
       ignored = c_set_final_step(self%handle, int(step, c_int64_t))
    end subroutine
 
-   ! As an MPI rank: from 0 to partitions - 1
+   ! The number of the partition, as of an MPI rank: from 0 to partitions - 1
    subroutine session_partition(self, partition, partitions)
       class(mm_session), intent(inout) :: self
       integer, intent(in) :: partition, partitions
@@ -875,7 +876,7 @@ contains
 
    ! --- a time step --------------------------------------------------------------------------------------------------
 
-   ! (dimension, moving nodes) in, (dimension, nodes) out; totals since the uploaded mesh unless frame says else
+   ! (dimension, moving nodes) in, (dimension, nodes) out; totals since the uploaded mesh unless frame is given
    subroutine session_move(self, displacement, answer, frame)
       class(mm_session), intent(inout) :: self
       real(c_double), intent(in), contiguous :: displacement(:, :)
@@ -946,7 +947,7 @@ contains
       count = c_node_count(self%handle)
    end function
 
-   ! Whose displacement move takes, ascending
+   ! The nodes whose displacement move takes, ascending
    function session_moving_nodes(self) result(nodes)
       class(mm_session), intent(in) :: self
       integer(c_int64_t), allocatable :: nodes(:)
@@ -1000,7 +1001,7 @@ contains
       end select
    end function
 
-   ! Of the last reply of that kind, by path: number(mm_committed, "quality.metric.min"); NaN where there is none.
+   ! A value of the last reply of that kind, by path: number(mm_committed, "quality.metric.min"); NaN where there is none.
    ! The indices in a path count from 0, as SPEC.md counts.
    function session_number(self, which, path) result(number)
       class(mm_session), intent(in) :: self

@@ -14,15 +14,16 @@
  *     if (mm_error(server)) fprintf(stderr, "%s\n", mm_error_message(server));   // once, at the end, is enough
  *
  * Errors are sticky, as those of a stream: the first one stays in the context, and every later call returns it at once
- * and does nothing, until mm_clear_error. So a program may look after each call, or after a whole time step.
+ * and does nothing, until mm_clear_error. So a program can check after each call, or after a whole time step.
  *
- * Every call that waits ends: within the time-outs of mm_set_timeouts. A call that timed out may be made again,
- * unchanged: it is then the same request, and what it asks for is done once, whatever was lost on the way. Broken
- * connections are mended, and a session whose worker died is resumed from its journal, inside the calls.
+ * Every call ends within the time-outs of mm_set_timeouts. A call that timed out may be repeated without a change: it
+ * is then the same request, and the server executes it once, even if messages were lost. The calls restore broken
+ * connections, and resume a session from its journal when its worker has died.
  *
  * A context with all its sessions is used by one thread at a time; several contexts may be used by several threads.
- * A forked child makes a context of its own; calls with that of its parent fail at once. There is no global state. Text is UTF-8, ended by a zero byte. Nodes count from 0. Arrays are row-major.
- * protocol/SPEC.md says what the words mean: committed state, trial, patch, role, partition, quality.
+ * A forked child makes a context of its own; calls with that of its parent fail at once. There is no global state. Text
+ * is UTF-8 and ends with a zero byte. Nodes count from 0. Arrays are row-major. protocol/SPEC.md defines the words:
+ * committed state, trial, patch, role, partition, quality.
  */
 #ifndef MESH_MOTION_H
 #define MESH_MOTION_H
@@ -65,18 +66,18 @@ typedef enum {
 
 /* --- a server ---------------------------------------------------------------------------------------------------- */
 
-/* NULL only where there is no memory. */
+/* NULL only without memory. */
 MM_API mm_context *mm_context_new(void);
 /* Frees its sessions too. NULL is admitted. */
 MM_API void mm_context_free(mm_context *context);
-/* Seconds for what takes no computing (60) and for what does: build, move, commit, rollback, resume (1800). */
+/* Time-outs in seconds: of small requests (60), and of build, move, commit, rollback and resume (1800). */
 MM_API mm_result mm_set_timeouts(mm_context *context, double seconds, double compute_seconds);
-/* Called with one line, once, when no server answers, while the call goes on waiting: after some two seconds, where a
- * session is opened or resumed after ten. It makes no call with this context. Without mm_set_warning the line goes to
- * standard error; with NULL nowhere. */
+/* The library calls it once, with one line, when no server answers, and the call continues to wait: after some two
+ * seconds, or after ten where a session is opened or resumed. It must not call the library with this context. Without
+ * mm_set_warning the line goes to standard error; with NULL there is no line. */
 typedef void (*mm_warning)(void *data, const char *line);
 MM_API mm_result mm_set_warning(mm_context *context, mm_warning warning, void *data);
-/* For a server that asks for keys: the files that `mesh-motion keys` wrote, the client's .secret and the server's
+/* For a server that needs keys: the files that `mesh-motion keys` wrote, the client's .secret and the server's
  * .public (or that key itself, 40 characters). Without this call MESH_MOTION_KEY and MESH_MOTION_SERVER_KEY name them.
  */
 MM_API mm_result mm_set_keys(mm_context *context, const char *secret_file, const char *server_key);
@@ -97,7 +98,7 @@ MM_API const mm_report *mm_listed(const mm_context *context);
 MM_API mm_result mm_error(const mm_context *context);
 MM_API const char *mm_error_code(const mm_context *context);    /* "FAILED_PRECONDITION.QUALITY"; "" without an error */
 MM_API const char *mm_error_message(const mm_context *context); /* what was expected, what came */
-MM_API const char *mm_error_hint(const mm_context *context);    /* the way out; may be "" */
+MM_API const char *mm_error_hint(const mm_context *context);    /* what to do; may be "" */
 /* The first offender: node, patch, row, value … With FAILED_PRECONDITION.QUALITY: best, fraction, worst.0.cell … */
 MM_API const mm_report *mm_error_details(const mm_context *context);
 /* 1 if the code is this one or one of its details: "ABORTED" is also ABORTED.FENCED. */
@@ -107,7 +108,7 @@ MM_API void mm_clear_error(mm_context *context);
 /* --- a mesh and how it is moved ---------------------------------------------------------------------------------- */
 
 MM_API mm_session *mm_session_new(mm_context *context);
-/* Ends the connection and no more: the session stays on the server until its lease ends (mm_close is better). */
+/* Ends the connection only: the session stays on the server until its lease ends (mm_close is better). */
 MM_API void mm_session_free(mm_session *session);
 
 /* The arrays of these four are not copied: leave them in place until mm_build returns. Indices and types are checked.
@@ -133,13 +134,14 @@ MM_API mm_result mm_set_label(mm_session *session, const char *label);
 /* What mm_commit waits for: "full", "replay" or "relaxed" (SPEC.md, section 21), of those that WELCOME names. With
  * "relaxed" steps behind mm_durable_step may be lost; the next call then says ABORTED.STEPS_LOST. */
 MM_API mm_result mm_set_durability(mm_session *session, const char *durability);
-/* Which partition this is, of how many: 0, 1 unless set. One partition is one rank of a parallel driver. */
+/* The number of this partition, and how many there are (0 and 1). A partition is a rank of a parallel driver. */
 MM_API mm_result mm_set_partition(mm_session *session, int partition, int partitions);
 
-/* Who evaluates the motion at the nodes: "server", or "client" (SPEC.md, section 23): the server has the boundary,
- * nodes and cells stay here, moved and judged in mm_move, with the same results. What it is not offered with is refused by mm_open, mm_build and mm_move. Join and resume such a session with its mesh: mm_points and what follows go
- * before. mm_moved then tells `quality`, `reached` and `warnings`. Needs a library with the compiled kernels; else
- * UNIMPLEMENTED. */
+/* The side that evaluates the motion at the nodes: "server" or "client" (SPEC.md, section 23). With "client" the server
+ * has the boundary only; nodes and cells stay here, and mm_move moves and judges them, with the same results. mm_open,
+ * mm_build and mm_move refuse settings that need the server. Give such a session its mesh (mm_points and the calls
+ * after it) before mm_join and mm_resume. mm_moved then has `quality`, `reached` and `warnings`. UNIMPLEMENTED in a
+ * library without the compiled kernels. */
 MM_API mm_result mm_set_evaluation(mm_session *session, const char *evaluation);
 
 /* --- opening ----------------------------------------------------------------------------------------------------- */
@@ -148,15 +150,15 @@ MM_API mm_result mm_set_evaluation(mm_session *session, const char *evaluation);
 MM_API mm_result mm_open(mm_session *session);
 /* … which join by them. Also for a session that another partition has resumed. */
 MM_API mm_result mm_join(mm_session *session);
-/* Uploads the mesh (or this partition's part) and waits until the whole is checked and durable. Then the mesh is
- * forgotten here: a session that is opened anew needs mm_points and what follows again. */
+/* Uploads the mesh (or this partition's part) and waits until the whole is checked and durable. Then the
+ * library forgets the mesh: to open the session again, call mm_points and the calls after it again. */
 MM_API mm_result mm_build(mm_session *session);
-/* Takes a session up again at its last committed step, after a crash of any side; earlier holders are fenced off. */
+/* Resumes a session at its last committed step, after a crash of any side; earlier clients lose the session. */
 MM_API mm_result mm_resume(mm_session *session);
 
 #define MM_ID_SIZE 33 /* 32 hexadecimal digits and the end */
 #define MM_TOKEN_BYTES 32
-/* What opens a session again. Whoever has them has the session: keep the token secret. */
+/* The credentials of the session. With them any client can resume it, so keep the token secret. */
 MM_API const char *mm_id(const mm_session *session);
 MM_API const uint8_t *mm_token(const mm_session *session);
 MM_API mm_result mm_set_credentials(mm_session *session, const char *id, const uint8_t token[MM_TOKEN_BYTES]);
@@ -166,8 +168,8 @@ MM_API mm_result mm_load_credentials(mm_session *session, const char *path);
 
 /* --- a time step ------------------------------------------------------------------------------------------------- */
 
-/* What a displacement counts from: the committed state (increments) or the mesh as it was uploaded (totals, as structural
- * codes have them). */
+/* The state from which a displacement counts: the committed state (increments), or the mesh as it was uploaded (totals,
+ * as structural codes have them). */
 typedef enum { MM_SINCE_COMMITTED, MM_SINCE_REFERENCE } mm_frame;
 typedef enum { MM_KEEP, MM_DISCARD } mm_outcome;
 
@@ -176,14 +178,14 @@ typedef enum { MM_KEEP, MM_DISCARD } mm_outcome;
  * FAILED_PRECONDITION.QUALITY: there is no acceptable mesh; the session is as before. */
 MM_API mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const double *displacement, size_t nodes,
                          double *answer);
-/* What mm_moved tells beside the quality of each move from now on: "", or "faces" for the mesh as a finite-volume code
- * sees it (SPEC.md, section 15), which takes time: set it for the move that is committed, and take it back. */
+/* What mm_moved reports in addition to the quality, from now on: "" or "faces", the mesh as a finite-volume code sees
+ * it (SPEC.md, section 15). It takes time: set it for the move that is committed, then set "" again. */
 MM_API mm_result mm_set_report(mm_session *session, const char *report);
 /* Seconds after which the server gives up computing a move, from now on; 0: never. The move is then refused with
  * MM_DEADLINE_EXCEEDED, and the session is as before. */
 MM_API mm_result mm_set_compute_limit(mm_session *session, double seconds);
-/* The step that the run ends with, told with each commit from now on; 0: unknown. Who watches the session then sees when
- * the run ends. Tell it again where it changes. */
+/* The last step of the run, which each commit sends from now on; 0: unknown. With it the monitor estimates when the run
+ * ends. Call it again when the last step changes. */
 MM_API mm_result mm_set_final_step(mm_session *session, int64_t step);
 /* The last move becomes the committed state, durably, and the time step ends. */
 MM_API mm_result mm_commit(mm_session *session);
@@ -191,7 +193,7 @@ MM_API mm_result mm_commit(mm_session *session);
 MM_API mm_result mm_rollback(mm_session *session);
 /* Coordinates of all nodes: committed, or of the mesh as it was uploaded. */
 MM_API mm_result mm_fetch(mm_session *session, mm_frame which, size_t nodes, double *points);
-/* Asks the server; mm_state, mm_durable_step and mm_status_report tell the answer. */
+/* Asks the server; mm_state, mm_durable_step and mm_status_report then have the answer. */
 MM_API mm_result mm_status(mm_session *session);
 /* MM_KEEP leaves the session stored and resumable, MM_DISCARD deletes it. Doing it twice is no error. */
 MM_API mm_result mm_close(mm_session *session, mm_outcome outcome);
@@ -203,7 +205,7 @@ MM_API const int64_t *mm_moving_nodes(const mm_session *session, size_t *count);
 MM_API int64_t mm_step(const mm_session *session);          /* last committed step; 0: as uploaded */
 MM_API int64_t mm_durable_step(const mm_session *session);  /* what survives the end of the machine */
 MM_API int64_t mm_iteration(const mm_session *session);     /* moves of the step under way */
-MM_API const char *mm_state(const mm_session *session);     /* as last told: READY, TRIAL … */
+MM_API const char *mm_state(const mm_session *session);     /* of the last reply: READY, TRIAL … */
 MM_API const uint8_t *mm_digest(const mm_session *session); /* 32 bytes: SHA-256 of the committed state */
 /* Where the last move added enrichment functions: `count` rows of mm_dimension coordinates. */
 MM_API const double *mm_enrichment_points(const mm_session *session, size_t *count);

@@ -86,7 +86,7 @@ private:
     const mm_report *report_;
 };
 
-/// Every error; the message says what was expected and what came, the hint the way out.
+/// Every error. The message says what was expected and what came; the hint says what to do.
 class Error : public std::runtime_error
 {
 public:
@@ -106,7 +106,7 @@ public:
     {
         return code_ == code || code_.compare(0, code.size() + 1, code + ".") == 0;
     }
-    double best() const { return best_; }         ///< of a motion that was refused: the best minimum quality found
+    double best() const { return best_; }         ///< for a refused motion: the best minimum quality that was found
     double fraction() const { return fraction_; } ///< and the share of it that is known to be acceptable, or NaN
 
 private:
@@ -124,7 +124,7 @@ public:
         : Server(endpoint, "", "", seconds, compute_seconds)
     {
     }
-    /// For a server that asks for keys: the client's .secret file, the server's .public file or that key itself.
+    /// For a server that needs keys: the client's .secret file, the server's .public file or that key itself.
     Server(const std::string &endpoint, const std::string &secret_file, const std::string &server_key,
            double seconds = 60.0, double compute_seconds = 1800.0)
         : context_(mm_context_new(), mm_context_free)
@@ -140,7 +140,7 @@ public:
     }
     void ping() { check(mm_ping(context_.get())); }
     Report welcome() const { return Report(mm_welcome(context_.get())); }
-    /// Sessions behind an id, as mm_listed tells of them, until the next call.
+    /// Sessions behind an id, as in mm_listed, until the next call.
     Report list(const std::string &after = "")
     {
         check(mm_list(context_.get(), after.c_str()));
@@ -158,10 +158,10 @@ private:
             throw error;
         }
     }
-    std::shared_ptr<mm_context> context_; // shared with the sessions: the last one of them ends it
+    std::shared_ptr<mm_context> context_; // shared with the sessions; the last owner frees it
 };
 
-/// Who may take a session up again. Keep the token secret.
+/// The credentials that resume a session. Keep the token secret.
 struct Credentials {
     std::string id;
     std::array<std::uint8_t, MM_TOKEN_BYTES> token{};
@@ -180,7 +180,7 @@ public:
     }
 
     Session(Session &&) = default;
-    /// The old session ends before its server, which may end with it.
+    /// The old session is freed before its server, because it may be the server's last owner.
     Session &operator=(Session &&other)
     {
         session_ = std::move(other.session_);
@@ -188,7 +188,7 @@ public:
         return *this;
     }
 
-    // The arrays stay the caller's, and in place, until build() returns, so none may be a temporary. Nodes count from 0.
+    // The library reads the caller's arrays until build() returns, so none may be a temporary. Nodes count from 0.
     template <class Number>
     Session &points(int, const std::vector<Number> &&) = delete;
     template <class Number>
@@ -257,7 +257,7 @@ public:
     void save_credentials(const std::string &path) { check(mm_save_credentials(get(), path.c_str())); }
     void load_credentials(const std::string &path) { check(mm_load_credentials(get(), path.c_str())); }
 
-    /// Displacement of the moving nodes in, of all nodes out: dimension() numbers a node.
+    /// Takes the displacement of the moving nodes, returns that of all nodes: dimension() numbers a node.
     void move(View<const double> displacement, View<double> answer, mm_frame frame = MM_SINCE_REFERENCE)
     {
         require(displacement.size() % columns() == 0 && answer.size() % columns() == 0, "move: rows of the dimension");
@@ -333,7 +333,7 @@ private:
         }
         return 0; // mm_cells says what is wrong
     }
-    Server server_; // a copy shares the context, which so outlives the session
+    Server server_; // a copy shares the context, so the context lives longer than the session
     std::unique_ptr<mm_session, Free> session_;
 };
 

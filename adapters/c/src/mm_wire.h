@@ -69,7 +69,7 @@ struct mm_report {
 const char *mmi_parse(struct mm_report *report, const uint8_t *frame, size_t size);
 void mmi_report_free(struct mm_report *report);
 
-/* The value of a key, or 0: the outermost map is nobody's value. */
+/* The node of a key's value; 0, which is the outermost map, if the key is not there. */
 uint32_t mmi_find(const struct mm_report *report, uint32_t map, const char *key, size_t key_size);
 int mmi_is_text(const struct mm_report *report, uint32_t node, const char *text);
 /* Copies text, cut to the buffer, always ended; control characters become blanks. */

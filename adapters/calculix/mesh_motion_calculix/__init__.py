@@ -2,7 +2,7 @@
 
 ::
 
-    errors   what can go wrong, each with its way out
+    errors   the errors, each with a hint what to do
     deck     the user's input deck: nodes, node sets, what it may not contain
     window   one window: its deck, the run of ccx, what ccx printed
     solid    the participant: solve, advance, resume

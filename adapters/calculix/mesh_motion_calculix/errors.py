@@ -21,7 +21,7 @@ class CalculixError(Exception):
     message : str
         One line: what was expected, what came.
     hint : str, optional
-        The way out.
+        What to do.
     """
 
     def __init__(self, message: str, hint: str = "") -> None:

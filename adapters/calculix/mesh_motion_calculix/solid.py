@@ -1,6 +1,6 @@
 """The solid of a coupled computation: windows that can be computed again and again until they are accepted.
 
-``folder`` holds what a run needs to go on after it was killed::
+``folder`` holds the data to continue a run that was killed::
 
     accepted.json      the number of accepted windows, the time, the deck's and the files' SHA-256
     accepted-12.rin    CalculiX' restart file of window 12
@@ -44,7 +44,7 @@ class Solid:
     interface : str
         Node set where forces come in and displacements go out.
     folder : path
-        Where the run keeps its files. A folder with accepted windows is gone on with.
+        Where the run keeps its files. If it has accepted windows, the run continues after them.
     dimensions : {3, 2}
         2 for plane problems: a strip of linear bricks, one element thick, whose two planes have the same x and y. A
         force is shared by the two planes' nodes, a displacement is the mean of theirs.
@@ -70,7 +70,7 @@ class Solid:
     DeckError
         The deck cannot be read, has no such set, or the set's nodes are no plane problem's.
     RunError
-        The folder is another run's, was begun with another deck, or its files were changed.
+        The folder belongs to another run, was begun with another deck, or its files were changed.
     """
 
     def __init__(
@@ -164,7 +164,7 @@ class Solid:
         self._drop_trials()
 
     def close(self) -> None:
-        """Give the folder back; another run may go on with it."""
+        """Release the folder; another run may continue with it."""
         if self._lock >= 0:
             os.close(self._lock)
             self._lock = -1
@@ -226,7 +226,7 @@ class Solid:
         _sync(self._folder)
 
     def _resume(self) -> None:
-        """Take up the last accepted window, if there is one."""
+        """Read the last accepted window, if there is one."""
         path = self._folder / "accepted.json"
         if not path.exists():
             return
@@ -236,11 +236,11 @@ class Solid:
             files = {kind: self._accepted(kind, number) for kind in ("rin", "dat")}
             digests = {kind: hashlib.sha256(path.read_bytes()).hexdigest() for kind, path in files.items()}
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise RunError(f"{path} cannot be gone on with: {error!r}", "an empty folder starts anew") from None
+            raise RunError(f"{path} cannot be continued: {error!r}", "start in an empty folder") from None
         if deck != self._digest():
-            raise RunError(f"{self._folder} was begun with another deck or set", "an empty folder starts anew")
+            raise RunError(f"{self._folder} was begun with another deck or set", "start in an empty folder")
         if digests != state.get("sha256"):
-            raise RunError(f"files of window {number} in {self._folder} were changed", "an empty folder starts anew")
+            raise RunError(f"files of window {number} in {self._folder} were changed", "start in an empty folder")
         for left in {*self._folder.glob("accepted-*")} - {*files.values()}:
             left.unlink()
         motion = self._read(self._accepted("dat", number))
@@ -248,7 +248,7 @@ class Solid:
         self.displacements, self.velocities = motion.displacements, motion.velocities
 
     def _drop_trials(self) -> None:
-        """Forget the window computed last, and what killed runs left."""
+        """Delete the window computed last, and the files that killed runs left."""
         self._trial = None
         for left in self._folder.glob("trial-*"):
             shutil.rmtree(left, ignore_errors=True)

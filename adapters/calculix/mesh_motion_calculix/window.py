@@ -2,7 +2,7 @@
 
 A window is one step of one increment, ``*DYNAMIC, DIRECT`` with geometric nonlinearity (Hilber, Hughes and Taylor's
 method). The first window reads the model, each later one the restart file of the window before it. The nodal forces
-are those of the window's end; within the window they go there in a straight line from those of the window before.
+are those of the window's end; within the window they grow in a straight line from those of the window before.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _NUMBER = "{:.12e}"
 _DIVERGED = re.compile(
     r"diverge|no convergence|cutback|increment size smaller|too many iterations|jacobian", re.IGNORECASE
 )
-#: Only a warning to ccx, which leaves the card out and computes something else.
+#: For ccx this is only a warning: it leaves the card out and computes another model.
 _UNKNOWN_CARD = re.compile(r"Card image cannot be inter\s*preted:\s*\*WARNING[^\n]*\n\s*(\S[^\n]*)")
 _LOST_EXPONENT = re.compile(r"(\d)([+-]\d{3})")
 _DIGITS_OF_NODE = 10
@@ -50,7 +50,7 @@ class Options:
         Numerical damping of the time integration, -1/3 (most) to 0 (none; the energy of a free vibration stays).
     tolerance : float
         Largest residual force and correction relative to their averages at which ccx ends its iterations. Its own
-        default, 5e-3, would be noise to a coupling that looks for differences between its iterations.
+        default, 5e-3, is too coarse for a coupling that compares iterations.
     step_cards : tuple of str
         Further lines for each step, for example ``("*DLOAD", "EALL, GRAV, 9.81, 0., -1., 0.")``.
     """
@@ -87,7 +87,7 @@ def window_deck(
     interface : str
         Name of the node set whose motion is printed.
     loads : list of (int, (d,) array)
-        Node numbers and forces, force unit. Zero forces too: a load stays until it is given anew.
+        Node numbers and forces, force unit. Zero forces too: a load stays until another one replaces it.
     dt : float
         Length of the window, time unit.
     """
@@ -147,7 +147,7 @@ def run(folder: Path, options: Options) -> None:
 
 
 def _failure(output: str, status: int, log: Path) -> CalculixError | None:
-    """The error that a run's output and exit status tell, None for a run that went well."""
+    """The error in a run's output and exit status; None for a run without one."""
     ignored = _UNKNOWN_CARD.search(output)
     if ignored:
         return DeckError(f"ccx does not know the card {ignored[1].strip()}", f"all of it: {log}")

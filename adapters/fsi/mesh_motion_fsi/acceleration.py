@@ -46,7 +46,7 @@ class Acceleration(Protocol):
         """The window has converged; another begins."""
 
     def state(self) -> dict[str, Vector]:
-        """Arrays that a later run needs to go on alike."""
+        """Arrays that a later run needs to continue in the same way."""
 
     def restore(self, state: Mapping[str, Vector]) -> None:
         """Take up a state."""
@@ -124,7 +124,7 @@ class QuasiNewton:
     windows : int
         From how many windows before this one differences are used.
     filter_limit : float
-        A column is dropped where less than this share of its norm is new beside the newer columns.
+        A column is dropped if less than this share of its norm is orthogonal to the newer columns.
     """
 
     def __init__(self, omega: float = 0.5, *, windows: int = 8, filter_limit: float = 1e-2) -> None:

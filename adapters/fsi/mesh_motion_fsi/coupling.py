@@ -8,8 +8,8 @@ two continued in a straight line.
 The folder of a run::
 
     history.csv          a row for each window
-    solid/               the solid's accepted windows: what counts after a kill
-    coupling-12.npz      what else a later run needs to go on alike behind window 12
+    solid/               the solid's accepted windows: a killed run continues after the last one
+    coupling-12.npz      the other data that a later run needs to continue after window 12
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ Array = NDArray[np.float64]
 
 
 class Fluid(Protocol):
-    """What the coupling asks of a fluid; ``OpenFoam`` is one."""
+    """The methods that a fluid needs for the coupling; ``OpenFoam`` is one."""
 
     points: Array
     faces: Array
 
     def start(self, done: int, windows: int, dt: float) -> None:
-        """Be ready to begin behind window ``done``."""
+        """Be ready to begin the window after ``done``."""
 
     def next(self) -> Request | None:
         """Wait for the next request."""
@@ -55,7 +55,7 @@ class Fluid(Protocol):
 
 
 class Solid(Protocol):
-    """What the coupling asks of a solid; ``mesh_motion_calculix.Solid`` is one."""
+    """The methods that a solid needs for the coupling; ``mesh_motion_calculix.Solid`` is one."""
 
     points: Array
     displacements: Array
@@ -81,13 +81,13 @@ class Settings:
     tolerance : float
         A window has converged where the residual's norm is at most this share of the displacements' norm …
     noise : float
-        … or at most this root mean square, length unit: what the solid's digits can tell apart.
+        … or at most this root mean square, length unit: the resolution of the solid's printed digits.
     most_iterations : int
         More are an error. The fluid must allow two more.
     thickness : float
         Forces on the fluid's mesh are multiplied by this: the solid's thickness over the fluid mesh's, in 2D.
     watch : tuple of float
-        The solid's node next to this reference place is told in the history.
+        The history has the motion of the solid's node next to this reference place.
     """
 
     windows: int
@@ -125,7 +125,7 @@ class Coupling:
         One that has not been used.
     settings : Settings
     folder : path
-        Of the run. One with windows is gone on with.
+        Of the run. If it has windows, the run continues.
     """
 
     def __init__(
@@ -142,12 +142,12 @@ class Coupling:
         offsets = np.linalg.norm(solid.points - np.array(settings.watch), axis=1)
         self._watched = int(offsets.argmin())
 
-    def run(self, tell: Callable[[Row], None] | None = None) -> list[Row]:
+    def run(self, report: Callable[[Row], None] | None = None) -> list[Row]:
         """All windows that are not yet accepted.
 
         Parameters
         ----------
-        tell : callable, optional
+        report : callable, optional
             Is given each window's row.
 
         Returns
@@ -177,8 +177,8 @@ class Coupling:
                 writer.writerow(asdict(row))
                 file.flush()
                 rows.append(row)
-                if tell is not None:
-                    tell(row)
+                if report is not None:
+                    report(row)
         return rows
 
     def _windows(self) -> Iterator[Row]:
@@ -240,7 +240,7 @@ class Coupling:
             raise SetupError(f"the fluid begins window {request.window} of {request.dt:g}, the solid {ours}")
 
     def _save(self, window: int, before: Array) -> None:
-        """Keep what the solid does not: in one piece, before the solid accepts the window."""
+        """Write the data that the solid does not keep, in one piece, before the solid accepts the window."""
         path = self._folder / f"coupling-{window}.npz"
         with path.with_suffix(".new").open("wb") as file:
             np.savez(file, before=before, **self._acceleration.state())  # type: ignore[arg-type]  # none is named as an argument
@@ -249,13 +249,13 @@ class Coupling:
         path.with_suffix(".new").replace(path)
 
     def _drop(self) -> None:
-        """Forget the records of other windows."""
+        """Delete the records of other windows."""
         for path in self._folder.glob("coupling-*"):
             if path.name != f"coupling-{self._solid.windows}.npz":
                 path.unlink()
 
     def _resume(self) -> None:
-        """Take up what belongs to the solid's last accepted window."""
+        """Read the data of the solid's last accepted window."""
         if self._solid.windows == 0:
             return
         path = self._folder / f"coupling-{self._solid.windows}.npz"
@@ -265,7 +265,7 @@ class Coupling:
             self._before = state.pop("before")
             self._acceleration.restore(state)
         except (OSError, ValueError, KeyError) as error:
-            raise RecordError(f"{path} cannot be gone on with: {error!r}", "an empty folder starts anew") from None
+            raise RecordError(f"{path} cannot be continued: {error!r}", "start in an empty folder") from None
 
 
 def read_history(folder: str | os.PathLike[str]) -> list[Row]:

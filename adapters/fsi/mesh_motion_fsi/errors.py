@@ -6,7 +6,7 @@
     ├── SetupError          the participants do not fit together
     ├── ParticipantError    a participant ended, or does not answer
     ├── NotConvergedError   a window's iterations did not converge
-    └── RecordError         a run cannot be gone on with
+    └── RecordError         a run cannot be continued
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ __all__ = ["FsiError", "NotConvergedError", "ParticipantError", "RecordError", "
 
 
 class FsiError(Exception):
-    """Base class; ``hint`` says the way out."""
+    """Base class; ``hint`` says what to do."""
 
     def __init__(self, message: str, hint: str = "") -> None:
         super().__init__(f"{message} ({hint})" if hint else message)
@@ -35,4 +35,4 @@ class NotConvergedError(FsiError):
 
 
 class RecordError(FsiError):
-    """The folder's run cannot be gone on with."""
+    """The run in the folder cannot be continued."""

@@ -1,8 +1,8 @@
 """OpenFOAM as the fluid of a coupled computation.
 
-The solver runs all the time; its boundary condition ``coupledDisplacement`` (adapters/openfoam) asks this end of a
-socket once in each PIMPLE outer corrector: forces come in, displacements go out, and the last answer of a window says
-that it is the last. Each corrector computes the window from its start again, as PIMPLE does: from the fields of the
+The solver runs all the time; its boundary condition ``coupledDisplacement`` (adapters/openfoam) calls this end of a
+socket once in each PIMPLE outer corrector. It sends forces and receives displacements; the last answer of a window is
+marked as the last. Each corrector computes the window from its start again, as PIMPLE does: from the fields of the
 time before, with the newest ones as a first guess. ``couplingLink.H`` has the messages.
 """
 
@@ -33,12 +33,12 @@ _VERSION = "1"
 
 @dataclass(frozen=True)
 class Request:
-    """What the fluid tells before it asks for displacements.
+    """What the fluid sends before it asks for displacements.
 
     Attributes
     ----------
     window, iteration : int
-        Both from 1. Iteration 1 begins a window: the one before is written.
+        Both count from 1. Iteration 1 begins a window; the solver has written the one before.
     time, dt : float
         End and length of the window, time unit.
     forces : (f, 3) array
@@ -98,7 +98,7 @@ class OpenFoam:
         Raises
         ------
         SetupError
-            The solver is missing, or greets in another version.
+            The solver is missing, or has another version of the messages.
         RecordError
             The case has no such time.
         """
@@ -122,7 +122,7 @@ class OpenFoam:
         self._socket.send(b"welcome")
 
     def next(self) -> Request | None:
-        """The next request; None when the solver has come to its end.
+        """The next request; None when the solver has ended.
 
         Raises
         ------
@@ -196,7 +196,7 @@ class OpenFoam:
         return list(self._socket.recv_multipart())
 
     def _end(self, status: int) -> str:
-        """How the solver ended; after a signal its log ends with a stack, which tells little."""
+        """How the solver ended; after a signal its log ends with a stack, which does not help."""
         if status < 0:
             return f"{self.application} was ended by {signal.Signals(-status).name}; see {self.case}/log.*"
         return f"{self.application} ended with status {status}: {self.last_words()}"

@@ -9,8 +9,8 @@
     participant         a session of a part: open or resume, move, commit
     part                a model part as arrays
     settings            the block "remote"
-    session_file        what a restarted run finds its session by
-    errors              what can go wrong, each with its way out
+    session_file        the file by which a restarted run finds its session
+    errors              the errors, each with a hint what to do
 """
 
 from mesh_motion_kratos.errors import KratosAdapterError, MotionError, PartError, SettingsError

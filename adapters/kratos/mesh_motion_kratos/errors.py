@@ -21,7 +21,7 @@ class KratosAdapterError(Exception):
     message : str
         One line: what was expected, what came, the first offender by Kratos' number.
     hint : str, optional
-        The way out.
+        What to do.
     """
 
     def __init__(self, message: str, hint: str = "") -> None:

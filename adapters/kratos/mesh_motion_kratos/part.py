@@ -1,4 +1,4 @@
-"""A Kratos model part as arrays: what the participant asks of it, and the model part itself.
+"""A Kratos model part as arrays: the interface that the participant needs, and the model part itself.
 
 Nodes are rows 0 … n - 1, ascending by Kratos' number. ``MESH_DISPLACEMENT`` counts from the initial coordinates.
 """
@@ -27,7 +27,7 @@ CELL_TYPES = {
 
 
 class MovingPart(Protocol):
-    """What moves: everything that the participant needs to know of it.
+    """A part that moves: all that the participant needs to know.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The mesh of a part moved by the server: opened or resumed, moved as often as the coupling wants, committed.
+"""The mesh of a part, moved by the server: open or resume a session, move as often as the coupling needs, commit.
 
 A session's reference is the mesh that the session was opened with: the initial one, or in a restart that found no
 session to go on with, the one it started from. The part's displacements count from the initial mesh; the difference of
@@ -38,7 +38,7 @@ class Roles:
     fixed : (f,) int64 array
         Rows that stay.
     patches : dict
-        As the server is told.
+        Names and roles, as they are sent to the server.
     """
 
     moving: NDArray[np.int64]
@@ -83,7 +83,7 @@ class Participant:
     part : MovingPart
     settings : RemoteSettings
     restarted : bool
-        Whether the run goes on from a restart file, and its session with it if there is one.
+        Whether the run continues from a restart file, with its session if there is one.
     warn : callable
         Takes text for people, one line.
     """
@@ -193,7 +193,7 @@ class Participant:
             StoredSession(self._session.credentials, digest(settings)).save(Path(settings.session_file))
 
     def _resume(self) -> bool:
-        """Take up the session of the session file; False, with a warning, where that does not go on from this mesh."""
+        """Resume the session of the session file; False, with a warning, if it does not continue from this mesh."""
         if not self._settings.session_file:
             self._warn('no "session_file" is set: a new session begins with the restart\'s mesh')
             return False
@@ -218,7 +218,7 @@ class Participant:
         return True
 
     def _differs(self, session: Session) -> str:
-        """Why the session does not go on from the part as it is; empty if it does."""
+        """The reason why the session does not continue from the present part; empty if it does."""
         if not np.array_equal(session.moving_nodes, self._roles.moving):
             return "other nodes are prescribed than in its session"
         points, here = session.points("committed"), self._part.current_points()

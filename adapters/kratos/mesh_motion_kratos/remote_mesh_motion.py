@@ -28,7 +28,7 @@ def CreateSolver(model: Any, settings: Any) -> RemoteMeshSolver:
 
 
 class RemoteStrategy:
-    """What ``MeshSolverBase`` asks of a solution strategy.
+    """The methods that ``MeshSolverBase`` needs of a solution strategy.
 
     The session begins with the first step, when the processes have fixed what they fix.
     """
@@ -75,7 +75,7 @@ class RemoteStrategy:
             self._tell(1, f"step {committed.step} committed")
 
     def SetEchoLevel(self, level: int) -> None:
-        """From 1 on every move tells its quality."""
+        """From 1 on every move prints its quality."""
         self._echo_level = level
 
     def GetEchoLevel(self) -> int:

@@ -1,4 +1,4 @@
-"""What a restarted run finds its session by: name, secret, and a digest of what the session was opened with."""
+"""The file by which a restarted run finds its session: name, secret, and a digest of the session's settings."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class StoredSession:
     Attributes
     ----------
     credentials : Credentials
-        Whoever has them has the session: the file may be read by its owner only.
+        With them any client can resume the session, so only the file's owner may read it.
     opened_with : str
         :func:`digest` of the settings.
     """
@@ -51,7 +51,7 @@ class StoredSession:
         Raises
         ------
         SettingsError
-            There is no such file, or it is no session's.
+            There is no such file, or it is not a session's file.
         """
         try:
             values = json.loads(path.read_text(encoding="ascii"))

@@ -12,13 +12,13 @@ from mesh_motion_kratos.errors import SettingsError
 
 __all__ = ["PART_ROLES", "RemoteSettings"]
 
-#: What a sub model part may be beside its nodes that are prescribed because MESH_DISPLACEMENT is fixed there.
+#: The roles of a sub model part's nodes, except those with a fixed MESH_DISPLACEMENT, which are prescribed.
 PART_ROLES = ("fixed", "slip", "symmetry")
 
 
 @dataclass(frozen=True)
 class RemoteSettings:
-    """Where the server is, and what it is told.
+    """Where the server is, and what is sent to it.
 
     Attributes
     ----------

@@ -139,7 +139,7 @@ def run(folder: Path, mesh_solver: str, size: Size, progress: Callable[[int, int
 def compute(
     folder: Path, case: parameters.Case, mesh_solver: str, end_time: float, progress: Callable[[int, int], None]
 ) -> History:
-    """Compute a case; a run that was stopped is gone on with.
+    """Compute a case; a run that was stopped continues.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ class Case:
     Attributes
     ----------
     no_slip, slip : tuple of str
-        Parts of the fluid's boundary, beside ``inlet``, ``outlet`` and the solid's ``interface``.
+        Parts of the fluid's boundary, other than ``inlet``, ``outlet`` and the solid's ``interface``.
     inflow : tuple of pairs
         Velocity at the inlet in Kratos' words, and from when to when it holds.
     time_step : float

@@ -105,7 +105,7 @@ def table(outcomes: Mapping[str, Outcome], found: Mapping[str, float], whole: bo
     found : mapping
         :func:`differences`.
     whole : bool
-        Whether the runs reach the largest displacement, so that the published ones can stand beside it.
+        Whether the runs reach the largest displacement, so that they can be compared with the published ones.
     """
     columns = [_column(outcome) for outcome in outcomes.values()]
     lines = [f"{'':30}" + "".join(f"{name:>24}" for name in outcomes)]

@@ -179,7 +179,7 @@ void Foam::couplingLink::setCorrectors
     const label most
 ) const
 {
-    // pimpleControl reads it anew at the head of each outer corrector
+    // pimpleControl reads it again at the head of each outer corrector
     const_cast<dictionary&>(mesh.solutionDict().subDict("PIMPLE"))
         .set("nOuterCorrectors", most);
 }

@@ -119,7 +119,7 @@ void Foam::remoteMesh::setSlopes
 )
 {
     vector slope(sum(vectorField(mesh_.faceAreas(), faces)));
-    reduce(slope, sumOp<vector>()); // the same on all ranks, to the bit
+    reduce(slope, sumOp<vector>()); // the same bits on all ranks
     slope /= -slope[thinAxis()];
     slope[thinAxis()] = 0;
     const boolList on(pointsOf(faces));
@@ -240,7 +240,7 @@ void Foam::remoteMesh::setPoints(const pointField& base)
     {
         set(node, base[nodePoint_[node]]);
     }
-    // added up in another order by the other rank a mean may differ in a bit
+    // the other rank adds in another order, so its mean may differ in a bit
     pointField middles(mesh_.nBoundaryFaces(), Zero);
     forAll(middles_, i)
     {

@@ -53,7 +53,7 @@ const Foam::labelListList& cornersOf(const Foam::cellShape& shape)
     }
 }
 
-//- Whether one of some determinants is not positive, but for rounding
+//- Whether one of the determinants is not positive, beyond rounding
 bool isNonpositive(const Foam::scalarUList& determinants)
 {
     const Foam::scalar largest =
@@ -99,7 +99,7 @@ void Foam::remoteMesh::numberCentres(const pointField& base)
         const cellShape& shape = mesh_.cellShapes()[celli];
         divided[celli] = !typeOf(shape) || isCrossed(shape, base);
     }
-    // what splits a face divides the cell on its other side, which may split
+    // a split face divides the cell on its other side too, which may split
     // other faces, on another rank too
     boolList seen(mesh_.nCells(), false);
     Map<point> found;

@@ -28,7 +28,7 @@ namespace
 
 using namespace Foam;
 
-//- The coefficients, all of which are known
+//- The coefficients; FatalIOError if one is unknown
 const dictionary& checked(const dictionary& dict, const dictionary& coeffs)
 {
     static const wordList known
@@ -37,7 +37,7 @@ const dictionary& checked(const dictionary& dict, const dictionary& coeffs)
         "computeTimeout", "commit", "atEnd", "durability", "label",
         "secretKey", "serverKey", "evaluation", "onRefusal", "couplingWindow"
     });
-    // without a dictionary of their own they stand among those of the mesh
+    // without a dictionary of their own they are entries of the mesh's one
     static const wordList ofMesh
     ({
         "dynamicFvMesh", "dynamicFvMeshLibs", "libs", "motionSolverLibs",
@@ -60,7 +60,7 @@ const dictionary& checked(const dictionary& dict, const dictionary& coeffs)
 }
 
 
-//- One of two words, the first where nothing is given
+//- One of two words; the first one is the default
 bool isSecond(const dictionary& coeffs, const word& key, const wordList& words)
 {
     const word given(coeffs.lookupOrDefault<word>(key, words[0]));
@@ -73,7 +73,7 @@ bool isSecond(const dictionary& coeffs, const word& key, const wordList& words)
     return given == words[1];
 }
 
-//- The zone that the dictionary names; "" where it names none
+//- The zone in the dictionary; "" if there is none
 word zoneName(const dictionary& dict)
 {
     if (dict.found("cellSet"))
@@ -128,7 +128,7 @@ std::unique_ptr<fvMeshSubset> cellsOf(const polyMesh& mesh, const word& name)
             mesh.cellZones()[name] // the base class has found it
         )
     );
-    // its faces to other cells are of a patch of type empty: a plane's
+    // its faces to other cells are a patch of type empty, which 2D needs
     fvMesh& own = subset->subMesh();
     const polyBoundaryMesh& boundary = own.boundaryMesh();
     List<polyPatch*> patches(boundary.size());
@@ -559,14 +559,14 @@ bool Foam::remoteMeshMotion::writeObject
     const fileName path(folder(mesh().time().timeName()));
     if (session_->isRefused())
     {
-        rm(path/"state"); // of an iteration before: this mesh is no step
+        rm(path/"state"); // of an earlier iteration: no step ends here
         return true;
     }
     if (Pstream::master())
     {
         mkDir(path);
     }
-    // before the state, which is what a restart looks for
+    // written before the state, since a restart looks for the state
     session_->save(path/"credentials");
     List<scalarList> rows(trial_ < 0 ? 0 : Pstream::nProcs());
     if (trial_ >= 0)

@@ -53,7 +53,7 @@ void Foam::remoteSession::setTimeouts(const scalar atLeast)
 void Foam::remoteSession::connect()
 {
     setTimeouts(300);
-    // one without the other is a mistake, which get() tells
+    // one without the other is a mistake, which get() reports
     if (coeffs_.found("secretKey") || coeffs_.found("serverKey"))
     {
         fileName secret(coeffs_.get<fileName>("secretKey"));
@@ -97,7 +97,7 @@ Foam::remoteSession::~remoteSession()
 void Foam::remoteSession::setMethodEntry(const entry& e)
 {
     const char* key = e.keyword().c_str();
-    // of a dictionary or several words no one is the value
+    // a dictionary or several words are not one value
     const token value
     (
         e.isStream() && e.stream().size() == 1 ? e.stream()[0] : token()
@@ -243,7 +243,7 @@ bool Foam::remoteSession::resume
     const remoteMesh& mesh
 )
 {
-    describe(mesh); // which a session that evaluates here asks for
+    describe(mesh); // a session that evaluates here needs it
     bool there = false;
     bool behind = false;
     if (Pstream::master())
@@ -355,7 +355,7 @@ void Foam::remoteSession::commit(const label stepsLeft)
         {
             if (mm_step(session_) == step)
             {
-                return MM_OK; // all but the answer was done before
+                return MM_OK; // it was done before, except the answer
             }
             if (!mm_iteration(session_))
             {

@@ -2,8 +2,8 @@
 
 ::
 
-    configuration   the participant's file: which patches read what, where the answer is written, how the mesh is moved
-    adapter_config  the same as preCICE's guidelines for adapters want it, in JSON
+    configuration   the participant's file: patches with the data they read, the data it writes, the method
+    adapter_config  the same in JSON, by preCICE's guidelines for adapters
     api             the part of preCICE 3 that is used
     vertices        the preCICE meshes: wet surfaces that read, a volume that writes
     connectivity    their edges, triangles and tetrahedra

@@ -1,7 +1,7 @@
-"""``precice-adapter-config.json``, as preCICE's guidelines for adapters want it, as the tables of the TOML file.
+"""Read ``precice-adapter-config.json``, by preCICE's guidelines for adapters, into the tables of the TOML file.
 
-The JSON file names the participant, preCICE's configuration and the interfaces; what its schema has no place for, the
-mesh, the roles of its patches and the method, stands in the TOML file that ``mesh-motion.case`` names. Schema:
+The JSON file names the participant, preCICE's configuration and the interfaces. Its schema has no place for the mesh,
+the roles of its patches and the method: they are in the TOML file that ``mesh-motion.case`` names. Schema:
 github.com/precice/adapter-schema.
 """
 

@@ -1,4 +1,4 @@
-"""What is used of preCICE 3: the signatures of its Python bindings (pyprecice 3.0 to 3.4)."""
+"""The part of preCICE 3 that is used: the signatures of its Python bindings (pyprecice 3.0 to 3.4)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 __all__ = ["Coupling", "connect_precice"]
 
-#: Where the launchers of MPI tell how many processes they started.
+#: Environment variables in which launchers of MPI write the number of processes.
 _RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 
 
@@ -46,7 +46,7 @@ class Coupling(Protocol):
         """Vertex numbers (t, 4); before ``initialize``."""
 
     def set_mesh_access_region(self, mesh_name: str, bounding_box: NDArray[np.float64]) -> None:
-        """The part of a received mesh that is wanted, (2 d,): least and largest coordinate of each axis."""
+        """Choose the part of a received mesh, (2 d,): least and largest coordinate of each axis."""
 
     def get_mesh_vertex_ids_and_coordinates(self, mesh_name: str) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
         """(m,) vertex numbers and (m, d) coordinates of a received mesh; after ``initialize``."""
@@ -99,7 +99,7 @@ def connect_precice(participant: str, config: str) -> Coupling:
     InvalidInput
         A launcher of MPI started several processes.
     RuntimeError
-        preCICE's own: its configuration cannot be used.
+        preCICE's error: its configuration cannot be used.
     """
     ranks = max(int(os.environ.get(name) or 1) for name in _RANKS)
     if ranks > 1:

@@ -1,7 +1,7 @@
 """The participant's file in, a checked :class:`Configuration` out.
 
 ``[mesh]``, ``[patches]`` and ``[method]`` are those of a case file; ``[precice]``, ``[[read]]``, ``[write]`` and
-``[coupling]`` say how preCICE's meshes and data belong to them. Names of files are relative to the file.
+``[coupling]`` assign preCICE's meshes and data to them. Names of files are relative to the file.
 """
 
 from __future__ import annotations
@@ -98,8 +98,8 @@ class Configuration:
         One a moving patch.
     volume : Volume
     frame : {"reference", "committed"}
-        What displacements are measured from, those read and those written: the mesh file's coordinates, or where the
-        last window ended.
+        The state from which displacements count, those read and those written: the mesh file's coordinates, or the end
+        of the last window.
     time_step : float
         Longest step, time unit; infinite: a window is one step.
     method : dict
@@ -126,7 +126,7 @@ def read_configuration(path: str | os.PathLike[str]) -> Configuration:
     Raises
     ------
     InvalidInput
-        It cannot be read, or does not fit the format: the first offending key and what was expected.
+        The file cannot be read, or does not fit the format. The error has the first wrong key and what was expected.
     """
     path = Path(path)
     try:

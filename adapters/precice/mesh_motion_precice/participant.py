@@ -2,8 +2,8 @@
 
 preCICE asks an implicitly coupled participant to keep its state where a window begins and to restore it when the window
 is computed again. The server keeps it: a move is a trial from the last committed state, however often it is asked for,
-and nothing but ``commit`` changes that state. So a checkpoint is written by doing nothing and read by ``rollback``; of
-several steps in a window each is a trial from where the window began, and the last one is committed.
+and nothing but ``commit`` changes that state. So writing a checkpoint needs no action, and reading it is ``rollback``.
+With several steps in a window each is a trial from the beginning of the window, and the last one is committed.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ class Window:
     number : int
         The session's committed steps: goes on after a restart.
     time : float
-        Its end, since this run began, time unit.
+        The window's end, since this run began, time unit.
     iterations : int
         How often it was computed.
     lowest_quality : float
         Smallest size-skew of a cell.
     warnings : tuple of str
-        What the server warned of in the move that was committed.
+        The server's warnings of the committed move.
     """
 
     number: int
@@ -60,7 +60,7 @@ class Window:
 class Participant:
     """The participant: construct it, open the session, :meth:`begin`, then go through :meth:`windows`.
 
-    What can be known to be wrong without the other participants is said by the constructor, before there is a session.
+    The constructor reports each fault that it can find without the other participants, before there is a session.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Participant:
     InvalidInput
         preCICE's meshes or data do not have the mesh's dimension.
     RuntimeError
-        preCICE's own: a mesh or data is not configured for this participant.
+        preCICE's error: a mesh or data is not configured for this participant.
     """
 
     def __init__(self, coupling: Coupling, mesh: Mesh, configuration: Configuration) -> None:
@@ -130,7 +130,7 @@ class Participant:
         MeshMotionError
             As :meth:`mesh_motion_client.Session.move`.
         RuntimeError
-            preCICE's own, for example that another participant is gone.
+            preCICE's error, for example that another participant has ended.
         """
         coupling, time, iterations = self._coupling, 0.0, 1
         start, before = time, self._start
@@ -161,7 +161,7 @@ class Participant:
         return self._session.points("committed") - self._mesh.points
 
     def _step(self, rest: float) -> float:
-        """The next step: what is left of the window in the fewest equal steps that are short enough."""
+        """The next step: the rest of the window is divided into the fewest equal steps that are short enough."""
         return rest / max(1, math.ceil(rest / self._time_step - _REST))
 
     def _boundary(self, relative_time: float) -> NDArray[np.float64]:

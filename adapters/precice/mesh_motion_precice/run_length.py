@@ -1,4 +1,4 @@
-"""How many windows a run has, by preCICE's configuration: preCICE's interface does not tell it."""
+"""How many windows a run has, by preCICE's configuration: preCICE's interface does not have it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _TAGS = ("max-time", "max-time-windows", "time-window-size")
 def count_windows(path: Path) -> int:
     """Number of windows of the first coupling scheme; 0 if it has no end, no fixed length, or cannot be read.
 
-    For people who watch the run: whether the file is right is preCICE's matter, which says it.
+    The number is for the monitor only: preCICE itself checks the file and reports its faults.
     """
     values: dict[str, float] = {}
 

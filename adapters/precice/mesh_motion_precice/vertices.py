@@ -40,7 +40,7 @@ class WetVertices:
 
     @classmethod
     def provide(cls, coupling: Coupling, surface: Surface, mesh: Mesh) -> WetVertices:
-        """Tell preCICE where the patch's nodes are in the reference mesh."""
+        """Give preCICE the reference coordinates of the patch's nodes."""
         _check_dimension(coupling, surface.mesh, surface.data, mesh)
         nodes = mesh.patches[surface.patch].nodes
         ids = coupling.set_mesh_vertices(surface.mesh, mesh.points[nodes])

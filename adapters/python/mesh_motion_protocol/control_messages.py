@@ -68,7 +68,7 @@ class Opened(Message):
 
     type: ClassVar[str] = "OPENED"
     session: str  # id, 32 hex digits
-    token: Token  # whoever has it may resume the session: keep it secret
+    token: Token  # a client that has it may resume the session: keep it secret
     endpoint: str  # the data endpoint
     epoch: int  # 1; raised by each RESUME, which fences earlier holders
 

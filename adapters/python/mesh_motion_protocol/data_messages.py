@@ -158,7 +158,7 @@ class Move(SessionMessage):
     type: ClassVar[str] = "MOVE"
     step: Count  # committed step + 1
     frame: Frame  # displacement since the "reference" mesh (total), or since the "committed" state (increment)
-    report: Report = ""  # what MOVED tells more: "faces" for the mesh as a finite-volume code sees it
+    report: Report = ""  # what MOVED reports in addition: "faces" for the mesh as a finite-volume code sees it
     compute_limit_ms: Count = 0  # the server gives up computing after so many milliseconds: section 7; 0 = never
     memory: dict[str, Any] = field(default_factory=dict)  # where MOVED may put large arrays: section 22; not content
     field_known: bool = False  # of the field only the coefficients are wanted: section 23
@@ -193,7 +193,7 @@ class Judge(SessionMessage):
     type: ClassVar[str] = "JUDGE"
     step: Count  # committed step + 1
     part: dict[str, Any]  # cells, inverted, sums, minima: section 23
-    questions: list[dict[str, Any]]  # the bins that are told, the same of all partitions
+    questions: list[dict[str, Any]]  # the bins that are counted, the same of all partitions
     bins: JudgedBins  # question, bin, number of values in it
     values: JudgedValues  # question, value, how often it occurs
     worst: JudgedCells  # type, cell, metric, size, skew, size_skew, centre
@@ -205,12 +205,12 @@ class Judged(Message):
 
     type: ClassVar[str] = "JUDGED"
     step: int  # as asked
-    questions: list[dict[str, Any]]  # bins to be told beside those of the request; empty: the trial is judged
+    questions: list[dict[str, Any]]  # bins to be counted in addition to the request's; empty: the trial is judged
     quality: dict[str, Any]  # as in MOVED: section 15; empty while there are questions
     reached: bool  # the quality is at or above the threshold
     warnings: list[str]  # for people
     correction: dict[str, Any] = field(default_factory=dict)  # as in MOVED, once the trial is corrected
-    region: dict[str, Any] = field(default_factory=dict)  # cells that CORRECT is to tell; empty: none
+    region: dict[str, Any] = field(default_factory=dict)  # cells that the next CORRECT sends; empty: none
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -221,7 +221,7 @@ class Correct(SessionMessage):
     step: Count  # committed step + 1
     what: Which = "trial"  # which coordinates
     part: dict[str, Any]  # the region; cells, interior, least: section 23
-    nodes: RegionTold  # global id, and whether all cells of the partition at it are told
+    nodes: RegionTold  # global id, and whether all cells of the partition at it are sent
     points: RegionPlaces  # of these nodes, in the reference mesh
     positions: RegionPlaces  # where the field takes them
     corners: RegionCorners  # of the cells, type after type: rows of nodes

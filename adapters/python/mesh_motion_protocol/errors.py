@@ -74,7 +74,7 @@ ERROR_CODES: dict[str, ErrorCode] = _codes(
     ("RESOURCE_EXHAUSTED.SESSIONS", True, _SAME, "as many sessions as the limit", "close one, or raise the limit"),
     ("RESOURCE_EXHAUSTED.DISK", True, "FROZEN", "the journal's disk is full or failing", "make room, then RESUME"),
     ("RESOURCE_EXHAUSTED.MEMORY", False, _SAME, "the worker's memory limit is reached", "raise the worker's limit"),
-    ("UNAVAILABLE", True, _SAME, "nobody can answer now", "try again"),
+    ("UNAVAILABLE", True, _SAME, "the server cannot answer now", "try again"),
     ("UNAVAILABLE.DRAINING", True, _SAME, "the server is stopping", "try again after its restart"),
     ("UNAVAILABLE.STARTING", True, _SAME, "the server or the session's worker is starting", "try again in a second"),
     ("UNAVAILABLE.WORKER", True, _SAME, "the session's worker ended", "RESUME the session"),

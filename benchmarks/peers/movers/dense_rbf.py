@@ -1,7 +1,7 @@
 """Radial basis functions as textbooks write them: every boundary node a centre, dense matrices, LAPACK's LU.
 
 Wendland's C2 function φ(ξ) = (1 - ξ)⁴ (4ξ + 1), no polynomial, after A. de Boer, M.S. van der Schoot, H. Bijl (2007).
-``displacement = "relative"`` interpolates each step's increment from the current positions, and factorizes anew.
+``displacement = "relative"`` interpolates each step's increment from the current positions, and factorizes again.
 """
 
 from __future__ import annotations

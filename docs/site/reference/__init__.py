@@ -1,12 +1,13 @@
 """The parts of the reference pages that are written from the code, so that they cannot differ from it.
 
 A page has ``<!-- generated: NAME -->`` and ``<!-- end -->`` around such a part; :data:`PARTS` has what writes it, as
-Markdown. ``python -m docs.site.reference`` writes the pages anew (``make manual``), a test compares.
+Markdown. ``python -m docs.site.reference`` updates the pages (``make manual``), a test compares.
 """
 
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Callable
 from functools import partial
 
@@ -38,6 +39,11 @@ PARTS: dict[str, Callable[[], str]] = {
     "server-settings": server_settings,
 }
 
+#: Characters of a line.
+_WIDTH = 160
+#: What stands before the text of a list's item.
+_ITEM = re.compile(r" *(?:- )?")
+_wrap = partial(textwrap.wrap, width=_WIDTH, break_long_words=False, break_on_hyphens=False)
 _PART = re.compile(r"^(<!-- generated: ([a-z-]+) -->)\n(.*?)(<!-- end -->)$", re.MULTILINE | re.DOTALL)
 
 
@@ -49,7 +55,18 @@ def filled(text: str) -> str:
     KeyError
         If it asks for a part that there is not.
     """
-    return _PART.sub(lambda found: f"{found[1]}\n\n{PARTS[found[2]]().strip()}\n\n{found[4]}", text)
+    return _PART.sub(lambda found: f"{found[1]}\n\n{_wrapped(PARTS[found[2]]().strip())}\n\n{found[4]}", text)
+
+
+def _wrapped(text: str) -> str:
+    """Long lines are broken, but for rows of tables and blocks of code."""
+    lines, is_code = [], False
+    for line in text.split("\n"):
+        is_code ^= line.lstrip().startswith("```")
+        indent = " " * len(_ITEM.match(line)[0])  # type: ignore[index]  # matches every line
+        is_prose = len(line) > _WIDTH and not is_code and not line.startswith("|")
+        lines += _wrap(line, subsequent_indent=indent) if is_prose else [line]
+    return "\n".join(lines)
 
 
 def without_parts(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Write the generated parts of every page anew."""
+"""Update the generated parts of every page."""
 
 from __future__ import annotations
 

@@ -209,7 +209,7 @@ def _costs(found: Found) -> Table:
         nodes = len(members[0][0].stored.points)
         rows.append([mesh, nodes, "share of optimised", *(_share(members, name) for name in WAYS)])
         rows.append([mesh, nodes, "CPU ms", *(_milliseconds(members, name) for name in WAYS)])
-    caption = "Means over the motions of a mesh; an invalid mesh counts as 0. The factorization is made anew each time."
+    caption = "Means over the motions of a mesh; an invalid mesh counts as 0. The factorization is repeated each time."
     return Table(("mesh", "nodes", "mean", *WAYS), rows, caption, digits=3)
 
 

@@ -62,7 +62,7 @@ def _compared(case: MeshMotion, most: int) -> tuple[Table, dict[str, Reduced]]:
         errors: list[Cell] = [_latest(history, n).max_error / problem.largest for n in marks]
         anew = _solved_anew(problem, found[name], most)
         rows.append([name, *errors, anew, history[-1].solve_operations, history[-1].error_operations, 1000 * seconds])
-    columns = ["algorithm", *(f"error at {n}" for n in marks), f"solved anew at {most}"]
+    columns = ["algorithm", *(f"error at {n}" for n in marks), f"solved again at {most}"]
     columns += ["multiply-adds for weights", "φ for errors", "CPU ms"]
     caption = (
         f"**{case.title}**, {problem.n_points} boundary nodes; largest error as a share of the largest displacement."

@@ -10,7 +10,7 @@
 
 namespace mesh_motion {
 
-/// Keeps what mesh_motion_kernels_error() tells this thread.
+/// Keeps what mesh_motion_kernels_error() returns in this thread.
 void keep_error(const char* message) noexcept;
 
 /// f(), with its exceptions as numbers.

@@ -25,7 +25,7 @@ constexpr struct Row {
              {"iqb", false, true},        {"gauss", false, true}};
 static_assert(std::size(bases) == std::tuple_size_v<Bases>);
 
-/// Points (n, d) with three coordinates, those that are missing zero; only some rows, if told which.
+/// Points (n, d) with three coordinates, missing ones zero; all rows, or those with given numbers.
 class Padded {
   public:
     explicit Padded(Matrix<const double> points) : Padded(points, points.shape(0), [](Index i) { return i; }) {

@@ -57,7 +57,7 @@ struct mesh_motion_tally {
         return found;
     }
 
-    /// Counts what is in the bin at the end of a way; its values if they are to be told.
+    /// Counts what is in the bin at the end of a way; returns its values if the server needs them.
     std::optional<std::vector<double>> content(Index kind, const std::vector<Division>& way,
                                                Vector<Index> found) const {
         if (way.empty()) {
@@ -202,7 +202,7 @@ int mesh_motion_tally_bin(const mesh_motion_tally* tally, const char* metric, in
     });
 }
 
-// The cells about the bad ones, as distributed/region.py tells them.
+// The bad cells and their neighbours, as distributed/region.py chooses them.
 
 namespace {
 

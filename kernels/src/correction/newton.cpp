@@ -95,8 +95,8 @@ struct System {
     }
 };
 
-/// What aggregates of nodes feel when each moves as one, Pᵀ H P = L Lᵀ: what lies far apart is told to the conjugate
-/// gradients at once. Rows of L begin with their first entry.
+/// The Hessian of aggregates that move as one, Pᵀ H P = L Lᵀ: it couples distant nodes in one step of the conjugate
+/// gradients. Rows of L begin with their first entry.
 template <int d>
 class Coarse {
 public:

@@ -12,8 +12,8 @@ namespace mesh_motion {
 double block_product(Vector<const Index> row_starts, Vector<const std::int32_t> columns, Cube<const double> blocks,
                      Matrix<const double> x, Matrix<double> product);
 
-/// For each node (f) the number of its aggregate: some `size` neighbours, grown beside those that there are, so that
-/// the numbers of neighbouring aggregates are near.
+/// For each node (f) the number of its aggregate: some `size` neighbours. Each aggregate grows next to the one before,
+/// so neighbouring aggregates have near numbers.
 Owned<std::int32_t, 1> node_aggregates(Vector<const Index> row_starts, Vector<const std::int32_t> columns,
                                        Index size);
 

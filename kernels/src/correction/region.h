@@ -30,8 +30,8 @@ std::tuple<Owned<Index, 1>, Owned<std::int32_t, 1>, Owned<std::int32_t, 2>> cell
 void gather_shares(Vector<const Index> starts, Vector<const std::int32_t> entries, Cube<const double> shares,
                    Matrix<double> sums);
 
-/// The rows of the Hessian (b, d, d) with a corner that weighs (c) at least least_weight, anew from the corners' blocks
-/// (c, d², d²), see distortion.h.
+/// Recomputes the rows of the Hessian (b, d, d) with a corner that weighs (c) at least least_weight, from the corners'
+/// blocks (c, d², d²), see distortion.h.
 void assemble_corners(Vector<const Index> starts, Vector<const std::int32_t> entries, Matrix<const std::int32_t> slots,
                       Vector<const Index> row_starts, Cube<const float> blocks, Vector<const double> weights,
                       double least_weight, Cube<double> hessian);

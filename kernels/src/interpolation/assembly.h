@@ -11,8 +11,8 @@ namespace mesh_motion {
 void fill_block(int code, Matrix<const double> rows, Matrix<const double> columns, double inverse_radius,
                 Matrix<double> out);
 
-/// Rows (r,) of points (n, d) near whose cell there are (3, nc) centres, and the points there (r, 3), cell by cell; but
-/// for rows that are unasked for (u,).
+/// Rows (r,) of points (n, d) near whose cell there are (3, nc) centres, and the points there (r, 3), cell by cell,
+/// without the rows (u,) that the caller excludes.
 ///
 /// The last seven arguments as of count_near.
 std::pair<Owned<Index, 1>, Owned<double, 2>> rows_near(Matrix<const double> points, Vector<const Index> unasked,

@@ -123,7 +123,7 @@ struct CentreGrid {
     }
 };
 
-/// Centres of a tile: its φ (or the three components of ∇φ) stay in a first-level cache beside the weights.
+/// Centres of a tile: its φ (or the three components of ∇φ) stay in a first-level cache together with the weights.
 inline constexpr Index tile_size = 256;
 
 /// Rows of coordinates or weights as plain pointers to rows of the same length.

@@ -119,7 +119,7 @@ struct Buckets {
     }
 };
 
-/// A facet by its nodes beside the smallest one. Two cells that share it see it from different sides: the side is 1
+/// A facet by its nodes other than the smallest one. Two cells that share it see it from different sides: the side is 1
 /// where, going round the facet from its smallest node as seen from outside the cell, the smaller neighbour comes first.
 struct Facet {
     Index key, fourth;  // the two smaller nodes, and the last one of four
@@ -173,7 +173,7 @@ class Matcher {
         }
     }
 
-    /// Tells which ones are the same.
+    /// Finds the facets that are the same.
     void match() {
         // open addressing, less than half full: about as many comparisons as facets, however many a node has
         const std::size_t size = std::bit_ceil(2 * facets_.size() + 1);

@@ -117,7 +117,7 @@ void judge_chunk(Gather&& gather, Index count, const double* __restrict referenc
             const double alpha = corner.determinant(), term = shape_term<Type>(corner, alpha);
             const double sign = (alpha > smallest ? 1.0 : 0.0) - (alpha < -smallest ? 1.0 : 0.0);
             signs[s] = k ? signs[s] + sign : sign;
-            if constexpr (n == 1) {  // divisions take as long as all the rest, and go on beside it
+            if constexpr (n == 1) {  // divisions take as long as all the rest, and overlap with it
                 judge_cell<n>(alpha, term, reference[s], size[s], skew[s], signs[s]);
             } else {
                 extent[s] = k ? extent[s] + alpha : alpha;
@@ -651,7 +651,7 @@ void column_quality(Matrix<const double> edges, Cube<const Index> columns, Vecto
         });
         return true;
     };
-    // the number of corners tells the types of a dimension apart, too
+    // the number of corners distinguishes the types of a dimension, too
     require(judge(Line{}) || judge(Triangle{}) || judge(Quad{}) || judge(Tetra{}) || judge(Hexahedron{}) ||
                 judge(Wedge{}) || judge(Pyramid{}),
             "columns: no cell type has so many corners in this dimension");

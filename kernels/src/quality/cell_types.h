@@ -77,7 +77,7 @@ struct Pyramid {
     static constexpr double gram[3][3] = {{1.5, 0.5, -1.0}, {0.5, 1.5, -1.0}, {-1.0, -1.0, 2.0}};
 };
 
-/// f(Type{}) for the type whose cells have so many nodes and dimensions: they tell all types apart.
+/// f(Type{}) for the type whose cells have so many nodes and dimensions; no two types have the same.
 template <class F>
 decltype(auto) with_cell_type(Index dimension, Index nodes, F&& f) {
     switch (10 * dimension + nodes) {

@@ -20,7 +20,7 @@ std::array<Index, percentiles> percentile_ranks(Index m);
 /// The value of a rank. The order of the values is lost.
 double select(std::vector<double>& values, Index rank);
 
-/// Numbers of values of which the others are told: one at random from each of `count` equal parts of 0 … m − 1.
+/// Numbers of a sample: one at random from each of `count` equal parts of 0 … m − 1.
 std::vector<Index> sample_of(Index m, Index count);
 /// How many of m values are a sample that bounds percentiles; 0: too few of them to be worth it.
 Index sample_size(Index m);

@@ -13,8 +13,8 @@ using Blocks = std::vector<Matrix<const Node>>;
 /// The `count` lowest values of a metric, ascending, their cells, of equal values the lower ones, and how many cells
 /// are inverted.
 ///
-/// A sample gives a limit that the lowest are not above. Of tetrahedra a comparison of sixth powers tells those that
-/// certainly are, and only the others are judged: for about half of the time of judging all.
+/// A sample gives a limit that the lowest are not above. For tetrahedra a comparison of sixth powers finds cells that
+/// are certainly above it, and only the others are judged: this takes about half of the time of judging all.
 std::tuple<Owned<double, 1>, Owned<Index, 1>, Index> lowest_cells(Matrix<const double> points, const Blocks& blocks,
                                                                   Vector<const double> reference,
                                                                   AtRest rest, Index metric, Index count);
@@ -25,8 +25,8 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
                                                                   Vector<const double> reference,
                                                                   AtRest rest, Index metric, Index count);
 
-/// What cells tell that are a part of a mesh: sum, minimum and maximum (metrics, 3) of the same metrics, how many values
-/// are in each of equal bins (metrics, bins) of [−1, 1], the `count` lowest cells, and how many are inverted. places
+/// The summary of the cells of a part of a mesh: sum, minimum and maximum (metrics, 3) of the same metrics, how many
+/// values are in each of equal bins (metrics, bins) of [−1, 1], the `count` lowest cells, and how many are inverted. places
 /// (metrics, m) receives where each value is: its bin times the bins, plus its part of that bin, which has as many parts.
 std::tuple<Owned<double, 2>, Owned<Index, 2>, Owned<Index, 1>, Index> counted_cells(
     Matrix<const double> points, const Blocks& blocks, Vector<const double> reference, AtRest rest,

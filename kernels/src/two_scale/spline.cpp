@@ -105,7 +105,7 @@ struct Stencil {
 using Eight [[gnu::vector_size(8 * sizeof(double))]] = double;
 
 /// sums[f] = Σ of the W numbers at each point of a stencil, for F sets of weights. Numbers of a line along the last
-/// axis lie beside each other: they fill the vectors, whatever W is. Points of a line are `step` numbers apart.
+/// axis are adjacent: they fill the vectors, whatever W is. Points of a line are `step` numbers apart.
 template <int A, int W, int F, class Step>
 [[gnu::always_inline]] inline void sum_stencil(const double* __restrict first, Step step,
                                                const std::array<Index, A>& stride,

@@ -1,7 +1,7 @@
 """The element sections of a CGNS zone: fixed types, MIXED, and polyhedra by NGON_n and NFACE_n.
 
 Element numbers continue through all sections. Before version 4 (in fact 3.4) MIXED and NGON_n sections had no
-``ElementStartOffset``: a type or a count before each element's nodes then tells where the next element begins.
+``ElementStartOffset``: a type or a count before each element's nodes then gives the start of the next element.
 
 https://cgns.github.io/CGNS_docs_current/sids/conv.html#unstructgrid
 """

@@ -1,6 +1,6 @@
 """Files in OpenFOAM's format: a header with the encoding, then a list; ASCII or binary, optionally gzipped.
 
-The header's ``arch`` tells the width of labels and scalars of a binary file ("LSB;label=32;scalar=64").
+The header's ``arch`` has the width of labels and scalars of a binary file ("LSB;label=32;scalar=64").
 
 https://www.openfoam.com/documentation/user-guide/2-openfoam-cases/2.2-basic-inputoutput-file-format
 """

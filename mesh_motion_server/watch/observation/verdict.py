@@ -54,7 +54,7 @@ class Recent:
     commits : deque of (at, step, minimum)
         The latest commits, oldest first.
     final_step : int
-        The step that the run ends with, as the last commit told it; 0: unknown.
+        The step that the run ends with, as in the last commit; 0: unknown.
     """
 
     def __init__(self) -> None:
@@ -154,7 +154,7 @@ class Verdict:
     since : float
         Unix time when this state began; for a running session, its last commit. 0: unknown.
     ends_at : float
-        Unix time when a session that runs will end, as its client told the end. 0: unknown.
+        Unix time when a session that runs will end, by the end that its client sent. 0: unknown.
     """
 
     kind: str

@@ -99,7 +99,7 @@ class Page:
         return Response(picture, media_type="image/png", headers=headers)
 
     def _list(self) -> bytes:
-        """The list, JSON; in the thread ``lists``. It is made anew every second at most, for any number of pages."""
+        """The list, JSON; in the thread ``lists``. It is made once a second at most, for any number of pages."""
         started = time.monotonic()
         if started >= self._due:
             self._told = self._listed()

@@ -20,7 +20,7 @@ from mesh_motion_server.watch.pictures.snapshot import Plane, Snapshot, choose_p
 __all__ = ["MeshPair", "draw_after", "draw_before_after"]
 
 
-#: From this width on, mm, the close-up stands beside both meshes.
+#: From this width on, mm, the close-up stands next to both meshes.
 _WIDE_PAGE = 130.0
 #: A picture lower than this share of its width takes the page's whole width.
 _LONG = 0.4

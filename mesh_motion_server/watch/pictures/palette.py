@@ -3,7 +3,7 @@
 Quality is coloured by viridis (van der Walt and Smith, SciPy 2015), which is perceptually uniform: its lightness grows
 evenly, so that a print without colour and people of every colour vision still order the cells. An inverted cell has a
 colour that viridis has not. Lines take the colours of Okabe and Ito (2008), which people of every
-kind of colour vision tell apart, and differ in their dashes too.
+kind of colour vision can distinguish, and differ in their dashes too.
 """
 
 from dataclasses import dataclass

@@ -12,7 +12,7 @@ __all__ = ["Plane", "Snapshot", "choose_plane", "choose_window"]
 
 #: A picture shows only the surroundings of the moving nodes if they take less than this share of it.
 _CROP_BELOW = 0.4
-#: How much is shown beside the moving nodes, as a share of their largest extent.
+#: How much is shown around the moving nodes, as a share of their largest extent.
 _MARGIN = 0.5
 
 

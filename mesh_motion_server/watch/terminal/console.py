@@ -22,7 +22,7 @@ __all__ = ["Advance", "Table", "console", "inert", "progress_bar", "working"]
 
 
 class Advance(Protocol):
-    """Shows how much is done, and words beside it."""
+    """Shows how much is done, with some words."""
 
     def __call__(self, done: int, total: int, words: str) -> None: ...
 

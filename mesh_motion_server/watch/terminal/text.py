@@ -12,8 +12,8 @@ _MOST_MARKS = 2
 def plain(text: object) -> str:
     """The text on one line, with ``�`` for every control and format character.
 
-    Labels come from whoever opened a session: an escape sequence could rewrite the screen, and a direction mark could
-    change the order in which a line is read.
+    Labels come from the client that opened a session: an escape sequence could rewrite the screen, and a direction mark
+    could change the order in which a line is read.
     """
     letters: list[str] = []
     marks = 0

@@ -4,5 +4,5 @@ It knows SPEC.md and nothing else: not the server, not its codec. Modules, from 
 :mod:`.spec_tables` reads SPEC.md's tables into ``tables.json``, which :mod:`.tables` holds; :mod:`.wire` reads and
 writes frames, :mod:`.show` makes them readable, :mod:`.line` is one connection with an end to every wait;
 :mod:`.case` is one demand, :mod:`.checks` what every reply has to be, :mod:`.runner` runs cases and :mod:`.report`
-tells. :mod:`.server` has the cases for servers, by section; :mod:`.client` a scripted server for clients.
+prints. :mod:`.server` has the cases for servers, by section; :mod:`.client` a scripted server for clients.
 """

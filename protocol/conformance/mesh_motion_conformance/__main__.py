@@ -16,7 +16,7 @@ _UNAVAILABLE = 69
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Exit status: 0 all demands met, 1 some not, 2 usage, 69 nobody at the endpoint."""
+    """Exit status: 0 all demands met, 1 some not, 2 usage, 69 no answer at the endpoint."""
     parser = argparse.ArgumentParser(prog="mesh_motion_conformance", description="What of SPEC.md holds, by section.")
     whom = parser.add_mutually_exclusive_group(required=True)
     whom.add_argument("--endpoint", default="", help="a server's control endpoint, tcp://HOST:PORT or ipc:///PATH")
@@ -27,7 +27,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--list", action="store_true", help="list the cases and do nothing")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the report as JSON")
     parser.add_argument("--junit", type=Path, metavar="FILE", help="write the report as JUnit XML")
-    parser.add_argument("--quiet", "-q", action="store_true", help="tell failures and the summary only")
+    parser.add_argument("--quiet", "-q", action="store_true", help="print failures and the summary only")
     parser.add_argument("--timeout", type=float, default=10.0, metavar="S", help="longest wait for a reply")
     parser.add_argument(
         "--patience", type=float, default=5.0, metavar="S", help="longest wait for a server's time-outs"

@@ -1,4 +1,4 @@
-"""The command: which cases, put to whom, and what is told of them."""
+"""The command: it chooses the cases and the subject, runs them, and prints the report."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def listed(subject: Subject, only: Sequence[str] = ()) -> str:
 
 def conform(
     subject: Subject,
-    tell: Callable[[str], None],
+    report: Callable[[str], None],
     *,
     only: Sequence[str] = (),
     json: Path | None = None,
@@ -67,14 +67,14 @@ def conform(
     Parameters
     ----------
     subject : Subject
-    tell : callable
+    report : callable
         Takes each line of the report.
     only : sequence of str
         Sections or beginnings of ids; empty: all.
     json, junit : Path, optional
         Where a report is written.
     quiet : bool
-        Tell failures and the summary only.
+        Print failures and the summary only.
 
     Returns
     -------
@@ -83,21 +83,21 @@ def conform(
     Raises
     ------
     Unreachable
-        If nobody is at the endpoint.
+        If no server answers at the endpoint.
     """
 
-    def told(outcome: Outcome) -> None:
+    def show(outcome: Outcome) -> None:
         if outcome.verdict == "FAIL" or not quiet:
-            tell(line_of(outcome))
+            report(line_of(outcome))
 
     if subject.endpoint:
         require_somebody(subject.endpoint, subject.seconds)
     stage = subject.stage()
     try:
-        outcomes = run(selected(subject.cases(), only), stage, told)
+        outcomes = run(selected(subject.cases(), only), stage, show)
     finally:
         stage.close()
-    tell(summary(outcomes))
+    report(summary(outcomes))
     if json is not None:
         write_json(json, outcomes, subject.client or subject.endpoint)
     if junit is not None:

@@ -27,7 +27,7 @@ class Stage(Protocol):
         """Called after each case that was not: leave nothing of it to the next one."""
 
 
-#: Cases in a row without any reply, after which nobody is there any more.
+#: After so many cases in a row without any reply the run ends: the server has gone.
 _SILENT = 10
 
 
@@ -47,13 +47,13 @@ def _names(name: str, case: Case) -> bool:
     )
 
 
-def run(cases: Iterable[Case], stage: Stage, told: Callable[[Outcome], None] | None = None) -> list[Outcome]:
-    """Outcomes of all cases; ``told`` hears of each at once."""
+def run(cases: Iterable[Case], stage: Stage, report: Callable[[Outcome], None] | None = None) -> list[Outcome]:
+    """Outcomes of all cases; ``report`` is called with each at once."""
     outcomes = []
     for outcome in _outcomes(cases, stage):
         outcomes.append(outcome)
-        if told is not None:
-            told(outcome)
+        if report is not None:
+            report(outcome)
     return outcomes
 
 
@@ -64,22 +64,22 @@ def _outcomes(cases: Iterable[Case], stage: Stage) -> Iterator[Outcome]:
             yield Outcome(case, "SKIP", 0.0, got=f"no reply in {silent} cases in a row: nobody is there")
             continue
         started = time.perf_counter()
-        verdict, told, is_silent = _verdict(case, stage)
+        verdict, lines, is_silent = _verdict(case, stage)
         silent = silent + 1 if is_silent else 0 if verdict != "SKIP" else silent
-        yield Outcome(case, verdict, time.perf_counter() - started, **told)
+        yield Outcome(case, verdict, time.perf_counter() - started, **lines)
 
 
 def _verdict(case: Case, stage: Stage) -> tuple[str, dict[str, str], bool]:
-    """PASS, FAIL or SKIP; what is to be told about it; whether nobody answered."""
+    """PASS, FAIL or SKIP; the lines of the report; whether no reply came."""
     try:
         case.run(stage)
         stage.between()
     except Skip as reason:
         return "SKIP", {"got": str(reason)}, False
     except Exception as error:
-        told = _failure(case, error) | {"sent": getattr(error, "sent", "") or stage.sent}
+        lines = _failure(case, error) | {"sent": getattr(error, "sent", "") or stage.sent}
         stage.mend()
-        return "FAIL", told, isinstance(error, Silence)
+        return "FAIL", lines, isinstance(error, Silence)
     return "PASS", {}, False
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 __all__ = ["TABLES", "read_spec", "rendered"]
 
-#: Beside this module, so that an installed suite needs no document.
+#: In the folder of this module, so that an installed suite needs no document.
 TABLES = Path(__file__).with_name("tables.json")
 
 #: Requests of a session behind JOIN.

@@ -1,4 +1,4 @@
-"""Frames as sections 3 to 5 of SPEC.md have them, written anew: no code of the implementation under test is used."""
+"""Frames as sections 3 to 5 of SPEC.md have them, written independently of the implementation under test."""
 
 from __future__ import annotations
 

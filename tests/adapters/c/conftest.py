@@ -14,6 +14,7 @@ from proofs.server_process import ServerProcess
 ROOT = Path(__file__).resolve().parents[3]
 sys.path.insert(0, str(ROOT / "tests" / "numerics"))  # box_meshes
 SOURCE = ROOT / "adapters" / "c"
+CLIENT = sorted((SOURCE / "src").glob("*.c"))
 HERE = Path(__file__).parent
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
 SANITIZE = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
@@ -53,6 +54,16 @@ def zmq_flags():
     return found.stdout.split()
 
 
+def seeded(folder, *faults):
+    """The client's sources with each ``(sound, faulty)`` text replaced; every sound text stands in one place."""
+    texts = {source: source.read_text() for source in CLIENT}
+    for sound, faulty in faults:
+        (place,) = [source for source, text in texts.items() for _ in range(text.count(sound))]
+        texts[place] = texts[place].replace(sound, faulty)
+        (folder / place.name).write_text(texts[place])
+    return [changed if (changed := folder / source.name).exists() else source for source in CLIENT]
+
+
 class Compiler:
     """Compiles programs against the sources of the client, with the sanitizers."""
 
@@ -75,7 +86,7 @@ class Compiler:
             self.objects[key] = made
         return self.objects[key]
 
-    def program(self, *sources, client=(SOURCE / "src" / "mesh_motion.c", SOURCE / "src" / "mm_wire.c")):
+    def program(self, *sources, client=CLIENT):
         """A program of these sources, the last of which says in what language it is linked."""
         objects = [self.object(Path(source)) for source in (*client, *sources)]
         made = self.folder / f"{len(self.objects)}_{Path(sources[-1]).stem}"
@@ -164,5 +175,6 @@ def check_example(endpoint, python_answer, tmp_path):
 
 @pytest.fixture(scope="session")
 def tools():
-    """``run``, ``compile``, ``need``: what tests need beside fixtures."""
-    return {"run": run, "compile": compiled, "need": need, "source": SOURCE, "here": HERE, "root": ROOT}
+    """``run``, ``compile``, ``need``, ``seeded``, and where the sources are: for tests, in addition to fixtures."""
+    given = {"run": run, "compile": compiled, "need": need, "seeded": seeded}
+    return given | {"client": CLIENT, "source": SOURCE, "here": HERE, "root": ROOT}

@@ -49,16 +49,12 @@ def test_every_scenario_in_every_language(compiler, tools):
         ("is_kept(request) && before->number", "0", "10.1-MOVE-repeated-by-the-caller"),
         ("how == FAILED && session->has_trial &&", "0 &&", "11.4-worker-died-before-COMMIT-was-executed"),
         ("got->reply.sequence == request->sequence\n", "got->reply.sequence\n", "4-replies-to-others-come-first"),
-        ("integer_field(probed, \"epoch\") <= session->epoch", "1", "11.3-fenced-while-the-connection-was-broken"),
+        ("mmi_integer_field(probed, \"epoch\") <= session->epoch", "1", "11.3-fenced-while-the-connection-was-broken"),
     ],
 )  # fmt: skip
 def test_the_suite_finds_a_seeded_fault(compiler, tools, tmp_path, sound, faulty, case):
-    source = tools["source"] / "src"
-    text = (source / "mesh_motion.c").read_text()
-    assert text.count(sound) == 1
-    seeded = tmp_path / "mesh_motion.c"
-    seeded.write_text(text.replace(sound, faulty))
-    driver = compiler.program(tools["source"] / "conformance" / "driver.c", client=(seeded, source / "mm_wire.c"))
+    client = tools["seeded"](tmp_path, (sound, faulty))
+    driver = compiler.program(tools["source"] / "conformance" / "driver.c", client=client)
     assert failed(driver, case)[0] == [case]
 
 
@@ -216,16 +212,11 @@ def test_arrays_are_the_callers_again_after_a_time_out(compiler, tools):
 
 
 def test_an_array_that_is_kept_too_long_is_seen(compiler, tools, tmp_path):
-    source = tools["source"] / "src"
-    text = (source / "mesh_motion.c").read_text()
-    seeded = tmp_path / "mesh_motion.c"
-    for sound, faulty in (
-        ("    take_back_arrays(connection);\n", "    (void)take_back_arrays;\n"),
-        ("            disconnect(connection); /* it may be dead", "            /* it may be dead"),
-    ):
-        assert text.count(sound) == 1
-        text = text.replace(sound, faulty)
-    seeded.write_text(text.replace("/* it may be dead without a word */", ""))
-    program = compiler.program(tools["here"] / "lent_arrays.c", client=(seeded, source / "mm_wire.c"))
+    client = tools["seeded"](
+        tmp_path,
+        ("    mmi_take_back_arrays(connection);\n", ""),
+        ("            mmi_disconnect(connection); /* it may be dead without an event */\n", ""),
+    )
+    program = compiler.program(tools["here"] / "lent_arrays.c", client=client)
     # now and then all has been read before the server stops, and nothing is left to be read too late
     assert any(lent_arrays(program, tools["here"], patience=3)[1] != 0 for _ in range(6))

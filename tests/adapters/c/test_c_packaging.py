@@ -160,10 +160,22 @@ def test_what_is_exported(prefix, tools, request):
 
 def test_there_is_no_global_state(compiler, tools):
     """What may be written lies in contexts and sessions: the sections of written data are empty."""
-    for name in ("mesh_motion.c", "mm_wire.c"):
-        source = tools["source"] / "src" / name
-        made = compiler.folder / f"plain_{name}.o"
+    for source in tools["client"]:
+        made = compiler.folder / f"plain_{source.stem}.o"
         flags = ["-std=c11", f"-I{tools['source'] / 'include'}", *compiler.zmq_flags]
         tools["compile"](["gcc", *flags, "-c", source, "-o", made])
         sections = re.findall(r"\s\.(data|bss)\s+([0-9a-f]+)", tools["run"](["objdump", "-h", made]))
         assert {(name, int(size, 16)) for name, size in sections} == {("data", 0), ("bss", 0)}
+
+
+def test_private_names_have_a_prefix(made, tools):
+    """The sources may be compiled into a program of any names; mmv_ are in a library with the kernels only."""
+    listed = tools["run"](["nm", "--defined-only", "--extern-only", made / "lib" / "libmesh_motion.a"])
+    names = set(re.findall(r" [A-Z] (\w+)", listed))
+    assert {name for name in names if not name.startswith(("mm_", "mmi_", "mmv_"))} == set()
+
+
+@pytest.mark.parametrize("build", ["adapters/c/CMakeLists.txt", "adapters/openfoam/Make/files"])
+def test_each_build_has_all_sources(build, tools):
+    listed = re.findall(r"src/(mm_\w+\.c)\b", (tools["root"] / build).read_text())
+    assert listed == [source.name for source in tools["client"]]

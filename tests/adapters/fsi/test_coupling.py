@@ -143,7 +143,7 @@ def test_a_record_that_is_missing_or_broken_is_an_error(tmp_path):
     kept = {}
     make(tmp_path, kept).run()
     (tmp_path / "coupling-8.npz").write_bytes(b"PK")
-    with pytest.raises(RecordError, match=r"coupling-8.npz cannot be gone on with"):
+    with pytest.raises(RecordError, match=r"coupling-8.npz cannot be continued"):
         make(tmp_path, kept).run()
 
 

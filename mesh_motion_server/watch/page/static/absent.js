@@ -22,7 +22,7 @@ export class Absent {
     this.place.replaceChildren();
   }
 
-  /** Tell that the session `chosen` is absent, once. known: its last entry in the list, if any. */
+  /** Say that the session `chosen` is absent, once. known: its last entry in the list, if any. */
   tell(chosen, known, sessions) {
     if (this.said === chosen) return;
     this.said = chosen;

@@ -49,9 +49,9 @@ export class Events {
     this.session = "";
   }
 
-  /** notable: newest first; told: total number of events. */
-  show(session, notable, told) {
-    const count = told > notable.length ? `${told} in all` : "";
+  /** notable: newest first; total: number of all events. */
+  show(session, notable, total) {
+    const count = total > notable.length ? `${total} in all` : "";
     if (byId("events-count").textContent !== count) byId("events-count").textContent = count;
     const isNew = session !== this.session;
     if (isNew) {

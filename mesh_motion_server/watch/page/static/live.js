@@ -1,12 +1,12 @@
-// The connection to the server: the list of sessions is asked for every second, and what fails is told.
+// The connection to the server: the list of sessions is asked for every second, and failures are shown.
 
 const SECONDS = 1;
 const SILENT_SECONDS = 15;
 
 export class Live {
-  /** hear(told): for each list; standing(gone, since, why): when the connection is lost or restored. */
-  constructor(hear, standing) {
-    this.hear = hear;
+  /** take(list): for each list; standing(gone, since, why): when the connection is lost or restored. */
+  constructor(take, standing) {
+    this.take = take;
     this.standing = standing;
     this.last = Date.now();
     this.gone = false;
@@ -19,19 +19,19 @@ export class Live {
     clearTimeout(this.later);
     if (document.hidden || this.asking) return;
     this.asking = true;
-    let told = null;
+    let list = null;
     try {
-      told = await (await ask("api/sessions", { signal: AbortSignal.timeout(1000 * SILENT_SECONDS) })).json();
+      list = await (await ask("api/sessions", { signal: AbortSignal.timeout(1000 * SILENT_SECONDS) })).json();
     } catch (error) {
       const why = error.status ? error.message : "";
       if (!this.gone || why !== this.why) this.turn(true, why);
     }
     this.asking = false;
     this.later = setTimeout(() => this.look(), 1000 * SECONDS);
-    if (!told) return;
+    if (!list) return;
     this.last = Date.now();
     if (this.gone) this.turn(false, "");
-    this.hear(told);
+    this.take(list);
   }
 
   /** why: what the server answered; empty without an answer. */

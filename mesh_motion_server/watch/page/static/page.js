@@ -231,7 +231,7 @@ class Page {
     byId("figures").replaceChildren(...tiles.map(made));
   }
 
-  /** The end of the run, if its client tells it, and the trial. */
+  /** The end of the run, if its client sends it, and the trial. */
   stepNote({ step, final_step: end, iteration }, refusals) {
     return [end >= Math.max(step, 1) ? `of ${whole(end)}` : "", iteration ? `trial ${iteration}` : "", refusals ? `next ${plural(refusals, "time")} refused` : ""].filter(Boolean).join(", ");
   }

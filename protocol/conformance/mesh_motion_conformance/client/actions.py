@@ -64,7 +64,7 @@ def cut_before(server: ScriptedServer, socket: Any, peer: bytes, request: Messag
 
 
 def die(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
-    """Executed, not answered, and the worker ends; ``worker`` is what PROBE tells then."""
+    """Executed, not answered, and the worker ends; ``worker`` is the state in the next PROBED."""
     lose(server, socket, peer, request, given)
     die_before(server, socket, peer, request, given)
 

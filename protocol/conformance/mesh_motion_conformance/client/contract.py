@@ -1,4 +1,4 @@
-"""What every driver program knows: the mesh, the displacements, the verbs (README.md tells it in words)."""
+"""What every driver program knows: the mesh, the displacements, the verbs (README.md has the same in words)."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def scenarios() -> Iterator[Scenario]:
 def _codes() -> Iterator[dict[str, Any]]:
     """Each error code in answer to a MOVE, reported as it is.
 
-    What a client may answer itself, by trying again or by resuming, is told by scenarios of its own.
+    Codes that a client may handle itself, by a retry or by RESUME, have scenarios of their own.
     """
     for code, row in tables().errors.items():
         if not row["retryable"] and code not in ("ABORTED.TRIAL_LOST", "UNAUTHENTICATED"):

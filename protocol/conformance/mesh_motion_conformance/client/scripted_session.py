@@ -34,8 +34,8 @@ class Reply:
 def error(code: str, state: str = "", **details: Any) -> Reply:
     """An ERROR with this code."""
     row = tables().errors.get(code) or tables().errors[code.partition(".")[0]]
-    told = {"message": "as the script has it", "hint": "none", "state": state, "details": details}
-    return Reply("ERROR", {"code": code, "retryable": row["retryable"]} | told)
+    rest = {"message": "as the script has it", "hint": "none", "state": state, "details": details}
+    return Reply("ERROR", {"code": code, "retryable": row["retryable"]} | rest)
 
 
 class ScriptedSession:

@@ -16,7 +16,7 @@ from mesh_motion_conformance.show import show
 
 __all__ = ["ClientStage"]
 
-#: Beside the time of its verbs a driver may take this long to start and end, seconds.
+#: A driver may take this long to start and end, in addition to the time of its verbs, seconds.
 _START_SECONDS = 20.0
 
 

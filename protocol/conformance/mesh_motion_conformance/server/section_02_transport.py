@@ -166,7 +166,7 @@ def _ends(stage: Stage, line: Line, size: int) -> None:
 
 @suite("2.5")
 def unfinished_message_is_no_request(stage: Stage) -> None:
-    """A message whose last frame never comes is not executed, and its connection's end hurts nobody."""
+    """A message whose last frame never comes is not executed, and its connection's end disturbs no other client."""
     session = stage.session("TRIAL")
     line = session.connect()
     answered(stage.ask(session.request("JOIN"), line), "JOINED")

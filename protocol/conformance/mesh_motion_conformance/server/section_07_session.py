@@ -225,10 +225,10 @@ def fetch_shows_no_trial(stage: Stage) -> None:
 
 @suite.family
 def steps_told() -> Iterator[Case]:
-    """Each reply that has a step tells the one that its row says."""
+    """Each reply that has a step has the step of its row."""
 
     def run(kind: str, state: str, offset: int, **fields: str) -> Callable[[Stage], None]:
-        def told(stage: Stage) -> None:
+        def steps(stage: Stage) -> None:
             session = stage.session(state)
             if session.step == 0:
                 session.reach("TRIAL").do("COMMIT")
@@ -238,7 +238,7 @@ def steps_told() -> Iterator[Case]:
             if reply.fields["step"] != before + offset:
                 raise Unmet(f"step {before + offset}", show(reply))
 
-        return told
+        return steps
 
     ready = "step is that of section 12's row"
     yield Case("12", "MOVED-step", ready, run("MOVE", "READY", 1))

@@ -83,7 +83,7 @@ def _closing(state: str) -> Callable[[Stage], None]:
 
 
 def _is_over(session: Session) -> None:
-    """In state CLOSED nobody answers at the data endpoint, or refuses."""
+    """In state CLOSED the data endpoint does not answer, or refuses."""
     try:
         refused(
             session.stage.ask(session.request("STATUS"), session.lines[0], seconds=0.3), "FAILED_PRECONDITION.STATE"
@@ -177,7 +177,7 @@ def SUSPENDED_JOIN(stage: Stage) -> None:
 
 @suite("8")
 def SUSPENDED_from_TRIAL(stage: Stage) -> None:
-    """TRIAL: the lease ends, SUSPENDED; JOIN leads to READY, the trial is lost, COMMIT tells."""
+    """TRIAL: the lease ends, SUSPENDED; JOIN leads to READY, the trial is lost, and COMMIT is refused."""
     session = _suspended(stage, "TRIAL")
     joined = session.do("JOIN")
     if (joined.fields["state"], joined.fields["iteration"]) != ("READY", 0):

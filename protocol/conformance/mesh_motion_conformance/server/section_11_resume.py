@@ -24,7 +24,7 @@ def _probe(stage: Stage, session: Session) -> dict[str, Any]:
 
 @suite("11.1")
 def PROBE_of_a_live_session(stage: Stage) -> None:
-    """PROBED tells "alive", the session's epoch and its endpoint."""
+    """PROBED has "alive", the session's epoch and its endpoint."""
     session = stage.session("READY")
     found = _probe(stage, session)
     wanted = {"session": session.id, "worker": "alive", "epoch": session.epoch, "endpoint": session.endpoint}
@@ -34,7 +34,7 @@ def PROBE_of_a_live_session(stage: Stage) -> None:
 
 @suite("11.1")
 def PROBE_of_a_closed_session(stage: Stage) -> None:
-    """PROBED tells "none" or "dead", without an endpoint, of a session whose worker has ended."""
+    """PROBED has "none" or "dead", and no endpoint, for a session whose worker has ended."""
     session = stage.session("READY", "closing")
     session.do("CLOSE")
     found = stage.until(lambda: _probe(stage, session), lambda fields: fields["worker"] in ("none", "dead"))

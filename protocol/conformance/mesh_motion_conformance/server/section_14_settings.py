@@ -82,14 +82,14 @@ def in_force() -> Iterator[Case]:
     """BUILT's settings are those in force, defaults filled in."""
 
     def run(key: str, wanted: Any) -> Callable[[Stage], None]:
-        def told(stage: Stage) -> None:
+        def check(stage: Stage) -> None:
             found = _in_force(stage)
             if key not in found:
                 raise Unmet(f"{key} in BUILT's settings", str(sorted(found)))
             if wanted is not None and found[key] != wanted:
                 raise Unmet(f"{key} = {wanted!r}", repr(found[key]))
 
-        return told
+        return check
 
     given = {"support_radius": 1.0, "enrichment_radius": 0.5, "quality_threshold": 0.25}
     for key, row in tables().settings.items():

@@ -111,14 +111,14 @@ def _faces(stage: Stage) -> None:
     request = session.request("MOVE").having(report="faces")
     found = session.do(request).fields["faces"]
     for name in ("before", "after"):
-        told = found.get(name)
-        _check(told, _FACES, f"faces.{name}")
-        if told["faces"] != 21 or not 0 < len(told["worst"]) <= 10:
-            raise Unmet(f"faces.{name}: 21 faces, at most 10 worst", f"{told['faces']}, {len(told['worst'])}")
-        for face in told["worst"]:
+        given = found.get(name)
+        _check(given, _FACES, f"faces.{name}")
+        if given["faces"] != 21 or not 0 < len(given["worst"]) <= 10:
+            raise Unmet(f"faces.{name}: 21 faces, at most 10 worst", f"{given['faces']}, {len(given['worst'])}")
+        for face in given["worst"]:
             _check(face, _CELL | {"neighbour": _CELL, "centre": list, "non_orthogonality": _NUMBER}, "faces.worst")
-        angles = [face["non_orthogonality"] for face in told["worst"]]
-        if angles != sorted(angles, reverse=True) or angles[0] != told["max_non_orthogonality"]:
+        angles = [face["non_orthogonality"] for face in given["worst"]]
+        if angles != sorted(angles, reverse=True) or angles[0] != given["max_non_orthogonality"]:
             raise Unmet("faces.worst: the least orthogonal first", str(angles))
     least = [found["before"][name] for name in ("shortest_edge", "smallest_face")]
     if least != [1.0, 1.0]:
@@ -175,14 +175,14 @@ def LISTED_sessions(stage: Stage) -> None:
         lambda entry: entry["state"] == "TRIAL",
     )
     shown = {name: own[name] for name in ("label", "state", "step", "partitions", "worker")}
-    told = {"label": "conformance", "state": "TRIAL", "step": session.step, "partitions": 1, "worker": "alive"}
-    if shown != told:
-        raise Unmet(str(told), str(shown))
+    given = {"label": "conformance", "state": "TRIAL", "step": session.step, "partitions": 1, "worker": "alive"}
+    if shown != given:
+        raise Unmet(str(given), str(shown))
 
 
 @suite("15")
 def details_of_a_refused_quality(stage: Stage) -> None:
-    """FAILED_PRECONDITION.QUALITY tells best, fraction and worst."""
+    """FAILED_PRECONDITION.QUALITY has best, fraction and worst."""
     session = stage.session("READY")
     request = session.request("MOVE").carrying(displacement=session.rows(size=50.0))
     details = refused(session.ask(request), "FAILED_PRECONDITION.QUALITY", state="READY").fields["details"]

@@ -20,14 +20,14 @@ suite = Suite()
 
 @suite.family
 def codes() -> Iterator[Case]:
-    """17: one request for each code that a request alone can cause, and all that its ERROR has to tell."""
+    """17: one request for each code that a request alone can cause, and all fields that its ERROR must have."""
 
     def at_session(state: str, make: Callable[[Session], Request], code: str) -> Callable[[Stage], None]:
         def run(stage: Stage) -> None:
             session = stage.session(state)
             reply = refused(session.ask(make(session)), code, state=state)
-            told = {key: value for key, value in reply.fields.items() if key in ("code", "retryable", "state")}
-            if told != {"code": code, "retryable": tables().errors[code]["retryable"], "state": state}:
+            given = {key: value for key, value in reply.fields.items() if key in ("code", "retryable", "state")}
+            if given != {"code": code, "retryable": tables().errors[code]["retryable"], "state": state}:
                 raise Unmet(f"code {code}, retryable and state as in the table", show(reply))
 
         return run
@@ -149,7 +149,7 @@ def HELLO_at_any_time(stage: Stage) -> None:
 
 @suite("18.4")
 def boot_is_one(stage: Stage) -> None:
-    """boot is the same as long as the server is not started anew."""
+    """boot is the same until the server is started again."""
     boots = {answered(stage.ask(Request("HELLO"), stage.line()), "WELCOME").fields["boot"] for _ in range(3)}
     if len(boots) != 1 or len(min(boots)) != 16:
         raise Unmet("one boot id of 16 bytes", str([boot.hex() for boot in boots]))

@@ -1,4 +1,4 @@
-"""Section 23: the server has the boundary only; this client evaluates the field and tells what the cells are like."""
+"""Section 23: the server has the boundary only; this client evaluates the field and sends the quality of its cells."""
 
 from __future__ import annotations
 
@@ -139,8 +139,8 @@ def quality_is_told(stage: Stage) -> None:
     judged = answered(session.ask("JUDGE"), "JUDGED")
     found = judged.fields["quality"].get("corrected", {})
     same = dict.fromkeys(("min", "p1", "p5", "p50"), 0.5)
-    told = {name: found.get("metric", {}).get(name) for name in same}
-    if judged.fields["questions"] or told != same or found["cells"] != len(SQUARE.triangles):
+    given = {name: found.get("metric", {}).get(name) for name in same}
+    if judged.fields["questions"] or given != same or found["cells"] != len(SQUARE.triangles):
         raise Unmet(f"{len(SQUARE.triangles)} cells of quality 0.5", show(judged))
     if found["worst"][0]["type"] != "triangle" or found["worst"][0]["cell"] != 0:
         raise Unmet("triangle 0 as the worst cell", str(found["worst"][0]))
@@ -201,7 +201,7 @@ def bad_cells_are_corrected(stage: Stage) -> None:
 
 @suite("23.7")
 def larger_region(stage: Stage) -> None:
-    """A region whose nodes have cells that are not told is asked for again, larger."""
+    """A region whose nodes have cells that were not sent is asked for again, larger."""
     session = _correcting(stage)
     region = answered(session.ask(session.judge(0.25)), "JUDGED").fields["region"]
     correct = session.correct(region["below"], interior=0)

@@ -114,10 +114,10 @@ class Session:
         return Request("JUDGE", self.address() | fields, arrays)
 
     def correct(self, below: float = 0.5, interior: int = 0, least: tuple[float, float] = (1.0, 1.0)) -> Request:
-        """A CORRECT of an only partition that tells all of its cells, all nodes where they are."""
+        """A CORRECT of the only partition with all of its cells and all nodes at rest."""
         part, points = self.parts[0], SQUARE.points
-        told = {"metric": "size-skew", "below": below, "rings": 4, "interior": interior, "least": list(least)}
-        fields = {"step": self.step + 1, "part": told | {"cells": {"triangle": len(part.triangles)}}}
+        described = {"metric": "size-skew", "below": below, "rings": 4, "interior": interior, "least": list(least)}
+        fields = {"step": self.step + 1, "part": described | {"cells": {"triangle": len(part.triangles)}}}
         arrays = {
             "nodes": np.array([[node, 1] for node in range(len(points))], dtype="<i8"),
             "points": points,
@@ -174,7 +174,7 @@ class Session:
         return joined
 
     def resume(self) -> Message:
-        """Take the session anew, under the next epoch."""
+        """Resume the session, under the next epoch."""
         reply = answered(self.stage.ask(self.request("RESUME"), seconds=self.stage.opening_seconds), "RESUMED")
         self.endpoint, self.epoch = reply.fields["endpoint"], reply.fields["epoch"]
         self.step = reply.fields["step"]

@@ -1,0 +1,32 @@
+/* Evaluation by the client (SPEC.md, section 23): this process moves and judges the nodes and cells.
+ *
+ * Without MM_EVALUATION the library has no kernels, and these functions set the error UNIMPLEMENTED.
+ */
+#ifndef MM_EVALUATION_H
+#define MM_EVALUATION_H
+
+#include "mm_session.h"
+
+/* Copy the caller's mesh into session->volume, once. Nothing is done where the server evaluates. */
+outcome mmi_make_volume(mm_session *session);
+void mmi_forget_volume(mm_session *session);
+/* Replace the blocks by what is uploaded of the mesh: its boundary, and the number of cells. */
+outcome mmi_gather_blocks(mm_session *session);
+/* FAILED unless the mesh that the caller gave for mm_join or mm_resume is that of the session. */
+outcome mmi_check_reference(mm_session *session);
+
+/* Displace all nodes by the field of MOVED and judge all cells; the server corrects bad ones, which are judged again.
+ */
+outcome mmi_take_trial(mm_session *session, const answer *moved, double *to);
+/* All coordinates, by the field of FETCHED. */
+outcome mmi_take_points(mm_session *session, const answer *fetched, double *points);
+/* The trial is committed: its correction becomes that of the committed state, and no request has to be sent again. */
+void mmi_keep_freed(mm_session *session);
+/* Free the requests of the trial that the server has accepted. */
+void mmi_forget_accepted(mm_session *session);
+/* Whether MOVED may omit all of the field but its coefficients. */
+int mmi_knows_field(const mm_session *session);
+/* The number in the mesh of a node that is numbered as in the upload; -1: there is none. */
+int64_t mmi_in_mesh(const mm_session *session, int64_t node);
+
+#endif

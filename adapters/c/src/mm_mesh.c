@@ -1,0 +1,276 @@
+/* The mesh: the caller's arrays, their check, and their upload. See mesh_motion.h. */
+#include "mm_mesh.h"
+#include "mm_evaluation.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* The size of one UPLOAD: the worker never holds much more than the mesh itself. */
+#define PART_BYTES ((size_t)32 << 20)
+
+/* --- what the caller gives ---------------------------------------------------------------------------------------- */
+
+void mmi_free_blocks(mm_session *session)
+{
+    for (size_t i = 0; i < session->block_count; ++i) {
+        free(session->blocks[i].owned);
+    }
+    session->block_count = 0;
+}
+
+mm_result mmi_add_block(mm_session *session, const block *added)
+{
+    block *blocks =
+        mmi_one_more(session->context, session->blocks, session->block_count, &session->block_capacity, sizeof *blocks);
+    if (blocks) {
+        session->blocks = blocks;
+        blocks[session->block_count++] = *added;
+    }
+    return session->context->error;
+}
+
+mm_result mm_points(mm_session *session, int dimension, size_t nodes, const double *points)
+{
+    BEGIN_SESSION(session);
+    if (dimension < 1 || dimension > 3 || (nodes && !points)) {
+        return mmi_invalid(session->context, "points must have 1, 2 or 3 coordinates%s", "");
+    }
+    block made = mmi_make_block("nodes", points, nodes, (size_t)dimension, 8);
+    made.is_float = 1;
+    if (session->volume) { /* of an earlier mesh */
+        mmi_forget_volume(session);
+        mmi_free_blocks(session);
+    }
+    session->dimension = dimension;
+    session->nodes = nodes;
+    /* a second call replaces the points, which must come first */
+    if (session->block_count && strcmp(session->blocks[0].item, "nodes") == 0) {
+        session->blocks[0] = made;
+        return MM_OK;
+    }
+    if (session->block_count) {
+        return mmi_invalid(session->context, "mm_points must be called before cells, patches and global ids%s", "");
+    }
+    return mmi_add_block(session, &made);
+}
+
+static mm_result add_cells(mm_session *session, const char *type, size_t cells, const void *nodes, size_t width)
+{
+    static const struct {
+        const char *type;
+        size_t nodes;
+    } TYPES[] = {{"line", 2},    {"triangle", 3}, {"quad", 4},      {"tetra", 4},
+                 {"pyramid", 5}, {"wedge", 6},    {"hexahedron", 8}};
+    BEGIN_SESSION(session);
+    for (size_t i = 0; type && i < sizeof TYPES / sizeof *TYPES; ++i) {
+        if (strcmp(type, TYPES[i].type) == 0 && (nodes || cells == 0)) {
+            block made = mmi_make_block("cells", nodes, cells, TYPES[i].nodes, width);
+            snprintf(made.name, sizeof made.name, "%s", type);
+            return mmi_add_block(session, &made);
+        }
+    }
+    return mmi_invalid(session->context,
+                       "cell types are line, triangle, quad, tetra, pyramid, wedge, hexahedron, with nodes; got '%s'",
+                       type ? type : "");
+}
+
+mm_result mm_cells(mm_session *session, const char *type, size_t cells, const int64_t *nodes)
+{
+    return add_cells(session, type, cells, nodes, 8);
+}
+
+mm_result mm_cells32(mm_session *session, const char *type, size_t cells, const int32_t *nodes)
+{
+    return add_cells(session, type, cells, nodes, 4);
+}
+
+mm_result mm_patch(mm_session *session, const char *name, const char *role, size_t nodes, const int64_t *indices)
+{
+    static const char *const ROLES[] = {"moving", "fixed", "slip", "symmetry", "periodic"};
+    BEGIN_SESSION(session);
+    if (!name || !*name || strlen(name) >= NAME_BYTES || (nodes && !indices)) {
+        return mmi_invalid(session->context, "a patch must have a name of at most 256 bytes, and nodes; got '%s'",
+                           name ? name : "");
+    }
+    for (size_t i = 0; role && i < sizeof ROLES / sizeof *ROLES; ++i) {
+        if (strcmp(role, ROLES[i]) == 0) {
+            block made = mmi_make_block("patch", indices, nodes, 1, 8);
+            snprintf(made.name, sizeof made.name, "%s", name);
+            snprintf(made.role, sizeof made.role, "%s", role);
+            return mmi_add_block(session, &made);
+        }
+    }
+    return mmi_invalid(session->context,
+                       "a patch's role must be one of moving, fixed, slip, symmetry, periodic; got '%s'",
+                       role ? role : "");
+}
+
+mm_result mm_global_ids(mm_session *session, const int64_t *ids)
+{
+    BEGIN_SESSION(session);
+    if (!session->dimension || (session->nodes && !ids)) {
+        return mmi_invalid(session->context, "global ids are one for each node, and mm_points comes before them%s", "");
+    }
+    block made = mmi_make_block("global_ids", ids, session->nodes, 1, 8);
+    return mmi_add_block(session, &made);
+}
+
+/* --- upload ------------------------------------------------------------------------------------------------------- */
+
+size_t mmi_mesh_bytes(const mm_session *session)
+{
+    size_t bytes = 0;
+    for (size_t i = 0; i < session->block_count; ++i) {
+        bytes += mmi_array_bytes(&session->blocks[i]);
+    }
+    return bytes;
+}
+
+outcome mmi_check_rows(mm_context *context, const block *rows, size_t nodes, const char *what)
+{
+    size_t count = rows->rows * rows->columns;
+    for (size_t i = 0; i < count; ++i) {
+        int64_t index = 0;
+        if (rows->is_float) {
+            double value = ((const double *)rows->data)[i];
+            if (!isfinite(value)) {
+                return mmi_fail(context, "INVALID_ARGUMENT.NONFINITE", "look at the solver that sent it first",
+                                "%s must be finite, got %g in row %zu", what, value, i / rows->columns);
+            }
+        } else {
+            index = rows->width == 8 ? ((const int64_t *)rows->data)[i] : ((const int32_t *)rows->data)[i];
+        }
+        if (index < 0 || (uint64_t)index >= nodes) {
+            return mmi_fail(context, "INVALID_ARGUMENT", "node numbers count from 0",
+                            "%s must name nodes 0 ... %zu, got %" PRId64 " in row %zu", what, nodes - 1, index,
+                            i / rows->columns);
+        }
+    }
+    return DONE;
+}
+
+static outcome check_mesh(mm_session *session)
+{
+    int has_ids = 0;
+    for (size_t i = 0; i < session->block_count; ++i) {
+        const block *part = &session->blocks[i];
+        int is_ids = strcmp(part->item, "global_ids") == 0;
+        char what[NAME_BYTES + 32];
+        has_ids = has_ids || is_ids;
+        snprintf(what, sizeof what, "%s %s", part->item, part->name);
+        if (!is_ids && mmi_check_rows(session->context, part, session->nodes, what) != DONE) {
+            return FAILED;
+        }
+    }
+    if (session->partitions > 1 && !has_ids) {
+        return mmi_fail(session->context, "INVALID_ARGUMENT.PARTITION", "mm_global_ids",
+                        "with several partitions a mesh must have global ids");
+    }
+    return DONE;
+}
+
+/* Continue where the last call ended: the first UPLOAD is the one that was given up unanswered. */
+static outcome upload(mm_session *session)
+{
+    outcome how = DONE;
+    answer uploaded = {0};
+    while (how == DONE && session->part < session->block_count) {
+        block rows = session->blocks[session->part];
+        /* the server stores 8 bytes for each */
+        size_t most = rows.columns ? PART_BYTES / (8 * rows.columns) : rows.rows;
+        size_t left = rows.rows - session->part_row;
+        request part = mmi_session_request(session, "UPLOAD", "UPLOADED");
+        mmi_add_text(&part, "item", rows.item);
+        mmi_add_text(&part, "name", rows.name);
+        mmi_add_text(&part, "role", rows.role);
+        block *sent = &part.arrays[0];
+        *sent = rows;
+        sent->item = "rows";
+        sent->rows = left < most ? left : most;
+        sent->data = rows.data ? (const uint8_t *)rows.data + session->part_row * rows.columns * rows.width : NULL;
+        how = mmi_deliver(session, &part, session->context->timeout, &uploaded);
+        if (how == DONE) {
+            session->part_row += sent->rows;
+            if (session->part_row >= rows.rows) {
+                ++session->part;
+                session->part_row = 0;
+            }
+        }
+        mmi_free_answer(&uploaded);
+    }
+    return how;
+}
+
+static outcome build(mm_session *session)
+{
+    answer built = {0};
+    request ask_build = mmi_session_request(session, "BUILD", "BUILT");
+    outcome how = mmi_deliver(session, &ask_build, session->context->compute_timeout, &built);
+    if (how == DONE) {
+        how = mmi_take_moving_nodes(session, &built);
+    }
+    if (how == DONE) {
+        session->step = session->durable_step = session->iteration = 0;
+        session->may_resume = session->partitions == 1;
+        mmi_free_blocks(session); /* from now on the caller may free the arrays */
+        snprintf(session->state, sizeof session->state, "READY");
+        mmi_keep_report(&session->built, &built);
+    }
+    mmi_free_answer(&built);
+    return how;
+}
+
+/* Discard a session whose mesh was refused. The error of the call stays that of the refusal. */
+static void discard_quietly(mm_session *session)
+{
+    mm_context *context = session->context;
+    mm_result error = context->error;
+    problem kept = context->problem;
+    answer closed = {0};
+    request close = mmi_session_request(session, "CLOSE", "CLOSED");
+    mmi_add_text(&close, "outcome", "discard");
+    context->problem.details = (mm_report){0};
+    mmi_deliver(session, &close, PROBE_SECONDS, &closed);
+    mmi_free_answer(&closed);
+    mmi_disconnect(&session->data);
+    session->joined = 0;
+    mm_clear_error(context);
+    context->error = error;
+    context->problem = kept;
+}
+
+mm_result mm_build(mm_session *session)
+{
+    BEGIN_SESSION(session);
+    mm_context *context = session->context;
+    if (mmi_check_joined(session) == DONE && session->moving) {
+        /* checked here, not by the server: a refused mesh is discarded below, but this one is in use */
+        mmi_fail(context, "FAILED_PRECONDITION.STATE", "", "the session is built already");
+    }
+    if (context->error || check_mesh(session) != DONE) {
+        return context->error;
+    }
+    outcome how = FAILED;
+    if (session->evaluates && (mmi_make_volume(session) != DONE || mmi_gather_blocks(session) != DONE)) {
+        return context->error;
+    }
+    for (int attempt = 1;; ++attempt) {
+        how = upload(session);
+        how = how == DONE ? build(session) : how;
+        /* SPEC 11.6: a session that was not built is lost with its worker, so another one is opened */
+        int is_gone = context->error == MM_UNAVAILABLE || context->error == MM_NOT_FOUND;
+        if (!is_gone || session->partitions > 1 || attempt == OPEN_ATTEMPTS) {
+            break;
+        }
+        if (mmi_open_patiently(session) != DONE) {
+            break;
+        }
+    }
+    if (how != DONE && session->partitions == 1 && session->joined && !mmi_is_unknown(context)) {
+        discard_quietly(session);
+    }
+    return context->error;
+}

@@ -1,0 +1,73 @@
+/* A session: one partition's part of one mesh on the server. */
+#ifndef MM_SESSION_H
+#define MM_SESSION_H
+
+#include "mm_context.h"
+
+/* A worker that dies during the upload leaves nothing to resume: the session is opened so many times. */
+#define OPEN_ATTEMPTS 3
+#define MOST_ACCEPTED 3 /* of one trial: JUDGE, CORRECT, JUDGE */
+
+typedef struct {
+    char key[64], text[64];
+    mmi_kind kind;
+    int64_t integer;
+    double number;
+} setting;
+
+/* Nodes that a correction has moved, as numbered here, and their displacement from the reference mesh. */
+typedef struct {
+    int64_t step, *nodes;
+    double *displacement;
+    size_t count;
+} freed;
+
+struct mm_session {
+    mm_context *context;
+    mm_session *next;
+    /* how it is opened */
+    int dimension, partition, partitions;
+    size_t nodes, block_count, block_capacity, setting_count, setting_capacity;
+    block *blocks; /* [0] the points, then global ids, cells and patches in the order of the calls */
+    setting *settings;
+    char label[NAME_BYTES], durability[16], report[16];
+    /* where it is */
+    char id[MM_ID_SIZE];
+    uint8_t token[MM_TOKEN_BYTES];
+    int64_t epoch;
+    connection data;
+    line line;
+    unanswered request; /* of the session's own line … */
+    unanswered opening; /* … and its OPEN or RESUME, in the context's line: each session may have one */
+    int joined;
+    int may_resume;        /* it is built and has one partition: this side may resume it when its worker has died */
+    size_t part, part_row; /* the next UPLOAD: block and row */
+    /* its state */
+    char state[16];
+    int64_t step, durable_step, iteration, final_step, compute_limit_ms;
+    uint8_t digest[32];
+    int64_t *moving;
+    size_t moving_count;
+    double *enrichment;
+    size_t enrichment_count;
+    /* the MOVE that made the trial; it is sent again when the trial was lost with a worker */
+    double *trial;
+    int has_trial;
+    mm_frame trial_frame;
+    /* evaluation = "client": */
+    int evaluates;
+    struct mmv_volume *volume;
+    request accepted[MOST_ACCEPTED]; /* JUDGE and CORRECT of the trial, with arrays of their own, to be sent again */
+    size_t accepted_count;
+    freed trial_freed, committed_freed; /* where the last correction put nodes */
+    mm_report built, moved, committed, status;
+};
+
+/* FAILED unless the session is open. */
+outcome mmi_check_joined(mm_session *session);
+/* OPEN and JOIN, repeated while the server cannot answer: a session without an upload costs nothing. */
+outcome mmi_open_patiently(mm_session *session);
+/* The moving nodes in a reply. They index the caller's arrays, so each is checked. */
+outcome mmi_take_moving_nodes(mm_session *session, const answer *from);
+
+#endif

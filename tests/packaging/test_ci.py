@@ -1,0 +1,105 @@
+"""``.ci/run`` chooses its parts; the workflows call parts, targets and Python versions that exist."""
+
+import os
+import re
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+from bare_environment import ROOT
+
+PARTS = ["system", "kratos", "lint", "tests", "sanitize", "wheel", "bare", "docs", "prove"]
+WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
+STUBS = ("adapters/kratos/environment.sh", "adapters/openfoam/Allwmake", "tools/without_compiler.sh", ".venv/bin/pip",
+         ".venv/bin/python", "bin/make", "bin/apt-get")  # fmt: skip
+
+
+def git(root: Path, *arguments: str) -> None:
+    identity = ["-c", "user.name=A", "-c", "user.email=a@b.c"]
+    subprocess.run(["git", *identity, *arguments], cwd=root, check=True, capture_output=True)
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A branch ``main`` with ``.ci/run``, and programs in place of make, apt-get and others that do nothing."""
+    for name in STUBS:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("#!/bin/sh\n")
+        (tmp_path / name).chmod(0o755)
+    (tmp_path / ".ci").mkdir()
+    (tmp_path / ".ci" / "run").write_bytes((ROOT / ".ci" / "run").read_bytes())
+    (tmp_path / "kernels").mkdir()
+    (tmp_path / "kernels" / "loop.hpp").write_text("")
+    git(tmp_path, "init", "-q", "-b", "main")
+    git(tmp_path, "add", "-A")
+    git(tmp_path, "commit", "-qm", "Start")
+    return tmp_path
+
+
+def change(checkout: Path, name: str) -> None:
+    """A branch with one change."""
+    git(checkout, "checkout", "-qb", "topic")
+    (checkout / name).write_text("changed\n")
+    git(checkout, "add", "-A")
+    git(checkout, "commit", "-qm", "Change")
+
+
+def parts_run(checkout: Path, *parts: str, **environment: str) -> list[str]:
+    """The parts that ran, in their order."""
+    path = f"{checkout / 'bin'}:{os.environ['PATH']}"
+    command = ["bash", checkout / ".ci" / "run", *parts]
+    given = {"PATH": path, "HOME": str(checkout), **environment}
+    done = subprocess.run(command, env=given, capture_output=True, text=True, check=True)
+    return re.findall(r"(?m)^== \d\d:\d\d:\d\d (\w+)$", done.stdout)
+
+
+def test_all_parts_run_where_no_commit_is_there_to_compare_with(checkout: Path) -> None:
+    assert parts_run(checkout) == [*PARTS, "end"]
+    assert parts_run(checkout, CI_BASE="0" * 40) == [*PARTS, "end"]
+
+
+def test_long_parts_are_left_out_where_their_files_are_those_of_main(checkout: Path) -> None:
+    change(checkout, "page.md")
+    assert parts_run(checkout) == [part for part in PARTS if part not in ("sanitize", "bare")] + ["end"]
+
+
+@pytest.mark.parametrize("environment", [{}, {"CI_BASE": "main"}])
+def test_a_change_of_the_kernels_runs_all_parts(checkout: Path, environment: dict[str, str]) -> None:
+    change(checkout, "kernels/loop.hpp")
+    assert parts_run(checkout, **environment) == [*PARTS, "end"]
+
+
+def test_parts_that_are_named_run_alone(checkout: Path) -> None:
+    change(checkout, "page.md")
+    assert parts_run(checkout, "docs", "sanitize") == ["docs", "sanitize", "end"]
+
+
+def test_a_part_that_fails_ends_the_run(checkout: Path) -> None:
+    (checkout / "bin" / "make").write_text('#!/bin/sh\n[ "$1" != lint ]\n')
+    with pytest.raises(subprocess.CalledProcessError) as failed:
+        parts_run(checkout)
+    assert "tests" not in re.findall(r" (\w+)$", failed.value.stdout, re.MULTILINE)
+
+
+def test_a_wrong_part_is_refused(checkout: Path) -> None:
+    with pytest.raises(subprocess.CalledProcessError) as failed:
+        parts_run(checkout, "docs", "doc")
+    assert failed.value.stderr == f"there is no part 'doc'; parts are: {' '.join(PARTS)}\n"
+
+
+@pytest.mark.parametrize("workflow", WORKFLOWS, ids=lambda path: path.stem)
+def test_a_workflow_calls_what_is_there(workflow: Path) -> None:
+    text = workflow.read_text()
+    assert set(" ".join(re.findall(r"run: \.ci/run (.+)", text)).split()) <= set(PARTS)
+    targets = re.findall(r"(?m)^([\w-]+):", (ROOT / "Makefile").read_text())
+    assert set(" ".join(re.findall(r"run: make (.+)", text)).split()) <= set(targets)
+
+
+def test_each_supported_python_is_tested() -> None:
+    text = (ROOT / ".github" / "workflows" / "ci.yml").read_text()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    supported = re.findall(r"Python :: (3\.\d+)", " ".join(project["classifiers"]))
+    assert supported
+    whole = re.findall(r"container: python:(3\.\d+)", text)
+    assert whole + re.findall(r'"(3\.\d+)"', text) == supported
