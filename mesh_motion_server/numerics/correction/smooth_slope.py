@@ -24,7 +24,7 @@ from mesh_motion_server.numerics.correction.distortion import angles_of, corner_
 from mesh_motion_server.numerics.correction.smooth_motion import FAR, RAMP, RINGS, SmoothMotion
 from mesh_motion_server.numerics.correction.smooth_region import PENALTY, SmoothRegion
 
-__all__ = ["SmoothSlope"]
+__all__ = ["SmoothSlope", "not_at_minimum"]
 
 #: Largest Newton step at the mesh, as a share of its extent, with which it counts as the minimum.
 _AT_MINIMUM = 1e-6
@@ -61,10 +61,10 @@ class SmoothSlope:
         if region is not None:
             free = region.free.free
             if not np.isfinite(made._distortions).all():
-                raise _not_at_minimum()
+                raise not_at_minimum()
             step = made._solved(-made._gradient)
             if np.abs(step).max() > _AT_MINIMUM * np.ptp(motion.reference, axis=0).max():
-                raise _not_at_minimum()
+                raise not_at_minimum()
             points = points.copy()  # one more step: the derivative is as exact as the minimum
             points[free] += step
             made = replace(made, points=points)
@@ -126,7 +126,7 @@ class SmoothSlope:
         try:
             return self._required.step(self._local, self._model[1], np.ascontiguousarray(right), exact=True)
         except ArithmeticError as error:
-            raise _not_at_minimum() from error
+            raise not_at_minimum() from error
 
     @cached_property
     def _active(self) -> Integers:
@@ -200,19 +200,20 @@ class SmoothSlope:
         """(n, d) what dp counts for weights (n,) of dσ."""
         rows, slope, gradients = self._ramp
         nodes, alike = self.motion.corners.nodes[rows], self.motion.alike
-        sigma = np.bincount(alike, weights=weights, minlength=len(weights))
+        sigma: Floats = np.bincount(alike, weights=weights, minlength=len(weights)).astype(np.float64)
         for calm, calm_about in reversed([*self._rings()]):
             sigma = sigma * calm_about + self.motion.averages.T @ (calm * sigma)
-        sigma *= 1.0 - self._sigma[0]
+        sigma = sigma * (1.0 - self._sigma[0])
         of_corner = slope * sigma[alike[nodes]].sum(axis=1)
         out = np.zeros_like(self.plain)
         np.add.at(out, nodes, of_corner[:, None, None] * gradients)
         return out
 
 
-def _not_at_minimum() -> NumericalError:
+def not_at_minimum() -> NumericalError:
+    """The error for a mesh that a motion with a derivative has not led to."""
     return NumericalError(
-        "the mesh is not where the smooth correction leads, so it has no derivative",
+        "the mesh was corrected in another way than by the smooth correction: its motion has no derivative here",
         code="FAILED_PRECONDITION",
-        hint="ask at a step that was answered without the warning of a correction that is no smooth function",
+        hint="ask at a step whose MOVED has no warning of it",
     )

@@ -1,9 +1,8 @@
 """An interpolation from control points to given places as a linear map, and the transpose of that map.
 
 The map is the one that a motion applies: the same coarse points, levels, grid and polynomials. The transpose runs
-through the same operations backwards, so ``⟨w, A v⟩ = ⟨Aᵀ w, v⟩`` holds to rounding: it is what an adjoint needs. In two
-scales the compact levels are solved more accurately than for a motion, since a residual that the next level takes makes
-the map depend on the values.
+through the same operations backwards, so ``⟨w, A v⟩ = ⟨Aᵀ w, v⟩`` holds to rounding, as an adjoint needs it. In two
+scales the compact levels are solved more accurately than for a motion, where a residual is left to the next level.
 """
 
 from __future__ import annotations
@@ -116,9 +115,8 @@ class _TwoScales:
             left[system.level.members] += _solved(system, of_level)
         mean = np.zeros((len(made.control_points), weights.shape[1]))
         mean[made.plan.distinct] = left
-        mean[made.plan.coarse] += made.coarse.system.solve(
-            self._coarse_transposed(self.places, weights) - self._coarse_transposed(self._distinct, left)
-        )
+        of_coarse = self._coarse_transposed(self.places, weights) - self._coarse_transposed(self._distinct, left)
+        mean[made.plan.coarse] += made.coarse.solve(of_coarse).weights  # of a compact basis: a symmetric matrix
         return made.averaged(mean)  # a symmetric map
 
     def _coarse_transposed(self, places: Floats, weights: Floats) -> Floats:

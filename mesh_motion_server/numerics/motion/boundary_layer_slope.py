@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.decomposition import nearest_rotation, nearest_rotation_slope
 from mesh_motion_server.numerics.mesh.boundary_layer_wall import (
     MovingWall,
@@ -26,8 +26,7 @@ def carried_slope(layer: BoundaryLayer, moved: Floats) -> csr_array:
     """(l d, w d) derivative of :meth:`.BoundaryLayer.carried` by the wall's nodes, which are at ``moved`` (n, d)."""
     wall, (corners, weights), offsets = layer.wall, layer.tied.places, layer.tied.offsets
     at, (n, d) = moved[wall.nodes], offsets.shape
-    rotations = wall.rotations(at)
-    mean = np.einsum("lj,ljab,lb->la", weights, rotations[corners], offsets)
+    mean = np.einsum("lj,ljab,lb->la", weights, wall.rotations(at)[corners], offsets)
     length, distance = np.linalg.norm(mean, axis=1), np.linalg.norm(offsets, axis=1)
     clear = length > 0.0
     unit = np.divide(mean, length[:, None], out=np.zeros_like(mean), where=clear[:, None])
@@ -44,11 +43,11 @@ def carried_slope(layer: BoundaryLayer, moved: Floats) -> csr_array:
     of_turns = np.einsum("lj,lac,lb->lajcb", weights, across, offsets)  # by the corners' rotations
     directly = _sparse(of_places, n, corners, len(wall.nodes))
     turned = _sparse(of_turns.reshape(n, d, d, d * d), n, corners, len(wall.nodes))
-    return csr_array(directly + turned @ _rotations_slope(wall, at, rotations))
+    return csr_array(directly + turned @ _rotations_slope(wall, at))
 
 
-def _rotations_slope(wall: MovingWall, moved: Floats, rotations: Floats) -> csr_array:
-    """(w d d, w d) derivative of :meth:`.MovingWall.rotations` at ``moved`` (w, d), where these are ``rotations``.
+def _rotations_slope(wall: MovingWall, moved: Floats) -> csr_array:
+    """(w d d, w d) derivative of :meth:`.MovingWall.rotations` at ``moved`` (w, d).
 
     Each node's rotation is a function of sums over its facets, so it is the sum of what each facet contributes.
     """
@@ -77,7 +76,6 @@ def _rotations_slope(wall: MovingWall, moved: Floats, rotations: Floats) -> csr_
     least_slope = _least_slope(start[nodes], goal[nodes], start_slope, goal_slope)
     slope = np.einsum("qaxjc,qxb->qabjc", least_slope, mean[nodes])
     slope += np.einsum("qax,qxbjc->qabjc", least[nodes], mean_slope)
-    del rotations
     return _sparse(slope.reshape(len(nodes), d * d, d, d), nodes, np.repeat(wall.simplices, d, axis=0), len(moved))
 
 
@@ -151,7 +149,7 @@ def _crossing(vectors: Floats) -> Floats:
     return out - np.swapaxes(out, 1, 2)
 
 
-def _sparse(values: Floats, rows: Floats | int, columns: Floats, n_columns: int) -> csr_array:
+def _sparse(values: Floats, rows: Integers | int, columns: Integers, n_columns: int) -> csr_array:
     """Values (q, r, j, k) as a matrix: row r of the item ``rows`` (q,), and number k of the columns' item j (q, j)."""
     count, r, _, k = values.shape
     items = np.arange(count) if isinstance(rows, int) else rows

@@ -1,21 +1,21 @@
 """The motion as a function of the moving nodes' positions, differentiated: J v, and Jᵀ w.
 
 What can be differentiated is the motion that is a function of where the boundary is: the total displacement
-interpolated from the reference mesh (``displacement = "absolute"``), plain or with the correction ``"smooth"``. Each step
-of the motion is a linear map here, in the order of :meth:`.StandardMotion.trial`, and the transpose runs through the
-same maps backwards. Vectors are (nodes, d) arrays: velocities forwards, weights of positions backwards.
+interpolated from the reference mesh (``displacement = "absolute"``), plain or with the correction ``"smooth"``. Each
+step of the motion is a linear map here, in the order of :meth:`.StandardMotion.trial`, and the transpose runs through
+the same maps backwards. Vectors are (nodes, d) arrays: velocities forwards, weights of positions backwards.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.correction.smooth_motion import SmoothMotion
 from mesh_motion_server.numerics.correction.smooth_slope import SmoothSlope
 from mesh_motion_server.numerics.decomposition import nearest_rotation_slope
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
@@ -23,10 +23,6 @@ from mesh_motion_server.numerics.interpolation.interpolation_map import Interpol
 from mesh_motion_server.numerics.mesh.surface_constraints import OnFacets
 from mesh_motion_server.numerics.motion.boundary_layer_slope import carried_slope
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
-from mesh_motion_server.numerics.stopwatch import Stopwatch
-
-if TYPE_CHECKING:
-    from mesh_motion_server.numerics.motion.motion import MotionModel
 
 __all__ = ["MotionSlope", "motion_slope", "why_no_slope"]
 
@@ -55,9 +51,9 @@ class MotionSlope:
         return self.plain.transpose(weights if self.smooth is None else self.smooth.transpose(weights))
 
 
-def why_no_slope(model: MotionModel) -> InvalidInput | None:
+def why_no_slope(motion: StandardMotion) -> InvalidInput | None:
     """What of a method or a mesh keeps its motion from having a derivative; None if it has one."""
-    method, motion = model.method, model.carrying_layers
+    method = motion.method
     named = {"displacement": ("absolute",), "correction": ("none", "smooth"), "reduction": ("none",)}
     for key, allowed in named.items():
         value = getattr(method, key)
@@ -79,28 +75,28 @@ def why_no_slope(model: MotionModel) -> InvalidInput | None:
     return None
 
 
-def motion_slope(model: MotionModel, points: Floats, factors: FactorSource) -> MotionSlope:
-    """The derivative at a mesh with its nodes at ``points`` (n, d), to which the model has moved it.
+def motion_slope(
+    motion: StandardMotion, smooth: SmoothMotion | None, plain: Floats, points: Floats, factors: FactorSource
+) -> MotionSlope:
+    """The derivative at a mesh.
+
+    Parameters
+    ----------
+    smooth : SmoothMotion or None
+        The correction that followed.
+    plain, points : (n, d) arrays, mesh length unit
+        Where the motion alone, and with its correction, has led.
 
     Raises
     ------
-    InvalidInput
-        As :func:`why_no_slope` says.
     NumericalError
-        If the mesh was corrected in another way, or sliding nodes are held in their order.
+        If the mesh was corrected in another way.
     """
-    refusal = why_no_slope(model)
-    if refusal is not None:
-        raise refusal
-    motion, targets = model.carrying_layers, points[model.roles.moving]
-    slope = PlainSlope.build(motion, targets, factors)
-    if model.method.correction == "none" or model.smooth is None:
-        return MotionSlope(slope, None)
-    plain = motion.trial(model.points, targets, factors, Stopwatch()).points
-    return MotionSlope(slope, SmoothSlope.build(model.smooth, plain, points))
+    slope = PlainSlope.build(motion, points[motion.roles.moving], factors)
+    return MotionSlope(slope, None if smooth is None else SmoothSlope.build(smooth, plain, points))
 
 
-def _no_slope(message: str, hint: str, **details: str) -> InvalidInput:
+def _no_slope(message: str, hint: str, **details: object) -> InvalidInput:
     return InvalidInput(message, code="FAILED_PRECONDITION", hint=hint, details=details)
 
 

@@ -98,7 +98,7 @@ class NullSpaceCholesky:
             return weights, Polynomial(self.linear, solve_triangular(self._r, rest, lower=False, check_finite=False))
 
     def solve_bordered(self, values: Floats, moments: Floats) -> Floats:
-        """(nc, k) weights of (nc, k) values whose ``Pᵀ γ`` are the moments (d + 1, k) instead of zero: the transpose."""
+        """(nc, k) weights γ of (nc, k) values with ``Pᵀ γ`` = moments (d + 1, k) instead of zero: the transpose."""
         p = self.linear.matrix(self._points[:, : self._size - 1])
         particular = p @ np.linalg.solve(p.T @ p, moments)
         return np.asarray(particular + self.solve(values - self._multiply(particular))[0])

@@ -59,7 +59,7 @@ class NestedSpline:
         kernels.spline_gradients(np.ascontiguousarray(points), *self._boxes, self.coefficients, out)
 
     def count(self, points: Floats, weights: Floats) -> None:
-        """Set the coefficients to what each counts for the values at (n, d) points: the transpose, of (n, k) weights."""
+        """Set the coefficients to what they count for (n, k) weights of the values at (n, d) points: the transpose."""
         kernels.spline_coefficients(np.ascontiguousarray(points), *self._boxes, weights, self.coefficients)
 
     @property
@@ -121,7 +121,7 @@ class NestedGrid:
         return packed
 
     def spline_transposed(self, points: Floats, weights: Floats) -> Floats:
-        """(g, k) the transpose of :meth:`spline`, followed by its values at (n, d) points, for (n, k) weights of these."""
+        """(g, k) what the values at :meth:`points` count for (n, k) weights of the spline's values at (n, d) points."""
         packed, starts = self._packed(weights.shape[1])
         packed.count(points, weights)
         own = [
@@ -174,7 +174,7 @@ class NestedGrid:
             matrix = _subdivision(inherited.shape[axis], int(start), parents.shape[axis])
             inherited = np.moveaxis(np.tensordot(matrix, inherited, axes=(0, axis)), 0, axis)
         parents += inherited
-        return share * own
+        return np.asarray(share * own)
 
     def _blending(self, box: Box) -> tuple[Integers, list[Floats]]:
         """The parent's first layer (d,) at a box, and the share of the box' own coefficients along each axis."""
