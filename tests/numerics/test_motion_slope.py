@@ -14,6 +14,7 @@ from mesh_motion_server.numerics.correction.smooth_slope import SmoothSlope
 from mesh_motion_server.numerics.decomposition import nearest_rotation, nearest_rotation_slope
 from mesh_motion_server.numerics.interpolation.interpolation_map import interpolation_map
 from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScalePlan
+from mesh_motion_server.numerics.mesh import wall_lines
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.motion import MotionModel
@@ -174,6 +175,17 @@ def test_a_mesh_that_another_correction_made_is_refused() -> None:
         moved[inner] += 1e-3 * np.sin(40.0 * moved[inner])
         with pytest.raises(NumericalError, match="another way"):
             model.slope(moved, factors)
+
+
+def test_where_nodes_are_held_in_their_order_it_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A kink: a node slides no further, so that none passes the end of its wall."""
+    model, factors = MotionModel.build(*duct("quad"), Method()), FactorCache(1 << 28)
+    targets = model.points[model.roles.moving] + np.array([0.1, 0.0])
+    model.slope(model.move(model.points, targets, factors).points, factors)
+    monkeypatch.setattr(wall_lines, "_LEAST", 0.95)  # of the even spacing
+    moved = MotionModel.build(*duct("quad"), Method())  # which keeps no plain motion
+    with pytest.raises(NumericalError, match=r"node \d+ slides no further"):
+        moved.slope(moved.move(moved.points, targets, factors).points, factors)
 
 
 def test_the_derivative_keeps_its_factors() -> None:

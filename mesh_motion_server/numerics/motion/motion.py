@@ -167,14 +167,21 @@ class MotionModel(PreparedMesh):
         NumericalError
             If the mesh was corrected in another way.
         """
-        smooth = self.smooth if self.method.correction == "smooth" else None
-        for motion in dict.fromkeys((self.carrying_layers, self.standard_motion)):
-            refusal = why_no_slope(motion)
-            if refusal is not None:
-                raise refusal
-            plain = motion.trial(self.points, points[self.roles.moving], factors, Stopwatch()).points
-            if smooth is not None or np.abs(plain - points).max() <= _SAME * np.ptp(self.points, axis=0).max():
-                return motion_slope(motion, smooth, plain, points, factors)
+        refusal = self.why_no_slope()
+        if refusal is not None:
+            raise refusal
+        targets, layered = points[self.roles.moving], self.carrying_layers
+
+        def plain_of(motion: StandardMotion) -> Floats:
+            return motion.trial(self.points, targets, factors, Stopwatch()).points
+
+        if self.method.correction == "smooth" and self.smooth is not None:
+            plain = self._latest.at(targets, lambda: plain_of(layered))
+            return motion_slope(layered, self.smooth, plain, points, factors)
+        for motion in dict.fromkeys((layered, self.standard_motion)):  # whether layers were carried, the mesh says
+            plain = plain_of(motion)
+            if np.abs(plain - points).max() <= _SAME * np.ptp(self.points, axis=0).max():
+                return motion_slope(motion, None, plain, points, factors)
         raise not_at_minimum()
 
     # --- the sequence ------------------------------------------------------------------------------------------------

@@ -9,11 +9,11 @@ the same maps backwards. Vectors are (nodes, d) arrays: velocities forwards, wei
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.correction.smooth_motion import SmoothMotion
 from mesh_motion_server.numerics.correction.smooth_slope import SmoothSlope
@@ -23,6 +23,7 @@ from mesh_motion_server.numerics.interpolation.interpolation_map import Interpol
 from mesh_motion_server.numerics.mesh.surface_constraints import OnFacets
 from mesh_motion_server.numerics.motion.boundary_layer_slope import carried_slope
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
+from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 __all__ = ["MotionSlope", "motion_slope", "why_no_slope"]
 
@@ -92,8 +93,25 @@ def motion_slope(
     NumericalError
         If the mesh was corrected in another way.
     """
-    slope = PlainSlope.build(motion, points[motion.roles.moving], factors)
+    targets = points[motion.roles.moving]
+    _refuse_held_order(motion, targets, plain, factors)
+    slope = PlainSlope.build(motion, targets, factors)
     return MotionSlope(slope, None if smooth is None else SmoothSlope.build(smooth, plain, points))
+
+
+def _refuse_held_order(motion: StandardMotion, targets: Floats, plain: Floats, factors: FactorSource) -> None:
+    """Raise if nodes slide less than they would, so that none passes the end of its wall: there is a kink."""
+    if motion.sliding is None or not motion.sliding.lines:
+        return
+    loose = replace(motion, sliding=replace(motion.sliding, lines=()))
+    passing = np.abs(loose.trial(motion.reference, targets, factors, Stopwatch()).points - plain).max(axis=1) > 0.0
+    if passing.any():
+        raise NumericalError(
+            f"node {int(np.argmax(passing))} slides no further, so that it keeps its order along its wall: "
+            "the motion has no derivative here",
+            code="FAILED_PRECONDITION",
+            hint="ask at a smaller displacement, or give the wall the role fixed",
+        )
 
 
 def _no_slope(message: str, hint: str, **details: object) -> InvalidInput:
