@@ -1,7 +1,10 @@
 """The component: OpenMDAO's own check of its derivatives, and an optimiser that finds a known surface again."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from page_story import blocks_of, play
 
 om = pytest.importorskip("openmdao.api", reason="OpenMDAO is not installed")
 
@@ -89,3 +92,9 @@ def test_a_method_without_derivatives_is_refused():
         pytest.raises(ValueError, match="has no derivatives"),
     ):
         problem(opened).setup()
+
+
+def test_the_page_is_as_it_says(tmp_path):
+    page = Path(__file__).parents[3] / "adapters" / "openmdao" / "README.md"
+    wrong = play(blocks_of(page.read_text(encoding="utf-8")), tmp_path)
+    assert not wrong, "\n".join(wrong)
