@@ -25,6 +25,7 @@ ADAPTERS: dict[str, tuple[tuple[str, ...], tuple[str, ...], str]] = {
     "preCICE": (("precice",), ("tests/adapters/precice",), "real"),
     "Kratos, by a stand-in": ((), ("tests/adapters/kratos/test_kratos_participant.py",), ""),
     "Kratos": (("KratosMultiphysics",), ("tests/adapters/kratos",), "solver or benchmark"),
+    "OpenMDAO": (("openmdao",), ("tests/adapters/openmdao",), ""),
     "NGSolve": (("ngsolve",), ("tests/adapters/howto",), "ngsolve"),
     "dolfinx": (("dolfinx",), ("tests/adapters/howto",), "dolfinx"),
     "conformance of those built": (_C, ("tests/adapters/c",), "every_scenario"),
@@ -35,6 +36,7 @@ _CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "mesh-
 PYTHONS: dict[str, tuple[str | None, ...]] = {
     "precice": (sys.executable,),
     "KratosMultiphysics": (os.environ.get("KRATOS_PYTHON") or f"{_CACHE}/kratos-10.4/bin/python", sys.executable),
+    "openmdao": (sys.executable,),
     "ngsolve": (os.environ.get("NGSOLVE_PYTHON"), sys.executable),
     "dolfinx": (os.environ.get("DOLFINX_PYTHON"), sys.executable, "/usr/bin/python3"),
 }

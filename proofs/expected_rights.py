@@ -11,7 +11,21 @@ from dataclasses import dataclass
 __all__ = ["COMBINATIONS", "OUTSIDERS", "REQUESTS", "Cell", "expected", "role_cells"]
 
 _ON_CONTROL = ("HELLO", "PING", "OPEN", "LIST", "PROBE", "RESUME")
-_ON_DATA = ("JOIN", "UPLOAD", "BUILD", "MOVE", "JUDGE", "CORRECT", "COMMIT", "ROLLBACK", "FETCH", "STATUS", "CLOSE")
+_ON_DATA = (
+    "JOIN",
+    "UPLOAD",
+    "BUILD",
+    "MOVE",
+    "TANGENT",
+    "COTANGENT",
+    "JUDGE",
+    "CORRECT",
+    "COMMIT",
+    "ROLLBACK",
+    "FETCH",
+    "STATUS",
+    "CLOSE",
+)
 
 #: Request → the endpoint that takes it; PING is asked at both.
 REQUESTS = (

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 __all__ = ["ADMITTED", "COLLECTIVE", "DISK", "OPERATIONS", "OTHERS"]
 
-#: The columns of section 8's table, but for JUDGE: the server judges the cells of these sessions.
+#: The columns of section 8's table, without JUDGE and CORRECT, since the server judges the cells of these sessions,
+#: and without TANGENT and COTANGENT, which change nothing.
 OPERATIONS = (
     "JOIN",
     "UPLOAD",

@@ -68,6 +68,17 @@ class StandIn:
         inverted = int((areas <= 0).sum())
         return QualitySummary("size-skew", values, values, values, values, inverted, len(areas), worst)
 
+    def why_no_slope(self) -> None:
+        """Nothing: weights that do not change are a derivative."""
+
+    def slope(self, points: Any, factors: Any) -> Any:
+        """Of the motion from the reference mesh."""
+        del points, factors
+        moving = self.roles.moving
+        held = np.union1d(moving, self.roles.fixed)
+        weights = self._weights(self.points, held)[:, np.searchsorted(held, moving)]
+        return SimpleNamespace(tangent=lambda velocity: weights @ velocity, cotangent=lambda given: weights.T @ given)
+
     def without_distributions(self) -> StandIn:
         """Itself: its summaries are cheap."""
         return self

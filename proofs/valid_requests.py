@@ -14,7 +14,10 @@ from proofs.ranks import shared_mesh, uploads_of
 __all__ = ["CONTROL", "DATA", "Known", "Request", "upload_of", "valid_request"]
 
 CONTROL = ("HELLO", "OPEN", "RESUME", "LIST", "PROBE", "PING")
-DATA = ("JOIN", "UPLOAD", "BUILD", "MOVE", "JUDGE", "CORRECT", "COMMIT", "ROLLBACK", "FETCH", "STATUS", "CLOSE", "PING")
+DATA = (
+    "JOIN", "UPLOAD", "BUILD", "MOVE", "TANGENT", "COTANGENT", "JUDGE", "CORRECT", "COMMIT", "ROLLBACK", "FETCH",
+    "STATUS", "CLOSE", "PING",
+)  # fmt: skip
 _SETTINGS: tuple[dict[str, Any], ...] = (
     {}, {"basis": "wendland-c4"}, {"correction": "none", "quality_threshold": 0.1}, {"support_radius": 2.5},
     {"reduction": "greedy", "max_control_points": 20},
@@ -120,6 +123,17 @@ def _move(request: Request, known: Known, partition: int, random: Random) -> dic
     return {"step": known.step + 1, "frame": "committed" if alike else "reference"}
 
 
+def _tangent(request: Request, known: Known, partition: int, random: Random) -> dict[str, Any]:
+    y = known.moving[partition]
+    _array(request, "velocity", np.stack([np.sin(y), np.cos(y)], axis=1))
+    return {"what": random.choice(("trial", "committed"))}
+
+
+def _cotangent(request: Request, known: Known, partition: int, random: Random) -> dict[str, Any]:
+    _array(request, "weights", shared_mesh(known.partitions)[partition].points / 3)
+    return {"what": random.choice(("trial", "committed"))}
+
+
 def _judge(request: Request, known: Known, _partition: int, _random: Random) -> dict[str, Any]:
     _array(request, "bins", np.array([[0, 1536, 18]]))
     _array(request, "values", np.array([[0.0, 0.5, 18.0]]))
@@ -148,6 +162,8 @@ _MORE: Mapping[str, _More] = {
     "JOIN": lambda _r, known, _p, _: {"token": known.token},
     "UPLOAD": _upload,
     "MOVE": _move,
+    "TANGENT": _tangent,
+    "COTANGENT": _cotangent,
     "JUDGE": _judge,
     "CORRECT": _correct,
     "COMMIT": lambda _r, known, _p, _: {"step": known.step + 1},

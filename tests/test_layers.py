@@ -16,6 +16,7 @@ PACKAGES = {
     "mesh_motion_calculix": ROOT / "adapters" / "calculix" / "mesh_motion_calculix",
     "mesh_motion_kratos": ROOT / "adapters" / "kratos" / "mesh_motion_kratos",
     "mesh_motion_fsi": ROOT / "adapters" / "fsi" / "mesh_motion_fsi",
+    "mesh_motion_openmdao": ROOT / "adapters" / "openmdao" / "mesh_motion_openmdao",
     "mesh_motion_precice": ROOT / "adapters" / "precice" / "mesh_motion_precice",
 }
 #: The rooms of numerics: each may import those before it.
@@ -32,6 +33,7 @@ APART = {
     "mesh_motion_conformance": ("mesh_motion_protocol", "mesh_motion_client"),
     "mesh_motion_client": (),
     "mesh_motion_calculix": ("zmq", "msgpack", "mesh_motion_protocol", "mesh_motion_client"),
+    "mesh_motion_openmdao": ("zmq", "msgpack", "mesh_motion_protocol"),
     "mesh_motion_fsi": ("msgpack", "mesh_motion_protocol", "mesh_motion_client", "mesh_motion_calculix"),
 }
 #: It looks at folders alone: nothing is asked of a running server.

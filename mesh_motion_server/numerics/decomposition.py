@@ -18,7 +18,19 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.arrays import Floats
 
-__all__ = ["SVD", "Eigen", "deformation", "determinant_signs", "eigen", "nearest_rotation", "svd"]
+__all__ = [
+    "SVD",
+    "Eigen",
+    "deformation",
+    "determinant_signs",
+    "eigen",
+    "nearest_rotation",
+    "nearest_rotation_slope",
+    "svd",
+]
+
+
+_CANCELLED = 1e-12  # sum of two stretches, in units of the largest, below which it counts as zero
 
 
 class Eigen(NamedTuple):
@@ -79,6 +91,21 @@ def nearest_rotation(B: Floats) -> Floats:
     """(m, d, d) the rotation nearest to each B (m, d, d), as (5.11) has it; of several equally near ones, one."""
     left, _, right = svd(B)
     return np.asarray(left @ np.swapaxes(right, -1, -2))
+
+
+def nearest_rotation_slope(B: Floats) -> Floats:
+    """(m, d, d, d, d) derivatives ``[i, a, b, c, e] = ∂R_ab/∂B_ce`` of the nearest rotations R of B (m, d, d).
+
+    With ``B = U S Vᵀ`` it is ``dR = U K Vᵀ``, where K is Uᵀ dB V minus its transpose, over the sums of two stretches;
+    directions whose stretches cancel out have none, since there the rotation is not determined.
+    """
+    left, stretches, right = svd(B)
+    sums = stretches[:, :, None] + stretches[:, None, :]
+    clear = np.abs(sums) > _CANCELLED * np.abs(stretches).max(axis=1, initial=0.0)[:, None, None]
+    inverse = np.divide(1.0, sums, out=np.zeros_like(sums), where=clear)
+    scaled = np.einsum("mai,mbj,mij->mabij", left, right, inverse)
+    first = np.einsum("mabij,mci,mej->mabce", scaled, left, right)
+    return np.asarray(first - np.einsum("mabij,mcj,mei->mabce", scaled, left, right))
 
 
 def determinant_signs(orthogonal: Floats) -> Floats:

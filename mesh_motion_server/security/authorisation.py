@@ -48,7 +48,7 @@ ROLES = frozenset(role.value for role in Role)
 NO_SESSION = frozenset({"HELLO", "PING", "OPEN"})
 
 _YES, _SEES, _NO, _HID = Verdict.USE, Verdict.OVERSEE, Verdict.DENIED, Verdict.HIDDEN
-_ARRAYS = ("JOIN", "UPLOAD", "BUILD", "MOVE", "JUDGE", "CORRECT", "COMMIT", "ROLLBACK", "FETCH")
+_ARRAYS = ("JOIN", "UPLOAD", "BUILD", "MOVE", "TANGENT", "COTANGENT", "JUDGE", "CORRECT", "COMMIT", "ROLLBACK", "FETCH")
 
 #: Role → request → (of an own session, of another's). LIST: whether the session is in the list.
 MATRIX: dict[Role, dict[str, tuple[Verdict, Verdict]]] = {

@@ -36,6 +36,7 @@ def run(session: Session, requests: Sequence[Build], request_ids: Sequence[Reque
             settings=settings,
             mesh=mesh,
             quality=quality,
+            derivatives=session.model.why_no_slope() is None,
             moving_nodes=moving,
         )
         for request, moving in zip(requests, session.mesh.moving_local, strict=True)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.errors import DeadlineExceeded, MeshMotionError, SessionError
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.service import build, commit, correct, fetch, judge, move, rollback, upload
+from mesh_motion_server.service import build, commit, correct, differentiate, fetch, judge, move, rollback, upload
 from mesh_motion_server.service.commands import Collective, Single
 from mesh_motion_server.service.counting import count_executed
 from mesh_motion_server.service.envelope import Envelope
@@ -32,6 +32,8 @@ COMMANDS: dict[str, Single | Collective] = {
     "FETCH": Single(fetch.answer, executes_once=False),
     "BUILD": Collective(build.check, build.run),
     "MOVE": Collective(move.check, move.run),
+    "TANGENT": Collective(differentiate.check_tangent, differentiate.tangent),
+    "COTANGENT": Collective(differentiate.check_cotangent, differentiate.cotangent),
     "JUDGE": Collective(judge.check, judge.run),
     "CORRECT": Collective(correct.check, correct.run),
     "COMMIT": Collective(commit.check, commit.run),

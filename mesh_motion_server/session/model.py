@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
     from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
     from mesh_motion_server.numerics.motion.motion_found import Motion
+    from mesh_motion_server.numerics.motion.motion_slope import MotionSlope
     from mesh_motion_server.numerics.quality.quality_summary import Judgement
 
 __all__ = [
@@ -44,6 +45,14 @@ class Model(Protocol):
 
     def summary(self, points: Floats) -> Judgement:
         """Quality of the mesh with its nodes at ``points`` (n, d)."""
+        ...
+
+    def why_no_slope(self) -> InvalidInput | None:
+        """What keeps the motion from having a derivative; None if it has one."""
+        ...
+
+    def slope(self, points: Floats, factors: FactorSource) -> MotionSlope:
+        """The derivative of the motion that has led to ``points`` (n, d)."""
         ...
 
     def without_distributions(self) -> Model:

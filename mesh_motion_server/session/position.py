@@ -94,13 +94,8 @@ class Position:
             Commit of a trial that the client evaluates, if it was not judged.
         """
         needs_trial = operation in (Operation.JUDGE, Operation.CORRECT, Operation.COMMIT)
-        if needs_trial and self.state is State.READY and self._now.trial_lost:
-            raise SessionError(
-                f"a trial of step {self.step + 1} from before the session was resumed is lost",
-                code="ABORTED.TRIAL_LOST",
-                hint="send the MOVE again, then COMMIT: its answer will be the same",
-                details={"step": self.step + 1},
-            )
+        if needs_trial:
+            self.refuse_lost_trial()
         trial = self._now.trial
         if operation is Operation.COMMIT and trial is not None and trial.coefficients is not None and not trial.quality:
             raise SessionError(
@@ -112,6 +107,21 @@ class Position:
             if self.state is State.FROZEN:
                 self._swap(state=State.FROZEN)  # from now on a reply has named it
             raise
+
+    def refuse_lost_trial(self) -> None:
+        """Raise ABORTED.TRIAL_LOST if a restart dropped the trial.
+
+        Raises
+        ------
+        SessionError
+        """
+        if self.state is State.READY and self._now.trial_lost:
+            raise SessionError(
+                f"a trial of step {self.step + 1} from before the session was resumed is lost",
+                code="ABORTED.TRIAL_LOST",
+                hint="send the MOVE again, then COMMIT: its answer will be the same",
+                details={"step": self.step + 1},
+            )
 
     def require_next_step(self, step: int) -> None:
         """Raise unless ``step`` is the one after the last committed one.

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from mesh_motion_protocol.digests import state_digest
@@ -43,6 +44,9 @@ from mesh_motion_server.session.store import SessionFolder
 from mesh_motion_server.session.values import Built, CommitOutcome, CurrentState, MoveOutcome, Verdict
 from mesh_motion_server.settings import ServerSettings
 
+if TYPE_CHECKING:
+    from mesh_motion_server.numerics.motion.motion_slope import MotionSlope
+
 __all__ = ["Session"]
 
 
@@ -69,6 +73,7 @@ class Session(Position):
             self.spec.dimension, self.spec.partitions, limits.max_session_bytes, self.spec.evaluation
         )
         self.factors = FactorCache(limits.factor_cache_bytes)
+        self._latest_slope: tuple[Floats, MotionSlope] | None = None
         self.history = History(folder.path, limits.history_bytes, limits.reserve_disk_bytes)
 
     @classmethod
@@ -171,6 +176,52 @@ class Session(Position):
         failpoint("session.move.computed")
         self._swap(state=state, trial=trial)
         return MoveOutcome(trial.step, trial.iteration, computed.motion, computed.displacements, faces, field)
+
+    def require_slope(self, operation: Operation, what: str) -> None:
+        """Raise unless the motion can be differentiated at the trial or the committed state.
+
+        Raises
+        ------
+        SessionError
+            If the state does not allow it, or there is no trial.
+        InvalidInput
+            If the method, or this kind of session, has no derivative.
+        """
+        self.admit(operation)
+        self._points_of(what)
+        refusal = self.model.why_no_slope()
+        if refusal is not None:
+            raise refusal
+
+    def tangent(self, what: str, velocities: Sequence[Floats]) -> list[Floats]:
+        """Velocities (n_p, c d) of each partition's nodes for those (k_p, c d) of its moving nodes.
+
+        Parameters
+        ----------
+        what : {"trial", "committed"}
+        velocities : one (k_p, c d) array per partition
+            The components of c vectors, one after the other.
+
+        Raises
+        ------
+        InvalidInput
+            If partitions disagree about a node.
+        NumericalError
+            If this mesh was corrected by another correction than the smooth one.
+        """
+        mesh = self.mesh
+        given = mesh.gather_moving(velocities, max(float(np.abs(rows).max(initial=0.0)) for rows in velocities))
+        found = self._by_vector(given, self._slope(what).tangent)
+        return [mesh.scatter(found, partition) for partition in range(len(velocities))]
+
+    def cotangent(self, what: str, weights: Sequence[Floats]) -> list[Floats]:
+        """Weights (k_p, c d) of each partition's moving nodes for those (n_p, c d) of its nodes.
+
+        Those that several partitions give to one node are added; each of them gets the sum.
+        """
+        mesh = self.mesh
+        found = self._by_vector(mesh.gather_sums(weights), self._slope(what).cotangent)
+        return mesh.scatter_moving(found)
 
     def judge(self, quality: QualitySummary) -> Verdict:
         """Take the quality of the trial's cells, which are with the client.
@@ -336,6 +387,25 @@ class Session(Position):
         self._folder.release()
 
     # --- inside ----------------------------------------------------------------------------------------------------
+
+    def _slope(self, what: str) -> MotionSlope:
+        """The derivative at the trial or the committed state; that of the last time, if it was there."""
+        points = self._points_of(what)
+        if self._latest_slope is None or self._latest_slope[0] is not points:
+            self._latest_slope = points, self.model.slope(points, self.factors)
+        return self._latest_slope[1]
+
+    def _points_of(self, what: str) -> Floats:
+        """(n, d) coordinates of the "trial" or the "committed" state."""
+        if what == "trial":
+            self.refuse_lost_trial()
+        return self._open_trial.points if what == "trial" else self.coordinates("committed")
+
+    def _by_vector(self, given: Floats, apply: Callable[[Floats], Floats]) -> Floats:
+        """(m, c d) what ``apply`` makes of each of the c vectors (k, d) beside each other in ``given`` (k, c d)."""
+        d = self.spec.dimension
+        columns = range(0, given.shape[1], d)
+        return np.concatenate([apply(np.ascontiguousarray(given[:, i : i + d])) for i in columns], axis=1)
 
     def _field_at_rest(self, mesh: MergedMesh, model: Model) -> Field | None:
         """The field of a mesh that does not move, if the client evaluates it."""

@@ -52,6 +52,8 @@ class Operation(StrEnum):
     UPLOAD = "UPLOAD"
     BUILD = "BUILD"
     MOVE = "MOVE"
+    TANGENT = "TANGENT"
+    COTANGENT = "COTANGENT"
     JUDGE = "JUDGE"
     CORRECT = "CORRECT"
     COMMIT = "COMMIT"
@@ -120,13 +122,13 @@ TABLE: Mapping[State, Row] = MappingProxyType(
         ),
         _S.READY: _row(
             _BUILT,
-            _staying(_S.READY, _O.JOIN, _O.STATUS, _O.FETCH, _O.ROLLBACK, _O.RESUME)
+            _staying(_S.READY, _O.JOIN, _O.STATUS, _O.FETCH, _O.TANGENT, _O.COTANGENT, _O.ROLLBACK, _O.RESUME)
             | {_O.MOVE: _S.TRIAL, _O.CLOSE: _S.CLOSED, _O.LEASE_END: _S.SUSPENDED},
             {_O.JUDGE: _NOT_MOVED, _O.CORRECT: _NOT_MOVED, _O.COMMIT: _NO_TRIAL},
         ),
         _S.TRIAL: _row(
             _BUILT,
-            _staying(_S.TRIAL, _O.JOIN, _O.STATUS, _O.FETCH, _O.MOVE, _O.JUDGE, _O.CORRECT)
+            _staying(_S.TRIAL, _O.JOIN, _O.STATUS, _O.FETCH, _O.MOVE, _O.TANGENT, _O.COTANGENT, _O.JUDGE, _O.CORRECT)
             | _staying(_S.READY, _O.COMMIT, _O.ROLLBACK, _O.RESUME)
             | {_O.CLOSE: _S.CLOSED, _O.LEASE_END: _S.SUSPENDED},
         ),

@@ -11,7 +11,7 @@ from mesh_motion_client import InvalidInput, Server, Session, aio, connect
 
 UP = np.array([[0.0, 0.25]] * 4)
 #: By which the client's own modules work together; what ``inner`` shows; what the end of the server's context does.
-OF_SESSION = {"join", "upload", "take", "take_again", "leave", "forget_correction", "description", "plot"}
+OF_SESSION = {"join", "upload", "take", "take_again", "leave", "forget_correction", "description", "plot", "state_of"}
 OF_SERVER = {"description", "close"}
 
 

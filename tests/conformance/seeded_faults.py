@@ -214,6 +214,36 @@ def lets_every_client_judge(patch):
     patch.setattr(Session, "require_client_evaluation", nothing)
 
 
+@fault("24.1-transpose")
+def answers_the_weights_of_some_nodes_twice(patch):
+    honest = MergedMesh.scatter_moving
+    patch.setattr(MergedMesh, "scatter_moving", lambda self, values: [2 * own for own in honest(self, values)])
+
+
+@fault("24.1-moving-nodes", "24.3-columns")
+def answers_the_first_vector_only(patch):
+    honest = Session._by_vector
+    patch.setattr(Session, "_by_vector", lambda self, given, apply: honest(self, given[:, :2] * 2, apply))
+
+
+@fault("24.5-nothing-changes")
+def drops_the_trial_for_a_derivative(patch):
+    honest = Session.cotangent
+
+    def forgetful(self, what, weights):
+        found = honest(self, what, weights)
+        self.rollback()
+        return found
+
+    patch.setattr(Session, "cotangent", forgetful)
+
+
+@fault("24.2-no-trial", "24.6-no-derivative")
+def differentiates_whatever_there_is(patch):
+    patch.setattr(Session, "require_slope", lambda self, operation, what: self.admit(operation))
+    patch.setattr(Session, "_points_of", lambda self, what: self.coordinates("committed"))
+
+
 @fault("23.9-field-survives")
 def answers_the_field_at_rest(patch):
     patch.setattr(Session, "field", lambda self, frame: self._built.field)
@@ -330,9 +360,11 @@ def does_not_look_at_ranges(patch):
 @fault("12-MOVE-step-is-bool", "12-OPEN-partitions-is-bool")
 def takes_true_for_1(patch):
     check = schema._check_kind
-    patch.setattr(
-        schema, "_check_kind", lambda value, *more: check(int(value) if isinstance(value, bool) else value, *more)
-    )
+
+    def lax(value, kind, finite):
+        check(int(value) if isinstance(value, bool) and kind is int else value, kind, finite)
+
+    patch.setattr(schema, "_check_kind", lax)
 
 
 @fault("5.3-MOVE-a-byte-more", "5.3-two-chunks-cut-elsewhere")

@@ -15,6 +15,7 @@ from docs.site.index import PAGES
 ELSEWHERE = {
     "README.md": "tests/test_readme.py",
     "adapters/README.md": "tests/docs/test_adapters_page.py",
+    "adapters/openmdao/README.md": "tests/adapters/openmdao/test_component.py",
     "adapters/python/README.md": "tests/packaging/test_client_distribution.py",
     "protocol/conformance/README.md": "tests/conformance",
 }

@@ -182,7 +182,7 @@ def test_gradient_and_hessian_are_those_of_the_energy(kind: str) -> None:
     n = region.free.n_free
     _, distortion = motion._energy(points, rest, region)
     assert np.count_nonzero(distortion > motion.law.onset) > 5
-    gradient, hessian = motion._model(points, rest, region, distortion, exact=True)
+    gradient, hessian = motion.model(points, rest, region, distortion, exact=True)
     pattern = region.free.adjacency
     matrix = bsr_matrix((hessian, pattern.columns, pattern.row_starts)).toarray()
     rng = np.random.default_rng(2)
@@ -194,7 +194,7 @@ def test_gradient_and_hessian_are_those_of_the_energy(kind: str) -> None:
         slope = (motion._energy(ahead, rest, region)[0] - motion._energy(behind, rest, region)[0]) / (2 * size)
         assert slope == pytest.approx(np.vdot(gradient, direction[:n]), rel=1e-5)
         after, before = (
-            motion._model(where, rest, region, motion._distortions(where, region), exact=True)[0]
+            motion.model(where, rest, region, motion._distortions(where, region), exact=True)[0]
             for where in (ahead, behind)
         )
         change = matrix @ direction[:n].ravel()
@@ -209,7 +209,7 @@ def shaken(kind: str) -> tuple[SmoothMotion, SmoothRegion, np.ndarray, np.ndarra
     size = 0.2 if kind == "line" else 0.08
     spacing = np.ptp(mesh.points, axis=0).max() / (20 if kind == "line" else 5)
     plain = mesh.points + np.where(mesh.held[:, None], 0.0, size * spacing * rng.normal(size=mesh.points.shape))
-    region = motion._region(plain)
+    region = motion.region(plain)
     assert region is not None
     rest = plain[region.free.nodes]
     points = rest.copy()
@@ -315,7 +315,7 @@ def test_a_rank_tells_every_cell_that_resists(kind, flat):
     for shake in (1e-3, 0.02, 0.05):
         moved = points + shake * flat * random.standard_normal(points.shape)
         told = corner_quality(moved, box.cells, rest, cell_quality(moved, box.cells, rest).skew)
-        corners = corner_distortions(moved, smooth._all, smooth.law.norm)
+        corners = corner_distortions(moved, smooth.corners, smooth.law.norm)
         counts = np.concatenate([np.full(len(block), len(block.type.corners)) for block in box.cells])
         worst = np.maximum.reduceat(corners, np.cumsum(counts) - counts)
         assert (told <= np.exp(-worst) * (1.0 + 1e-12)).all()

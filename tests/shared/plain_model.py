@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
 from mesh_motion_server.numerics.quality.quality_summary import Distribution, QualitySummary
 
@@ -27,6 +27,21 @@ class PlainModel:
         values = Distribution(1.0, 1.0, 1.0, 1.0, 1.0)
         count = sum(len(block) for block in self.cells)
         return QualitySummary("size-skew", values, values, values, values, 0, count, ())
+
+    def why_no_slope(self):
+        if self.method.displacement != "absolute":
+            return InvalidInput("displacement", code="FAILED_PRECONDITION", details={"setting": "displacement"})
+        return None
+
+    def slope(self, points, factors):
+        moving = self.roles.moving
+
+        def tangent(velocity):
+            found = np.zeros_like(points)
+            found[moving] = velocity
+            return found
+
+        return SimpleNamespace(tangent=tangent, cotangent=lambda weights: weights[moving])
 
     def without_distributions(self):
         return self

@@ -117,6 +117,8 @@ class Session(_InThread[session.Session]):
 
     move = _awaited(session.Session.move)
     commit = _awaited(session.Session.commit)
+    tangent = _awaited(session.Session.tangent)
+    cotangent = _awaited(session.Session.cotangent)
     rollback = _awaited(session.Session.rollback)
     points = _awaited(session.Session.points)
     status = _awaited(session.Session.status)

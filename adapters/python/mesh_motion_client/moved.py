@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mesh_motion_protocol import messages
+from numpy.typing import ArrayLike, NDArray
 
 from mesh_motion_client.display import Described, draw
 from mesh_motion_client.errors import InvalidInput
 from mesh_motion_client.exchange import to_pyvista
 from mesh_motion_client.mesh import Mesh
 from mesh_motion_client.quality import PredictedQuality
+
+if TYPE_CHECKING:
+    from mesh_motion_client.session import Session
 
 __all__ = ["Moved"]
 
@@ -30,11 +34,14 @@ class Moved(Described, messages.Moved):
         None in a session that was resumed.
     is_total : bool
         Whether displacements count from the reference mesh.
+    session : Session or None
+        The session that moved.
     """
 
     quality: PredictedQuality  # type: ignore[assignment]  # what the message's dict holds
     mesh: Mesh | None = None
     is_total: bool = True
+    session: Session | None = None
 
     def description(self) -> list[str]:
         """Where it stands, its quality, how far it went, what it warns of."""
@@ -48,6 +55,33 @@ class Moved(Described, messages.Moved):
             f"{len(self.displacement)} nodes, the farthest moves by {farthest:.4g}",
             *(f"warning: {text}" for text in self.warnings),
         ]
+
+    def tangent(self, velocity: ArrayLike, *, timeout: float | None = None) -> NDArray[np.float64]:
+        """J v at this trial, or once it is committed: see :meth:`.session.Session.tangent`.
+
+        Raises
+        ------
+        SessionError
+            If another trial has replaced it, or a later step is committed.
+        """
+        session = self._known_session()
+        return session.tangent(velocity, session.state_of(self.step, self.iteration), timeout=timeout)
+
+    def cotangent(self, weights: ArrayLike, *, timeout: float | None = None) -> NDArray[np.float64]:
+        """Jᵀ w at this trial, or once it is committed: see :meth:`.session.Session.cotangent`.
+
+        Raises
+        ------
+        SessionError
+            As :meth:`tangent` does.
+        """
+        session = self._known_session()
+        return session.cotangent(weights, session.state_of(self.step, self.iteration), timeout=timeout)
+
+    def _known_session(self) -> Session:
+        if self.session is None:
+            raise InvalidInput("this answer does not know its session", hint="call session.tangent or .cotangent")
+        return self.session
 
     def plot(self) -> Any:
         """A picture of the moved mesh with its worst cells. See :func:`.display.draw`.

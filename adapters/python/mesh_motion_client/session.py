@@ -17,6 +17,8 @@ from mesh_motion_protocol.messages import (
     Close,
     Closed,
     Commit,
+    Cotangent,
+    CotangentFound,
     Fetch,
     Fetched,
     Joined,
@@ -25,6 +27,8 @@ from mesh_motion_protocol.messages import (
     RolledBack,
     Status,
     StatusReport,
+    Tangent,
+    TangentFound,
     Upload,
     Uploaded,
 )
@@ -79,6 +83,8 @@ class Session(Described):
         What BUILT said of the mesh; empty in a session that was resumed.
     quality : QualitySummary or None
         Of the mesh as it was uploaded; None in a session that was resumed.
+    derivatives : bool or None
+        Whether :meth:`tangent` and :meth:`cotangent` are answered; None in a session that was resumed.
     """
 
     def __init__(
@@ -99,6 +105,7 @@ class Session(Described):
         self.settings: Settings = {}
         self.mesh_report: dict[str, Any] = {}
         self.quality: QualitySummary | None = None
+        self.derivatives: bool | None = None
         self._patches: dict[str, NDArray[np.int64]] = {}
         self._extent = 0.0
         self._mesh: Mesh | None = None
@@ -109,6 +116,7 @@ class Session(Described):
         self._timeout = timeout
         self._compute_timeout = compute_timeout
         self._closed = False
+        self._committed = 0, 0  # the step, and the iteration of it
 
     @property
     def step(self) -> int:
@@ -183,7 +191,102 @@ class Session(Described):
             told = told | own.take_trial(moved, seconds)
         for text in told["warnings"]:
             warnings.warn(text, MeshMotionWarning, stacklevel=2)
-        return Moved(**told, mesh=self._mesh, is_total=frame == "reference")
+        return Moved(**told, mesh=self._mesh, is_total=frame == "reference", session=self)
+
+    def tangent(
+        self, velocity: ArrayLike, what: Literal["trial", "committed"] | None = None, *, timeout: float | None = None
+    ) -> NDArray[np.float64]:
+        """J v: the velocities of all nodes for velocities of the moving nodes. Collective over partitions.
+
+        Parameters
+        ----------
+        velocity : (k, d) or (c, k, d) array
+            Of the moving nodes (:attr:`moving_nodes`), in any unit of length per anything; c vectors at once.
+        what : {"trial", "committed"}, optional
+            The state at which the motion is differentiated; by default the open trial if there is one.
+        timeout : float, optional
+            Seconds for this call.
+
+        Returns
+        -------
+        (n, d) or (c, n, d) array
+            Of this partition's nodes.
+
+        Raises
+        ------
+        InvalidInput
+            If a shape is wrong, or the method has no derivative (:attr:`derivatives`): the message names the key.
+        SessionError
+            If this mesh was corrected by another correction than the smooth one.
+        """
+        rows, many = self._columns(velocity, len(self.moving_nodes), "velocity")
+        request = Tangent(**self._address, what=what or self._latest_state, velocity=rows)
+        found = self._courier.deliver(request, TangentFound, timeout or self._compute_timeout).velocity
+        return self._vectors(found, many=many)
+
+    def cotangent(
+        self, weights: ArrayLike, what: Literal["trial", "committed"] | None = None, *, timeout: float | None = None
+    ) -> NDArray[np.float64]:
+        """Jᵀ w: the derivative of Σ w · x, x the nodes' positions, by the positions of the moving nodes.
+
+        Collective over partitions. What several of them give to one node is added, and each gets the whole derivative.
+
+        Parameters
+        ----------
+        weights : (n, d) or (c, n, d) array
+            Of this partition's nodes: the derivative of an objective by their positions; c of them at once.
+        what, timeout
+            As for :meth:`tangent`.
+
+        Returns
+        -------
+        (k, d) or (c, k, d) array
+            Of the moving nodes (:attr:`moving_nodes`).
+
+        Raises
+        ------
+        InvalidInput, SessionError
+            As :meth:`tangent` does.
+        """
+        rows, many = self._columns(weights, None, "weights")
+        request = Cotangent(**self._address, what=what or self._latest_state, weights=rows)
+        found = self._courier.deliver(request, CotangentFound, timeout or self._compute_timeout).weights
+        return self._vectors(found, many=many)
+
+    def state_of(self, step: int, iteration: int) -> Literal["trial", "committed"]:
+        """Where the trial of a step's iteration is now.
+
+        Raises
+        ------
+        SessionError
+            If it was replaced or dropped, or a later step is committed.
+        """
+        if (self.step + 1, self.iteration) == (step, iteration):
+            return "trial"
+        if self.iteration == 0 and self._committed == (step, iteration):
+            return "committed"
+        raise SessionError(
+            f"the trial of step {step}, iteration {iteration}, is not where the session is",
+            hint="differentiate a trial before the next move, or before the next step is committed",
+        )
+
+    @property
+    def _latest_state(self) -> Literal["trial", "committed"]:
+        return "trial" if self.iteration else "committed"
+
+    def _columns(self, values: ArrayLike, count: int | None, name: str) -> tuple[NDArray[np.float64], bool]:
+        """(m, c d) rows of a vector (m, d) or of c of them (c, m, d), and whether it is the latter."""
+        given = np.asarray(values, dtype=np.float64)
+        many, d = given.ndim == 3, self.dimension
+        if given.ndim not in (2, 3) or given.shape[-1] != d or (count is not None and given.shape[-2] != count):
+            rows = "n" if count is None else count
+            raise InvalidInput(f"{name}: expected shape ({rows}, {d}) or (c, {rows}, {d}), got {given.shape}")
+        stacked = given if many else given[None]
+        return np.ascontiguousarray(np.moveaxis(stacked, 0, 1).reshape(given.shape[-2], -1)), many
+
+    def _vectors(self, rows: NDArray[np.float64], *, many: bool) -> NDArray[np.float64]:
+        found = np.moveaxis(rows.reshape(len(rows), -1, self.dimension), 1, 0)
+        return np.ascontiguousarray(found) if many else found[0]
 
     def commit(self, *, final_step: int = 0, timeout: float | None = None) -> Committed:
         """Make the trial the committed state; it is durable up to :attr:`durable_step` when this returns.
@@ -202,6 +305,7 @@ class Session(Described):
         """
         commit = Commit(**self._address, step=self.step + 1, final_step=final_step)
         committed = self._courier.deliver(commit, messages.Committed, timeout or self._compute_timeout)
+        self._committed = committed.step, self.iteration
         self._courier.step, self._courier.iteration, self._courier.trial = committed.step, 0, ()
         if self._own_cells is not None:
             self._own_cells.keep(committed.step)
@@ -318,7 +422,7 @@ class Session(Described):
         self.moving_nodes = self._in_mesh(built.moving_nodes)
         self._courier.may_resume = partitions == 1
         self.settings, self.mesh_report = cast(Settings, built.settings), built.mesh
-        self.quality = cast(QualitySummary, built.quality)
+        self.quality, self.derivatives = cast(QualitySummary, built.quality), built.derivatives
         self._extent = float(np.ptp(built.mesh["box"], axis=0).max())
         return built
 

@@ -22,7 +22,9 @@ from mesh_motion_protocol.field_types import (
     KnownMovingIndices,
     KnownPatchIndices,
     MovingIndices,
+    MovingVectors,
     Name,
+    NodeVectors,
     Outcome,
     Partition,
     RegionCorners,
@@ -48,6 +50,8 @@ __all__ = [
     "Committed",
     "Correct",
     "Corrected",
+    "Cotangent",
+    "CotangentFound",
     "Fetch",
     "Fetched",
     "Join",
@@ -61,6 +65,8 @@ __all__ = [
     "SessionMessage",
     "Status",
     "StatusReport",
+    "Tangent",
+    "TangentFound",
     "Upload",
     "Uploaded",
 ]
@@ -146,6 +152,7 @@ class Built(Message):
     settings: dict[str, Any]  # the settings in force, defaults filled in
     mesh: dict[str, Any]  # counts, bounding box, warnings: section 15
     quality: dict[str, Any]  # summary of the mesh as uploaded: section 15
+    derivatives: bool = False  # whether TANGENT and COTANGENT are answered: section 24
     moving_nodes: MovingIndices  # local indices, ascending: the order of the rows of MOVE
 
 
@@ -184,6 +191,44 @@ class Moved(Message):
     centres: FieldCentres = None  # of the field: section 23
     boxes: FieldBoxes = None  # of the field
     coefficients: FieldCoefficients = None  # of the field
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tangent(SessionMessage):
+    """Collective: J v, the velocities of all nodes for velocities of the moving ones: section 24."""
+
+    type: ClassVar[str] = "TANGENT"
+    what: Which = "committed"  # the state at which the motion is differentiated
+    velocity: MovingVectors  # of the moving nodes (BUILT.moving_nodes); the components of one vector after the other
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TangentFound(Message):
+    """Answer to TANGENT."""
+
+    type: ClassVar[str] = "TANGENT_FOUND"
+    step: int  # last committed step
+    iteration: int  # of the trial at which it is; 0 = the committed state
+    velocity: NodeVectors  # of all nodes of the partition, in the columns of TANGENT
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cotangent(SessionMessage):
+    """Collective: Jᵀ w, the derivative of Σ w · x over all nodes by the moving ones' positions: section 24."""
+
+    type: ClassVar[str] = "COTANGENT"
+    what: Which = "committed"  # the state at which the motion is differentiated
+    weights: NodeVectors  # of all nodes of the partition; the components of one vector after the other
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CotangentFound(Message):
+    """Answer to COTANGENT."""
+
+    type: ClassVar[str] = "COTANGENT_FOUND"
+    step: int  # last committed step
+    iteration: int  # of the trial at which it is; 0 = the committed state
+    weights: MovingVectors  # of the partition's moving nodes, in the columns of COTANGENT
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -26,7 +26,9 @@ __all__ = [
     "KnownMovingIndices",
     "KnownPatchIndices",
     "MovingIndices",
+    "MovingVectors",
     "Name",
+    "NodeVectors",
     "Outcome",
     "Partition",
     "RegionCorners",
@@ -60,6 +62,8 @@ Role = Annotated[str, Choice(("", "moving", "fixed", "slip", "symmetry", "period
 FloatNodes = Annotated[NDArray[np.float64], ArrayField("<f8", ("node", "dimension"))]
 FloatMoving = Annotated[NDArray[np.float64], ArrayField("<f8", ("moving node", "dimension"))]
 FloatEnrichment = Annotated[NDArray[np.float64], ArrayField("<f8", ("enrichment point", "dimension"))]
+MovingVectors = Annotated[NDArray[np.float64], ArrayField("<f8", ("moving node", "column"))]
+NodeVectors = Annotated[NDArray[np.float64], ArrayField("<f8", ("node", "column"))]
 MovingIndices = Annotated[NDArray[np.int64], ArrayField("<i8", ("moving node",))]
 KnownMovingIndices = Annotated[NDArray[np.int64] | None, ArrayField("<i8", ("moving node",), required=False)]
 KnownPatchIndices = Annotated[NDArray[np.int64] | None, ArrayField("<i8", ("patch node",), required=False)]

@@ -37,6 +37,8 @@ from mesh_motion_protocol.data_messages import (
     Committed,
     Correct,
     Corrected,
+    Cotangent,
+    CotangentFound,
     Fetch,
     Fetched,
     Join,
@@ -50,6 +52,8 @@ from mesh_motion_protocol.data_messages import (
     SessionMessage,
     Status,
     StatusReport,
+    Tangent,
+    TangentFound,
     Upload,
     Uploaded,
 )
@@ -70,6 +74,8 @@ __all__ = [
     "Committed",
     "Correct",
     "Corrected",
+    "Cotangent",
+    "CotangentFound",
     "ErrorReply",
     "Fetch",
     "Fetched",
@@ -96,6 +102,8 @@ __all__ = [
     "SessionMessage",
     "Status",
     "StatusReport",
+    "Tangent",
+    "TangentFound",
     "Upload",
     "Uploaded",
     "Welcome",
@@ -105,15 +113,17 @@ MESSAGES: dict[str, type[Message]] = {
     m.type: m
     for m in (
         Hello, Welcome, Open, Opened, Resume, Resumed, List, Listed, Probe, Probed, Ping, Pong,
-        Join, Joined, Upload, Uploaded, Build, Built, Move, Moved, Judge, Judged, Correct, Corrected, Commit,
-        Committed, Rollback, RolledBack, Fetch, Fetched, Status, StatusReport, Close, Closed, ErrorReply,
+        Join, Joined, Upload, Uploaded, Build, Built, Move, Moved, Tangent, TangentFound, Cotangent,
+        CotangentFound, Judge, Judged, Correct, Corrected, Commit, Committed,
+        Rollback, RolledBack, Fetch, Fetched, Status, StatusReport, Close, Closed, ErrorReply,
     )
 }  # fmt: skip
 
 #: Request type → the type of its reply; every request may also be answered by ERROR.
 REPLIES: dict[str, str] = {
     "HELLO": "WELCOME", "OPEN": "OPENED", "RESUME": "RESUMED", "LIST": "LISTED", "PROBE": "PROBED", "PING": "PONG",
-    "JOIN": "JOINED", "UPLOAD": "UPLOADED", "BUILD": "BUILT", "MOVE": "MOVED", "JUDGE": "JUDGED",
+    "JOIN": "JOINED", "UPLOAD": "UPLOADED", "BUILD": "BUILT", "MOVE": "MOVED", "TANGENT": "TANGENT_FOUND",
+    "COTANGENT": "COTANGENT_FOUND", "JUDGE": "JUDGED",
     "CORRECT": "CORRECTED", "COMMIT": "COMMITTED",
     "ROLLBACK": "ROLLED_BACK", "FETCH": "FETCHED", "STATUS": "STATUS_REPORT", "CLOSE": "CLOSED",
 }  # fmt: skip
@@ -122,4 +132,4 @@ REPLIES: dict[str, str] = {
 CONTROL = frozenset({"HELLO", "OPEN", "RESUME", "LIST", "PROBE", "PING"})
 
 #: Requests that wait for every partition of the session.
-COLLECTIVE = frozenset({"BUILD", "MOVE", "JUDGE", "CORRECT", "COMMIT", "ROLLBACK"})
+COLLECTIVE = frozenset({"BUILD", "MOVE", "TANGENT", "COTANGENT", "JUDGE", "CORRECT", "COMMIT", "ROLLBACK"})

@@ -83,6 +83,7 @@ class Members {
         : inverse_radius_(inverse_radius) {
         for (Index j = 0; j < centres.shape(1); ++j) {
             if (orders[j] != wanted) continue;
+            numbers_.push_back(j);
             for (int axis = 0; axis < 3; ++axis) at_[axis].push_back(centres(axis, j) * inverse_radius);
             for (Index c = 0; c < weights.shape(0); ++c) weights_.push_back(weights(c, j));
         }
@@ -115,6 +116,26 @@ class Members {
         }
     }
 
+    /// back (k, nc) += Σ_places values (places, k) φ(|x − x_j|/R) of these centres: the transpose of sum.
+    template <class Basis>
+    void add_transposed(const Along& along, Index k, const double* values, double* __restrict back, Index nc) const {
+        const Index n = size(), ny = along[1].size(), nz = along[2].size();
+        std::vector<double> ahead(n), functions(n), total(n * k);
+        for (const double x : along[0]) {
+            for (Index j = 0; j < n; ++j) ahead[j] = square(x * inverse_radius_ - at_[0][j]);
+            for (Index place = 0; place < ny * nz; ++place, values += k) {
+                const double y = along[1][place / nz] * inverse_radius_, z = along[2][place % nz] * inverse_radius_;
+                for (Index j = 0; j < n; ++j)
+                    functions[j] =
+                        Basis::phi(std::sqrt(ahead[j] + (square(y - at_[1][j]) + square(z - at_[2][j]))));
+                for (Index c = 0; c < k; ++c)
+                    for (Index j = 0; j < n; ++j) total[c * n + j] += values[c] * functions[j];
+            }
+        }
+        for (Index c = 0; c < k; ++c)
+            for (Index j = 0; j < n; ++j) back[c * nc + numbers_[j]] += total[c * n + j];
+    }
+
   private:
     static double square(double x) { return x * x; }
 
@@ -135,8 +156,21 @@ class Members {
 
     double inverse_radius_;
     std::array<std::vector<double>, 3> at_;
+    std::vector<Index> numbers_;
     std::vector<double> weights_;
 };
+
+/// Places of an order's Chebyshev points in a block; of the block's own grid points for order 0.
+Along places_of(const Block& block, int order, Vector<const double> low, double spacing) {
+    Along along;
+    for (int axis = 0; axis < 3; ++axis) {
+        const Part& part = block[axis];
+        for (int i = 0; i < (order ? order : part.size); ++i)
+            along[axis].push_back(order ? part.middle + part.half * chebyshev_place(order, i)
+                                        : low[axis] + spacing * static_cast<double>(part.first + i));
+    }
+    return along;
+}
 
 template <class Basis>
 void sum_block(Matrix<const double> centres, Matrix<const double> weights, double inverse_radius, double reach,
@@ -155,11 +189,7 @@ void sum_block(Matrix<const double> centres, Matrix<const double> weights, doubl
     };
     std::vector<double> few;
     for (int order = least_order; order <= last_order; ++order) {
-        Along along;
-        for (int axis = 0; axis < 3; ++axis)
-            for (int i = 0; i < order; ++i)
-                along[axis].push_back(block[axis].middle + block[axis].half * chebyshev_place(order, i));
-        std::vector<double> raised = sums(order, along);
+        std::vector<double> raised = sums(order, places_of(block, order, low, spacing));
         if (order > least_order) {
             Resampling matrix;
             Part::raise(order - 1, matrix);
@@ -169,14 +199,9 @@ void sum_block(Matrix<const double> centres, Matrix<const double> weights, doubl
         }
         few = std::move(raised);
     }
-    Along along;
     std::array<Resampling, 3> matrix;
-    for (int axis = 0; axis < 3; ++axis) {
-        block[axis].resample(last_order, matrix[axis]);
-        for (int i = 0; i < block[axis].size; ++i)
-            along[axis].push_back(low[axis] + spacing * static_cast<double>(block[axis].first + i));
-    }
-    std::vector<double> total = sums(0, along);
+    for (int axis = 0; axis < 3; ++axis) block[axis].resample(last_order, matrix[axis]);
+    std::vector<double> total = sums(0, places_of(block, 0, low, spacing));
     const Resampling* const matrices[]{&matrix[0], &matrix[1], &matrix[2]};
     const int sizes[]{block[0].size, block[1].size, block[2].size};
     add_resampled<3>(few.data(), last_order, matrices, sizes, k, total.data(), room.data());
@@ -184,6 +209,75 @@ void sum_block(Matrix<const double> centres, Matrix<const double> weights, doubl
     for (Index x = block[0].first; x < block[0].first + sizes[0]; ++x)
         for (Index y = block[1].first; y < block[1].first + sizes[1]; ++y, line += sizes[2] * k)
             std::copy(line, line + sizes[2] * k, out[x][y].data() + block[2].first * k);
+}
+
+/// few (p^3, k) = the transpose of add_resampled of values (q[0] × q[1] × q[2], k), along one axis after the other.
+std::vector<double> restricted(std::vector<double> values, int p, const Resampling* const* matrices, const int* q,
+                               Index k) {
+    Index before = 1, after = Index{q[1]} * q[2] * k;
+    for (int axis = 0; axis < 3; ++axis) {
+        std::vector<double> few(before * p * after);
+        for (Index b = 0; b < before; ++b)
+            for (int i = 0; i < p; ++i)
+                for (int x = 0; x < q[axis]; ++x) {
+                    const double weight = (*matrices[axis])[i][x];
+                    const double* __restrict from = values.data() + (b * q[axis] + x) * after;
+                    double* __restrict to = few.data() + (b * p + i) * after;
+                    for (Index m = 0; m < after; ++m) to[m] += weight * from[m];
+                }
+        values = std::move(few);
+        before *= p;
+        if (axis < 2) after /= q[axis + 1];
+    }
+    return values;
+}
+
+/// The transpose of sum_block: back (k, nc) += …
+template <class Basis>
+void sum_block_back(Matrix<const double> centres, Index k, double inverse_radius, double reach, const Block& block,
+                    Vector<const double> low, double spacing, Vector<const double> distances, Cube<const double> values,
+                    double* back) {
+    const Index nc = centres.shape(1);
+    const std::vector<int> orders = orders_of(centres, block, reach, distances);
+    const Matrix<const double> weightless(nullptr, {0, nc});
+    const auto add = [&](int order, const std::vector<double>& at) {
+        const Members members(centres, weightless, inverse_radius, orders, order);
+        if (members.size() == 0) return;
+        members.add_transposed<Basis>(places_of(block, order, low, spacing), k, at.data(), back, nc);
+    };
+    std::vector<double> total;
+    std::array<Resampling, 3> matrix;
+    for (int axis = 0; axis < 3; ++axis) block[axis].resample(last_order, matrix[axis]);
+    for (Index x = block[0].first; x < block[0].first + block[0].size; ++x)
+        for (Index y = block[1].first; y < block[1].first + block[1].size; ++y) {
+            const double* line = values[x][y].data() + block[2].first * k;
+            total.insert(total.end(), line, line + block[2].size * k);
+        }
+    add(0, total);
+    const Resampling* const matrices[]{&matrix[0], &matrix[1], &matrix[2]};
+    const int sizes[]{block[0].size, block[1].size, block[2].size};
+    std::vector<double> few = restricted(std::move(total), last_order, matrices, sizes, k);
+    for (int order = last_order; order >= least_order; --order) {
+        add(order, few);
+        if (order == least_order) break;
+        Resampling raise;
+        Part::raise(order - 1, raise);
+        const Resampling* const raises[]{&raise, &raise, &raise};
+        const int raised[]{order, order, order};
+        few = restricted(std::move(few), order - 1, raises, raised, k);
+    }
+}
+
+/// f(block b, its number) for all blocks of a grid of n points.
+template <class F>
+void for_grid_blocks(const std::array<Index, 3>& n, Vector<const double> low, double spacing, F&& f) {
+    const std::array<Index, 3> parts{Part::count(n[0]), Part::count(n[1]), Part::count(n[2])};
+    for_blocks(parts[0] * parts[1] * parts[2], [&](Index b) {
+        const Block block{Part(b / (parts[1] * parts[2]), n[0], low[0], spacing),
+                          Part(b / parts[2] % parts[1], n[1], low[1], spacing),
+                          Part(b % parts[2], n[2], low[2], spacing)};
+        f(block, b);
+    });
 }
 
 }  // namespace
@@ -197,15 +291,32 @@ void sum_on_grid(int code, Matrix<const double> centres, Matrix<const double> we
     require(low.size() == 3 && distances.size() == last_order + 1, "low, distances: expected (3,), (9,)");
     require(out.shape(2) % k == 0, "out: expected (nx, ny, nz k)");
     const std::array<Index, 3> n{out.shape(0), out.shape(1), out.shape(2) / k};
-    const std::array<Index, 3> parts{Part::count(n[0]), Part::count(n[1]), Part::count(n[2])};
     with_basis(code, [&](auto basis) {
-        for_blocks(parts[0] * parts[1] * parts[2], [&](Index b) {
-            const Block block{Part(b / (parts[1] * parts[2]), n[0], low[0], spacing),
-                              Part(b / parts[2] % parts[1], n[1], low[1], spacing),
-                              Part(b % parts[2], n[2], low[2], spacing)};
+        for_grid_blocks(n, low, spacing, [&](const Block& block, Index) {
             sum_block<decltype(basis)>(centres, weights, inverse_radius, reach, block, low, spacing, distances, out);
         });
     });
+}
+
+void sum_from_grid(int code, Matrix<const double> centres, Cube<const double> values, double inverse_radius,
+                   double reach, Vector<const double> low, double spacing, Vector<const double> distances,
+                   Matrix<double> out) {
+    const Index k = out.shape(0), nc = centres.shape(1);
+    require(centres.shape(0) == 3 && out.shape(1) == nc && k > 0, "centres, out: expected (3, nc), (k, nc)");
+    require(low.size() == 3 && distances.size() == last_order + 1, "low, distances: expected (3,), (9,)");
+    require(values.shape(2) % k == 0, "values: expected (nx, ny, nz k)");
+    const std::array<Index, 3> n{values.shape(0), values.shape(1), values.shape(2) / k};
+    const Index blocks = Part::count(n[0]) * Part::count(n[1]) * Part::count(n[2]), size = k * nc;
+    std::vector<double> parts(blocks * size);  // added in their order: the same for any number of threads
+    with_basis(code, [&](auto basis) {
+        for_grid_blocks(n, low, spacing, [&](const Block& block, Index b) {
+            sum_block_back<decltype(basis)>(centres, k, inverse_radius, reach, block, low, spacing, distances, values,
+                                            parts.data() + b * size);
+        });
+    });
+    std::fill(out.data(), out.data() + size, 0.0);
+    for (Index b = 0; b < blocks; ++b)
+        for (Index m = 0; m < size; ++m) out.data()[m] += parts[b * size + m];
 }
 
 }  // namespace mesh_motion

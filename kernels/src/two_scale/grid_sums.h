@@ -14,4 +14,9 @@ void sum_on_grid(int code, Matrix<const double> centres, Matrix<const double> we
                  double reach, Vector<const double> low, double spacing, Vector<const double> distances,
                  Cube<double> out);
 
+/// out (k, nc) = Σ values φ over the points of the grid, values (nx, ny, nz k): the transpose of sum_on_grid.
+void sum_from_grid(int code, Matrix<const double> centres, Cube<const double> values, double inverse_radius,
+                   double reach, Vector<const double> low, double spacing, Vector<const double> distances,
+                   Matrix<double> out);
+
 }  // namespace mesh_motion

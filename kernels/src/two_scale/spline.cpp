@@ -256,6 +256,41 @@ void spline_gradients(Matrix<const double> points, Matrix<const double> origin, 
     });
 }
 
+void spline_coefficients(Matrix<const double> points, Matrix<const double> origin, Vector<const double> inverse,
+                         Matrix<const Index> cells, Vector<const Index> start, Matrix<const double> values,
+                         Matrix<double> out) {
+    check(points, origin, inverse, cells, start);
+    const Index k = out.shape(1);
+    require(values.shape(0) == points.shape(0) && values.shape(1) == k, "values: expected (n, k)");
+    std::fill(out.data(), out.data() + out.shape(0) * k, 0.0);
+    with_shape(cells, k, [&](auto a, auto) {
+        constexpr int A = a;
+        require(A <= points.shape(1), "points: expected a coordinate for each axis with cells");
+        const auto boxes = boxes_of<A>(origin, inverse, cells, start, out.shape(0));
+        const Matrix<const double> coefficients(out.data(), {out.shape(0), k});
+        for (Index i = 0; i < points.shape(0); ++i) {
+            std::array<double, A> x;
+            for (int axis = 0; axis < A; ++axis) x[axis] = points(i, axis);
+            const Stencil<A, false> at(x, box_of<A>(x, boxes), coefficients);
+            const Index first = at.first - coefficients.data();
+            const auto add = [&](Index row, double weight) {
+                for (Index c = 0; c < k; ++c) out.data()[first + row * k + c] += weight * values(i, c);
+            };
+            // along an axis without cells the first layer has the weight 1, and the stride is 0
+            for (Index p = 0; p < (Index{1} << (2 * A)); ++p) {
+                Index row = 0;
+                double weight = 1.0;
+                for (int axis = 0; axis < A; ++axis) {
+                    const Index layer = p >> (2 * axis) & 3;
+                    row += layer * at.stride[axis];
+                    weight *= at.value[axis][layer];
+                }
+                if (weight != 0.0) add(row, weight);
+            }
+        }
+    });
+}
+
 void quasi_interpolate(Matrix<const double> values, Index stride, Matrix<double> out) {
     const Index rows = out.shape(0), length = out.shape(1);
     require(stride > 0 && values.shape(0) == rows && values.shape(1) == length + 2 * stride,

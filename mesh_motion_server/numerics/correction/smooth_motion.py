@@ -56,13 +56,15 @@ from mesh_motion_server.numerics.mesh.cells import CellTable, CellType
 from mesh_motion_server.numerics.quality.metrics import CellsAtRest, cells_at_rest
 from mesh_motion_server.numerics.stopwatch import check_time
 
-__all__ = ["RINGS", "Law", "SmoothMotion", "Smoothed", "onset_of"]
+__all__ = ["FAR", "RAMP", "RINGS", "Law", "SmoothMotion", "Smoothed", "onset_of"]
 
 RINGS = 8
 """About the cells that resist, in which nodes are free."""
 
-_RAMP = 0.6  # … of f, over which a cell of the plain mesh becomes active
-_FAR = 1e3  # of f: further does not count
+RAMP = 0.6
+"""Of f: over which a cell of the plain mesh becomes active."""
+FAR = 1e3
+"""Of f: further does not count."""
 _ONSET = 0.9  # quality at which a cell resists …
 _LARGE, _LATE_ONSET = 30_000, 0.5  # … and in a mesh of more nodes: fewer are free there, or a step takes seconds
 _CHUNK = 1 << 19  # corners whose neighbours are counted together: a few hundred megabytes
@@ -104,7 +106,7 @@ class Law:
     def resistance(self, distortion: Floats) -> tuple[Floats, Floats, Floats]:
         """ψ, ψ′ and ψ″ of (c,) distortions; ψ is inf where the distortion is."""
         k, n = self.stiffness, self.power
-        x = k * np.clip(distortion - self.onset, 0.0, _FAR)
+        x = k * np.clip(distortion - self.onset, 0.0, FAR)
         grown, bent, bulged = (np.expm1((n + i) * np.log1p(x / n)) for i in range(3))
         bend, small = (n - 1) / n, x < 1e-3  # the differences below would have no digit left
         value = (
@@ -177,7 +179,7 @@ class SmoothMotion:
         return cells_at_rest(self.reference, self.cells)
 
     @cached_property
-    def _all(self) -> CornerSimplices:
+    def corners(self) -> CornerSimplices:
         return self._with_angles(
             corner_simplices(self.reference, self.cells, self._at_rest), self.cells, self.reference
         )
@@ -212,7 +214,7 @@ class SmoothMotion:
         RegionTooSmall
             If the mesh is a region of another one, and nodes with cells elsewhere would be free.
         """
-        region = self._region(plain)
+        region = self.region(plain)
         if region is None:
             return Smoothed(plain)
         nodes, n = region.free.nodes, region.free.n_free
@@ -228,14 +230,12 @@ class SmoothMotion:
 
     # --- region ------------------------------------------------------------------------------------------------------
 
-    def _region(self, plain: Floats) -> SmoothRegion | None:
+    def region(self, plain: Floats) -> SmoothRegion | None:
         """The free nodes with their penalty; None if no cell of the plain mesh resists."""
-        distortion = corner_distortions(plain, self._all, self.law.norm)
-        x = np.clip((np.minimum(distortion, _FAR) - self.law.onset) / _RAMP, 0.0, 1.0)
-        active = np.flatnonzero(x)
-        if not len(active):
+        activations = self.activations(plain)
+        if not activations:
             return None
-        sigma = self._activation(active, x[active], len(plain))
+        sigma = activations[-1][self.alike]
         if self.elsewhere is not None:
             self.elsewhere.require_here(sigma > 0.0)
         marked = (sigma > _PINNED) & ~self.held
@@ -249,30 +249,35 @@ class SmoothMotion:
             self._last = key, SmoothRegion.build(replace(free, simplices=simplices), constraint, self.reference)
         return self._last[1].with_activation(sigma)
 
-    def _activation(self, active: Integers, x: Floats, n_nodes: int) -> Floats:
-        """σ (n,) from the active corners' x in (0, 1]."""
-        corners = self._alike[self._all.nodes[active]]
-        calm = np.ones(n_nodes)
+    def activations(self, plain: Floats) -> list[Floats]:
+        """σ (n,) of the plain mesh (n, d) before and after each ring, of one node of those alike; none if all are 0."""
+        distortion = corner_distortions(plain, self.corners, self.law.norm)
+        x = np.clip((np.minimum(distortion, FAR) - self.law.onset) / RAMP, 0.0, 1.0)
+        active = np.flatnonzero(x)
+        if not len(active):
+            return []
+        x, corners = x[active], self.alike[self.corners.nodes[active]]
+        calm = np.ones(len(plain))
         np.multiply.at(calm, corners, (1.0 - x**3 * (10.0 + x * (6.0 * x - 15.0)))[:, None])
-        sigma = 1.0 - calm
+        found = [1.0 - calm]
         for _ in range(RINGS):
-            sigma += (1.0 - sigma) * (self._averages @ sigma)
-        return sigma[self._alike]
+            found.append(found[-1] + (1.0 - found[-1]) * (self.averages @ found[-1]))
+        return found
 
     @cached_property
-    def _alike(self) -> Integers:
+    def alike(self) -> Integers:
         """(n,) the node whose activation each has: periodic images are one node."""
         own = np.arange(len(self.reference))
         periodic = None if self.constraint is None else self.constraint.periodic
         return own if periodic is None else periodic.root_of(own)
 
     @cached_property
-    def _averages(self) -> csr_matrix:
+    def averages(self) -> csr_matrix:
         """(n, n): the mean over a node's neighbours, as often as they share a corner."""
         n = len(self.reference)
         pairs = csr_matrix((n, n))
-        for first in range(0, len(self._all), _CHUNK):
-            nodes = self._alike[self._all.nodes[first : first + _CHUNK]].astype(np.int32)
+        for first in range(0, len(self.corners), _CHUNK):
+            nodes = self.alike[self.corners.nodes[first : first + _CHUNK]].astype(np.int32)
             k = nodes.shape[1]
             one, other = np.repeat(nodes, k, axis=1).ravel(), np.tile(nodes, (1, k)).ravel()
             apart = one != other
@@ -323,7 +328,7 @@ class SmoothMotion:
     ) -> tuple[Floats, float, bool]:
         """Newton's step (f, d), the slope along it, and whether the exact Hessian leads down and gave it."""
         for kind in (True, False) if exact else (False,):
-            gradient, hessian = self._model(points, rest, region, distortion, exact=kind)
+            gradient, hessian = self.model(points, rest, region, distortion, exact=kind)
             try:
                 step = region.step(points, hessian, -gradient)
             except ArithmeticError:
@@ -348,7 +353,7 @@ class SmoothMotion:
         resistance = float(region.weights[active] @ self.law.resistance(distortion[active])[0])
         return resistance + region.pull(points[:n] - rest[:n])[0], distortion
 
-    def _model(
+    def model(
         self, points: Floats, rest: Floats, region: SmoothRegion, distortion: Floats, *, exact: bool
     ) -> tuple[Floats, Floats]:
         """Gradient (f, d) and Hessian (b, d, d) in the region's pattern."""

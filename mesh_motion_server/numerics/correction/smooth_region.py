@@ -6,7 +6,7 @@ The function that is minimised is in :mod:`.smooth_motion`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import mesh_motion_kernels as kernels
 import numpy as np
@@ -23,6 +23,7 @@ PENALTY = 4.0  # a
 LENGTH = 10.0  # l, in cells
 _DIRECT_UNKNOWNS = {1: 100_000, 2: 100_000, 3: 6_000}  # a larger factorization is slower than conjugate gradients
 _CG = 0.03, 600
+_EXACT_CG = 1e-13, 5000
 
 
 @dataclass(eq=False)
@@ -76,22 +77,25 @@ class SmoothRegion:
         penalty[self.free.adjacency.row_starts[:-1]] += self.mass / sigma[self.free.free]
         return replace(self, penalty=PENALTY * penalty)
 
-    def step(self, points: Floats, hessian: Floats, right: Floats) -> Floats:
+    def step(self, points: Floats, hessian: Floats, right: Floats, *, exact: bool = False) -> Floats:
         """The step (f, d) of H (b, d, d) dx = right (f, d) that nodes at local positions (l, d) can take.
+
+        Conjugate gradients stop early unless it is to be ``exact``.
 
         Raises
         ------
         ArithmeticError
             If H is factorized and not positive definite.
         """
+        solve = partial(self._solved, until=_EXACT_CG if exact else _CG)
         if self.constraint is None:
-            return self._solved(self.free.adjacency, hessian, right)
-        return self.constraint.step(points, hessian, right, self._solved)
+            return solve(self.free.adjacency, hessian, right)
+        return self.constraint.step(points, hessian, right, solve)
 
-    def _solved(self, adjacency: NodeAdjacency, hessian: Floats, right: Floats) -> Floats:
+    def _solved(self, adjacency: NodeAdjacency, hessian: Floats, right: Floats, *, until: tuple[float, int]) -> Floats:
         step, pattern = np.empty_like(right), (adjacency.row_starts, adjacency.columns)
         if self.elimination is None:
-            kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *_CG, step)
+            kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *until, step)
         elif not kernels.block_cholesky_solve(*pattern, hessian, *self.elimination, right, step):
             raise ArithmeticError("the matrix is not positive definite")
         return step

@@ -30,7 +30,7 @@ from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.decomposition import nearest_rotation
 from mesh_motion_server.numerics.mesh.closest_point import nearest_within
 
-__all__ = ["MovingWall", "WallPlaces", "simplices_of"]
+__all__ = ["MovingWall", "WallPlaces", "angles_at_corners", "facet_frames", "least_rotation", "simplices_of"]
 
 
 _OPPOSITE = 1e-6  # 1 + cosine: directions nearer to opposite have no least rotation
@@ -97,7 +97,7 @@ class MovingWall:
     @property
     def normals(self) -> Floats:
         """(s, d) unit normals in the reference mesh."""
-        return _frames(self.reference[self.simplices])[:, :, -1]
+        return facet_frames(self.reference[self.simplices])[:, :, -1]
 
     def bodies(self) -> Integers:
         """(s,) number of the connected part of each facet."""
@@ -123,15 +123,15 @@ class MovingWall:
     def rotations(self, moved: Floats) -> Floats:
         """(w, d, d) rotation at each node when the nodes are at ``moved`` (w, d)."""
         before, after = self.reference[self.simplices], moved[self.simplices]
-        frames, own = _frames(before), _frames(after)
+        frames, own = facet_frames(before), facet_frames(after)
         turned = nearest_rotation(own @ np.linalg.inv(frames))
-        angles = _angles(before)
-        mean = nearest_rotation(self._summed(turned, angles))
-        normal = self._summed(frames[:, :, -1], angles)
-        goal = self._summed(own[:, :, -1], _angles(after))
-        return _least_rotation(np.einsum("wij,wj->wi", mean, normal), goal) @ mean
+        angles = angles_at_corners(before)
+        mean = nearest_rotation(self.summed(turned, angles))
+        normal = self.summed(frames[:, :, -1], angles)
+        goal = self.summed(own[:, :, -1], angles_at_corners(after))
+        return least_rotation(np.einsum("wij,wj->wi", mean, normal), goal) @ mean
 
-    def _summed(self, values: Floats, angles: Floats) -> Floats:
+    def summed(self, values: Floats, angles: Floats) -> Floats:
         """(w, …) sum of the facets' values (s, …) at each node, weighted by their angles (s, d) there."""
         out = np.zeros((len(self.nodes), *values.shape[1:]))
         for column, angle in zip(self.simplices.T, angles.T, strict=True):
@@ -139,7 +139,7 @@ class MovingWall:
         return out
 
 
-def _angles(corners: Floats) -> Floats:
+def angles_at_corners(corners: Floats) -> Floats:
     """(s, d) angle of each facet at each of its corners (s, d, d); equal for all segments."""
     if corners.shape[1] == 2:
         return np.ones(corners.shape[:2])
@@ -150,7 +150,7 @@ def _angles(corners: Floats) -> Floats:
     return out
 
 
-def _least_rotation(a: Floats, b: Floats) -> Floats:
+def least_rotation(a: Floats, b: Floats) -> Floats:
     """(w, d, d) least rotations from the directions of a to those of b (w, d); no rotation where they cancel out."""
     length = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
     cosine = np.sum(a * b, axis=1)
@@ -178,7 +178,7 @@ def _connected(simplices: Integers, n: int) -> Integers:
     return np.asarray(connected_components(graph, directed=False)[1][simplices[:, 0]], dtype=np.int64)
 
 
-def _frames(corners: Floats) -> Floats:
+def facet_frames(corners: Floats) -> Floats:
     """(s, d, d) matrices with the edges from the first corner and the unit normal as columns, of corners (s, d, d)."""
     edges = corners[:, 1:] - corners[:, :1]
     if edges.shape[1] == 1:

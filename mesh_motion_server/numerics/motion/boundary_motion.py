@@ -7,7 +7,7 @@ depends on the nodes with a role and on the box of the mesh only, so it is bitwi
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import NoReturn, Self
 
 import numpy as np
 
@@ -89,6 +89,24 @@ class BoundaryMotion:
     def method(self) -> Method:
         """The method with both radii filled in."""
         return self.motion.method
+
+    def why_no_slope(self) -> InvalidInput:
+        """What keeps the motion from having a derivative."""
+        return InvalidInput(
+            "evaluation = 'client': the motion is not differentiated where the client evaluates it",
+            code="FAILED_PRECONDITION",
+            hint="open the session with evaluation = 'server'",
+        )
+
+    def slope(self, points: Floats, factors: FactorSource) -> NoReturn:
+        """Refuse.
+
+        Raises
+        ------
+        InvalidInput
+        """
+        del points, factors
+        raise self.why_no_slope()
 
     def without_distributions(self) -> Self:
         """The same: it judges nothing."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
 import numpy as np
 
@@ -80,6 +80,24 @@ class OneLayerMotion:
     def summary(self, points: Floats) -> Judgement:
         """Quality of the plane with the nodes at ``points`` (n, 3)."""
         return self._in_space(self.plane.summary(self.layer.project(points)), points)
+
+    def why_no_slope(self) -> InvalidInput:
+        """What keeps the motion from having a derivative."""
+        return InvalidInput(
+            "the motion of a mesh of one layer in space is not differentiated",
+            code="FAILED_PRECONDITION",
+            hint="give the mesh of the plane, with dimension 2",
+        )
+
+    def slope(self, points: Floats, factors: FactorSource) -> NoReturn:
+        """Refuse.
+
+        Raises
+        ------
+        InvalidInput
+        """
+        del points, factors
+        raise self.why_no_slope()
 
     def without_distributions(self) -> Self:
         """The same, judged exactly by its worst cells, without distributions."""

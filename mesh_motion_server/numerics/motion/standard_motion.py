@@ -153,12 +153,12 @@ class StandardMotion:
             self.roles,
             self.method,
             offered=offered,
-            followed=[followed for followed, wall in self._walls() if wall.freedom().any()],
+            followed=[followed for followed, wall in self.walls() if wall.freedom().any()],
             controls=other._controls,
         )
         return replace(other, plans=plans)
 
-    def _walls(self) -> Iterator[tuple[Integers, SlidingSurfaces]]:
+    def walls(self) -> Iterator[tuple[Integers, SlidingSurfaces]]:
         """The sliding nodes in the order in which they are placed, and the nodes (k,) that each part of them follows.
 
         Lines follow their ends, and surfaces follow their lines, so that no node passes the end of its wall.
@@ -224,7 +224,7 @@ class StandardMotion:
                 prescribed[self.layer.nodes] = self.layer.carried(prescribed)
         if self.sliding is not None:
             prescribed = self._slid(points, prescribed, factors, watch)
-        controls = self._representatives(roles.all)
+        controls = self.control_nodes(roles.all)
         solved = self._solve(points, controls, prescribed[controls], factors, watch)
         with watch.phase("displace"):
             known = roles.all if self.layer is None else np.union1d(roles.all, np.flatnonzero(self.layer.known))
@@ -232,10 +232,10 @@ class StandardMotion:
 
     def _slid(self, points: Floats, prescribed: Floats, factors: FactorSource, watch: Stopwatch) -> Floats:
         """The ``prescribed`` positions (n, d) with the sliding nodes on their surfaces."""
-        for followed, wall in self._walls():
+        for followed, wall in self.walls():
             places = points[wall.nodes]
             if wall.freedom().any():  # corners stay
-                walls = self._representatives(followed)
+                walls = self.control_nodes(followed)
                 following = self._solve(points, walls, prescribed[walls], factors, watch)
                 with watch.phase("displace"):
                     places = following.stage.positions(places)
@@ -252,7 +252,7 @@ class StandardMotion:
         """The control nodes for nodes (c,) with a role: a layer's outermost nodes replace the nodes behind them."""
         return nodes if self.layer is None else self.layer.shield.instead(nodes)
 
-    def _representatives(self, nodes: Integers) -> Integers:
+    def control_nodes(self, nodes: Integers) -> Integers:
         """The control nodes for nodes (c,) with a role: one node of each periodic orbit represents its images."""
         controls = self._controls(nodes)
         return controls if self.periodic is None else np.unique(self.periodic.root_of(controls))
@@ -304,6 +304,10 @@ class StandardMotion:
             controls[reduced.selected],
             reduced.error,
         )
+
+    def factorized(self, controls: Integers, factors: FactorSource) -> Factorization:
+        """The factorization of control nodes (c,) in the reference mesh, without periodic images and reduction."""
+        return self._all_factorized(self.reference, self.reference.take(controls, axis=0), controls, factors)
 
     def _all_factorized(
         self, points: Floats, origin: Floats, controls: Integers, factors: FactorSource

@@ -197,13 +197,26 @@ class MergedMesh:
         local = [np.flatnonzero(is_moving[node_map]) for node_map in self.node_maps]
         return [(own, np.searchsorted(self.moving, m[own])) for own, m in zip(local, self.node_maps, strict=True)]
 
-    def gather_moving(self, boundary_displacements: Sequence[Floats]) -> Floats:
+    def scatter_moving(self, values: Floats) -> list[Floats]:
+        """(k_p, c) rows of ``values`` (k, c) of the moving nodes, in each partition's order of ``moving_local``."""
+        return [np.take(values, np.searchsorted(self.moving, m[own]), axis=0) for m, own in self._moving_pairs()]
+
+    def gather_sums(self, values: Sequence[Floats]) -> Floats:
+        """(n, c) the sums of what the partitions give (n_p, c) for the nodes that they hold."""
+        out = np.zeros((len(self.points), values[0].shape[1]))
+        for node_map, rows in zip(self.node_maps, values, strict=True):
+            out[node_map] += rows
+        return out
+
+    def gather_moving(self, boundary_displacements: Sequence[Floats], scale: float | None = None) -> Floats:
         """One displacement per moving node from each partition's rows.
 
         Parameters
         ----------
         boundary_displacements : one (k_p, d) array per partition
             Rows in the order of ``moving_local``; finite.
+        scale : float, optional
+            By which differences between partitions are measured; by default the extent of the mesh.
 
         Returns
         -------
@@ -219,7 +232,7 @@ class MergedMesh:
             return self._single_gather(boundary_displacements[0])
         places = [np.searchsorted(self.moving, m[local]) for m, local in self._moving_pairs()]
         try:
-            return united(boundary_displacements, places, len(self.moving), self.extent)
+            return united(boundary_displacements, places, len(self.moving), self.extent if scale is None else scale)
         except Torn as torn:
             raise self._torn(torn) from None
 

@@ -18,7 +18,10 @@ __all__ = ["TABLES", "read_spec", "rendered"]
 TABLES = Path(__file__).with_name("tables.json")
 
 #: Requests of a session behind JOIN.
-_ADDRESSED = ("UPLOAD", "BUILD", "MOVE", "JUDGE", "CORRECT", "COMMIT", "ROLLBACK", "FETCH", "STATUS", "CLOSE")
+_ADDRESSED = (
+    "UPLOAD", "BUILD", "MOVE", "TANGENT", "COTANGENT", "JUDGE", "CORRECT", "COMMIT", "ROLLBACK", "FETCH", "STATUS",
+    "CLOSE",
+)  # fmt: skip
 _BLOCK = re.compile(r"<!-- table: (\S+) -->\n(.*?)<!-- end -->", re.DOTALL)
 _RANGE = re.compile(r"(-?[\d.]+|−[\d.]+) … (\S+)")
 

@@ -8,7 +8,7 @@ from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant, factorize
 from mesh_motion_server.numerics.interpolation.kernels import BASES
 from mesh_motion_server.numerics.interpolation.two_scale.boxes import nested_boxes
-from mesh_motion_server.numerics.interpolation.two_scale.grid_sums import grid_sums, on_grid
+from mesh_motion_server.numerics.interpolation.two_scale.grid_sums import grid_sums, on_grid, on_grid_transposed
 from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedGrid
 from mesh_motion_server.numerics.mesh.spacing import local_spacing
 
@@ -83,3 +83,14 @@ def test_blocks_far_from_all_centres_are_as_near_the_direct_sum() -> None:
         if interpolant.polynomial is not None:
             direct -= interpolant.polynomial(places)
         assert np.abs(found - direct).max() <= 5e-5 * largest
+
+
+@pytest.mark.parametrize(("name", "radius"), [("wendland-c2", 2.0), ("wendland-c4", 2.0), ("wendland-c2", 0.4)])
+def test_the_transpose_of_sums_on_grids(name: str, radius: float) -> None:
+    """By blocks, and directly where they do not suit."""
+    interpolant, _ = _interpolant(name, radius)
+    grid = NestedGrid(nested_boxes(POINTS, local_spacing(POINTS), np.zeros(3), np.ones(3)), np.zeros(3), 3)
+    forth = on_grid(interpolant, grid)
+    values = np.random.default_rng(1).standard_normal(forth.shape)
+    back = on_grid_transposed(interpolant, grid, values)
+    assert abs(np.sum(values * forth) - np.sum(back * interpolant.weights)) < 1e-12 * np.abs(values * forth).sum()

@@ -124,3 +124,13 @@ def test_a_place_outside_takes_the_value_at_the_rim() -> None:
     grid = _grid(2)
     values, _ = _values(grid, _cubic(grid.points()), np.array([[1.5, 0.25, 0.0], [1.0, 0.25, 0.0]]))
     np.testing.assert_array_equal(values[0], values[1])
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_the_transpose_of_a_spline(d: int) -> None:
+    grid, numbers = _grid(d), np.random.default_rng(d)
+    x = np.ascontiguousarray(_places(d)[:, :d])
+    field, weights = numbers.standard_normal((len(grid.points()), 2)), numbers.standard_normal((len(x), 2))
+    forth, back = _values(grid, field, x)[0], grid.spline_transposed(x, weights)
+    assert len(grid.boxes) > 2
+    assert abs(np.sum(weights * forth) - np.sum(back * field)) < 1e-12 * np.abs(weights * forth).sum()

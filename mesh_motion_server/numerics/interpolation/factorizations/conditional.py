@@ -40,7 +40,7 @@ class NullSpaceCholesky:
 
     def __init__(self, control_points: Floats, basis: Basis, support_radius: float, linear: LinearBasis) -> None:
         check_dense(len(control_points))
-        self._basis, self._radius, self._linear = basis, support_radius, linear
+        self._basis, self._radius, self.linear = basis, support_radius, linear
         self._layout = CentreLayout.build(control_points, basis, support_radius)
         self._points = padded(control_points)
         self._sign = -1.0 if basis.definiteness == "conditionally negative" else 1.0
@@ -95,7 +95,13 @@ class NullSpaceCholesky:
             rotated[q:] = self._sign * self._cholesky.solve(rotated[q:])
             weights = self._rotate(rotated, self._triangle)
             rest = self._rotate(values - self._multiply(weights), self._triangle.T)[:q]
-            return weights, Polynomial(self._linear, solve_triangular(self._r, rest, lower=False, check_finite=False))
+            return weights, Polynomial(self.linear, solve_triangular(self._r, rest, lower=False, check_finite=False))
+
+    def solve_bordered(self, values: Floats, moments: Floats) -> Floats:
+        """(nc, k) weights γ of (nc, k) values with ``Pᵀ γ`` = moments (d + 1, k) instead of zero: the transpose."""
+        p = self.linear.matrix(self._points[:, : self._size - 1])
+        particular = p @ np.linalg.solve(p.T @ p, moments)
+        return np.asarray(particular + self.solve(values - self._multiply(particular))[0])
 
 
 def _householder(p: Floats) -> tuple[Floats, Floats, Floats]:

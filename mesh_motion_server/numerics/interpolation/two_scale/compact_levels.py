@@ -207,13 +207,25 @@ class CompactSystem:
         NumericalError
             If the residual stays above 1e-9 of the scale, or for a level before the last above 1e-6.
         """
-        weights, iterations = self._conjugate_gradients(
+        weights, iterations = self.weights(
             residual.take(self.level.members, axis=0), scale, _TOLERANCE if last else _WIDE_TOLERANCE
         )
-        return Interpolant(self.points, weights, BASIS, self.level.radius, self.layout), iterations
+        return self.interpolant(weights), iterations
 
-    def _conjugate_gradients(self, right: Floats, scale: float, tolerance: float) -> tuple[Floats, int]:
-        """Solution (m, k); all columns advance together."""
+    def interpolant(self, weights: Floats) -> Interpolant:
+        """The level's function with weights (m, k)."""
+        return Interpolant(self.points, weights, BASIS, self.level.radius, self.layout)
+
+    def weights(self, right: Floats, scale: float, tolerance: float) -> tuple[Floats, int]:
+        """The weights (m, k) that take the values ``right`` (m, k) at the members, and the iterations.
+
+        All columns advance together until the residual is below the ``tolerance``, in units of the ``scale``.
+
+        Raises
+        ------
+        NumericalError
+            As for :meth:`solve`.
+        """
         if scale == 0.0:
             return np.zeros_like(right), 0
         taken = 0

@@ -220,7 +220,7 @@ class TwoScaleFactorization:
 
     def solve(self, values: Floats) -> TwoScaleInterpolant:
         """Interpolant of (n, k) values at the control points; the mean of those at one place."""
-        values = self._averaged(np.ascontiguousarray(values, dtype=np.float64))
+        values = self.averaged(np.ascontiguousarray(values, dtype=np.float64))
         distinct, points = self.plan.distinct, self.control_points
         field = self.coarse.solve(values[self.plan.coarse])
         coarse = field if self.grid is None else self.grid.spline(on_grid(field, self.grid))
@@ -239,7 +239,7 @@ class TwoScaleFactorization:
                 left -= evaluation.displacement(level, points)
         return TwoScaleInterpolant(coarse, tuple(levels), self.basis, iterations)
 
-    def _averaged(self, values: Floats) -> Floats:
+    def averaged(self, values: Floats) -> Floats:
         """The values (n, k) with their mean at the first of each place."""
         place = self.plan.place
         if len(self.plan.distinct) == len(place):

@@ -11,16 +11,18 @@ W. Fong, E. Darve, "The black-box fast multipole method", J. Comput. Phys. 228 (
 """
 
 import math
+from typing import Any
 
 import mesh_motion_kernels as kernels
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.interpolation import evaluation
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
 from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedGrid
 
-__all__ = ["grid_sums", "on_grid"]
+__all__ = ["grid_sums", "on_grid", "on_grid_transposed"]
 
 
 #: Chebyshev points along an axis of a block for its furthest and nearest far centres.
@@ -51,6 +53,25 @@ def on_grid(interpolant: Interpolant, grid: NestedGrid) -> Floats:
     return values
 
 
+def on_grid_transposed(interpolant: Interpolant, grid: NestedGrid, values: Floats) -> Floats:
+    """(nc, k) the transpose of :func:`on_grid` as a map of the weights, which do not count, of (n, k) values."""
+    out, first = np.zeros((len(interpolant.control_points), values.shape[1])), 0
+    for box in grid.boxes:
+        part = np.ascontiguousarray(values[first : first + box.grid_points])
+        first += box.grid_points
+        where = grid.corner(box), box.spacing, grid.counts(box)
+        if _blocks_suit(interpolant, *where):
+            code, centres, *further = _arguments(interpolant, *where[:2])
+            back = np.empty(out.shape[::-1])
+            kernels.sum_from_grid(code, centres, part.reshape(*where[2][:2], -1), *further, back)
+            out += back.T
+        else:
+            basis, radius, points = interpolant.basis, interpolant.support_radius, grid.points_of(box)
+            turned = Interpolant(points, part, basis, radius, CentreLayout.build(points, basis, radius))
+            out += evaluation.displacement(turned, interpolant.control_points)
+    return out
+
+
 def grid_sums(interpolant: Interpolant, low: Floats, spacing: float, counts: tuple[int, ...], out: Floats) -> bool:
     """Fill ``out`` (n, k) with ``Σ_j w_j φ(|x − x_j| / R)`` at the points of a grid.
 
@@ -74,26 +95,33 @@ def grid_sums(interpolant: Interpolant, low: Floats, spacing: float, counts: tup
     bool
         False if blocks are not worth it or not suitable: ``out`` stays unchanged.
     """
+    if not _blocks_suit(interpolant, low, spacing, counts):
+        return False
+    code, centres, *further = _arguments(interpolant, low, spacing)
+    weights = np.ascontiguousarray(interpolant.weights.T)
+    kernels.sum_on_grid(code, centres, weights, *further, out.reshape(*counts[:2], -1))
+    return True
+
+
+def _blocks_suit(interpolant: Interpolant, low: Floats, spacing: float, counts: tuple[int, ...]) -> bool:
+    """Whether sums at the points of a grid go by blocks."""
     centres = interpolant.control_points
     if len(counts) != 3 or math.prod(counts) * len(centres) < _WORTHWHILE:
         return False
     high = low + spacing * (np.array(counts) - 1.0)
     reach = np.maximum(high, centres.max(axis=0)) - np.minimum(low, centres.min(axis=0))
-    compact, radius = interpolant.basis.compact, interpolant.support_radius
-    if float(np.sqrt(np.sum(reach**2))) > (_WIDE if compact else 1.0) * radius:
-        return False
-    kernels.sum_on_grid(
-        interpolant.basis.code,
-        np.ascontiguousarray(centres.T),
-        np.ascontiguousarray(interpolant.weights.T),
-        1.0 / radius,
-        radius if compact else np.inf,
-        low,
-        spacing,
-        _ALL_HIGHEST if interpolant.basis.name in _SMOOTH else _DISTANCES,
-        out.reshape(*counts[:2], -1),
+    return (
+        float(np.sqrt(np.sum(reach**2))) <= (_WIDE if interpolant.basis.compact else 1.0) * interpolant.support_radius
     )
-    return True
+
+
+def _arguments(interpolant: Interpolant, low: Floats, spacing: float) -> tuple[Any, ...]:
+    """What the compiled sums take, without the weights and the values."""
+    compact, radius = interpolant.basis.compact, interpolant.support_radius
+    distances = _ALL_HIGHEST if interpolant.basis.name in _SMOOTH else _DISTANCES
+    centres = np.ascontiguousarray(interpolant.control_points.T)
+    reach = radius if compact else np.inf
+    return interpolant.basis.code, centres, 1.0 / radius, reach, low, spacing, distances
 
 
 def _distances() -> Floats:

@@ -58,6 +58,10 @@ class NestedSpline:
         """Fill ``out`` (n, k, d) at (n, d) points."""
         kernels.spline_gradients(np.ascontiguousarray(points), *self._boxes, self.coefficients, out)
 
+    def count(self, points: Floats, weights: Floats) -> None:
+        """Set the coefficients to what they count for (n, k) weights of the values at (n, d) points: the transpose."""
+        kernels.spline_coefficients(np.ascontiguousarray(points), *self._boxes, weights, self.coefficients)
+
     @property
     def _boxes(self) -> tuple[Floats, Floats, Integers, Integers]:
         """The arguments of the compiled loops for the boxes."""
@@ -102,38 +106,80 @@ class NestedGrid:
 
     def spline(self, values: Floats) -> NestedSpline:
         """The spline of values (g, k) at :meth:`points`."""
-        order = self.boxes[::-1]  # finest first: a point takes the first that holds it
-        sizes = [math.prod(int(n) + 3 for n in box.cells[: self.dimension]) for box in order]
-        start = np.cumsum([0, *sizes])
-        packed = np.empty((start[-1], values.shape[1]))
+        packed, starts = self._packed(values.shape[1])
         coefficients: list[Floats] = []
         first = 0
-        for box, row, size in zip(self.boxes, start[-2::-1], sizes[::-1], strict=True):
+        for box, row, size in zip(self.boxes, starts, self._sizes, strict=True):
             own = values[first : first + box.grid_points].reshape(*self.counts(box), -1)
             first += box.grid_points
             for axis in range(self.dimension):
-                out = packed[row : row + size] if axis == self.dimension - 1 else None
+                out = packed.coefficients[row : row + size] if axis == self.dimension - 1 else None
                 own = _quasi_interpolated(own, axis, out)
             if box.parent >= 0:
                 self._blend(own, box, coefficients[box.parent])
             coefficients.append(own)
-        return NestedSpline(
+        return packed
+
+    def spline_transposed(self, points: Floats, weights: Floats) -> Floats:
+        """(g, k) what the values at :meth:`points` count for (n, k) weights of the spline's values at (n, d) points."""
+        packed, starts = self._packed(weights.shape[1])
+        packed.count(points, weights)
+        own = [
+            packed.coefficients[row : row + size].reshape(*(box.cells[: self.dimension] + 3), -1)
+            for box, row, size in zip(self.boxes, starts, self._sizes, strict=True)
+        ]
+        values = []
+        for box, found in zip(self.boxes[::-1], own[::-1], strict=True):  # a box before its parent
+            counted = self._blend_transposed(found, box, own[box.parent]) if box.parent >= 0 else found
+            for axis in reversed(range(self.dimension)):
+                counted = _quasi_interpolated_transposed(counted, axis)
+            values.append(counted.reshape(-1, weights.shape[1]))
+        return np.concatenate(values[::-1])
+
+    @property
+    def _sizes(self) -> list[int]:
+        """Coefficients of each box."""
+        return [math.prod(int(n) + 3 for n in box.cells[: self.dimension]) for box in self.boxes]
+
+    def _packed(self, components: int) -> tuple[NestedSpline, Integers]:
+        """A spline whose coefficients are not set, and the first one (b,) of each box."""
+        order = self.boxes[::-1]  # finest first: a point takes the first that holds it
+        start = np.cumsum([0, *self._sizes[::-1]])
+        spline = NestedSpline(
             np.stack([self.low + box.spacing * box.first for box in order]),
             np.array([1.0 / box.spacing for box in order]),
             np.stack([box.cells for box in order]),
             start[:-1],
-            packed,
+            np.empty((start[-1], components)),
             self.dimension,
         )
+        return spline, start[-2::-1]
 
     def _blend(self, own: Floats, box: Box, parents: Floats) -> None:
         """Pass a box' own coefficients into the parent's at the rim."""
-        missing, axes = 3 - self.dimension, range(self.dimension)
-        first = (box.first // 2 - self.boxes[box.parent].first)[: self.dimension]
-        shares = (_share(box, int(self.boxes[0].cells[axis]), axis) for axis in axes)
+        missing, (first, shares) = 3 - self.dimension, self._blending(box)
         kernels.blend_with_parent(
             _as_cube(parents), np.append(np.zeros(missing, int), first), *[np.ones(1)] * missing, *shares, _as_cube(own)
         )
+
+    def _blend_transposed(self, own: Floats, box: Box, parents: Floats) -> Floats:
+        """What is left to the box' own coefficients; what its parent's count is added to theirs."""
+        first, shares = self._blending(box)
+        share = np.ones(1)
+        for axis_share in shares:
+            share = share[..., None] * axis_share
+        share = share[0][..., None]
+        inherited = (1.0 - share) * own
+        for axis, start in enumerate(first):
+            matrix = _subdivision(inherited.shape[axis], int(start), parents.shape[axis])
+            inherited = np.moveaxis(np.tensordot(matrix, inherited, axes=(0, axis)), 0, axis)
+        parents += inherited
+        return np.asarray(share * own)
+
+    def _blending(self, box: Box) -> tuple[Integers, list[Floats]]:
+        """The parent's first layer (d,) at a box, and the share of the box' own coefficients along each axis."""
+        first = (box.first // 2 - self.boxes[box.parent].first)[: self.dimension]
+        return first, [_share(box, int(self.boxes[0].cells[axis]), axis) for axis in range(self.dimension)]
 
 
 def _as_cube(coefficients: Floats) -> Floats:
@@ -149,6 +195,25 @@ def _quasi_interpolated(values: Floats, axis: int, out: Floats | None = None) ->
     out = np.empty(shape) if out is None else out.reshape(shape)
     rows, stride = math.prod(before), math.prod(after)
     kernels.quasi_interpolate(np.ascontiguousarray(values).reshape(rows, -1), stride, out.reshape(rows, -1))
+    return out
+
+
+def _quasi_interpolated_transposed(values: Floats, axis: int) -> Floats:
+    """The transpose: an axis gains an entry at both ends."""
+    moved = np.moveaxis(values, axis, 0)
+    out = np.zeros((len(moved) + 2, *moved.shape[1:]))
+    out[1:-1] += 8.0 / 6.0 * moved
+    out[:-2] -= moved / 6.0
+    out[2:] -= moved / 6.0
+    return np.moveaxis(out, 0, axis)
+
+
+def _subdivision(n: int, first: int, parents: int) -> Floats:
+    """(n, parents) the layers of a box along an axis from those of its parent, of twice the spacing."""
+    out = np.zeros((n, parents))
+    for i in range(n):
+        weights = (0.125, 0.75, 0.125) if i % 2 else (0.5, 0.5)
+        out[i, first + i // 2 : first + i // 2 + len(weights)] = weights
     return out
 
 

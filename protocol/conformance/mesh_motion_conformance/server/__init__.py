@@ -21,6 +21,7 @@ from mesh_motion_conformance.server import (
     section_17_errors,
     section_21_durability,
     section_23_client_evaluation,
+    section_24_derivatives,
     vectors,
 )
 from mesh_motion_conformance.server.stage import Stage
@@ -45,6 +46,7 @@ _SUITES = (
     section_17_errors.suite,
     section_21_durability.suite,
     section_23_client_evaluation.suite,
+    section_24_derivatives.suite,
     vectors.suite,
 )
 

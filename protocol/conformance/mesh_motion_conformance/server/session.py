@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["Session", "data_endpoint"]
 
 #: What takes computing, or starts a process.
-_LONG = ("BUILD", "MOVE", "JUDGE", "CORRECT", "COMMIT")
+_LONG = ("BUILD", "MOVE", "TANGENT", "COTANGENT", "JUDGE", "CORRECT", "COMMIT")
 
 
 def data_endpoint(control: str, data: str) -> str:
@@ -87,6 +87,13 @@ class Session:
             frame = "committed" if self.parts[partition].triangles.size else "reference"
             fields = at | {"step": self.step + 1, "frame": frame}
             return Request(kind, fields, {"displacement": self.rows(partition)})
+        if kind in ("TANGENT", "COTANGENT"):
+            part = self.parts[partition]
+            return Request(
+                kind,
+                at,
+                {"velocity": self.rows(partition)} if kind == "TANGENT" else {"weights": part.points.astype("<f8")},
+            )
         if kind in ("JUDGE", "CORRECT"):
             return self.judge() if kind == "JUDGE" else self.correct()
         own: dict[str, Any] = {"JOIN": {"token": self.token}}

@@ -1,0 +1,166 @@
+"""An interpolation from control points to given places as a linear map, and the transpose of that map.
+
+The map is the one that a motion applies: the same coarse points, levels, grid and polynomials. The transpose runs
+through the same operations backwards, so ``⟨w, A v⟩ = ⟨Aᵀ w, v⟩`` holds to rounding, as an adjoint needs it. In two
+scales the compact levels are solved more accurately than for a motion, where a residual is left to the next level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.interpolation import evaluation
+from mesh_motion_server.numerics.interpolation.centres import CentreLayout
+from mesh_motion_server.numerics.interpolation.factorizations.conditional import NullSpaceCholesky
+from mesh_motion_server.numerics.interpolation.interpolant import AllCentreFactorization, Factorization, Interpolant
+from mesh_motion_server.numerics.interpolation.two_scale.compact_levels import CompactSystem
+from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScaleFactorization
+from mesh_motion_server.numerics.interpolation.two_scale.grid_sums import on_grid, on_grid_transposed
+from mesh_motion_server.numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
+from mesh_motion_server.numerics.interpolation.two_scale.near_operator import NearOperator
+
+__all__ = ["InterpolationMap", "interpolation_map"]
+
+#: Of the largest value: the residual at which a compact level is solved.
+_TOLERANCE = 1e-13
+
+
+class InterpolationMap:
+    """(nc, k) values at control points → (n, k) values at places; made by :func:`interpolation_map`."""
+
+    def __init__(self, apply: Callable[[Floats], Floats], transpose: Callable[[Floats], Floats]) -> None:
+        self.apply = apply
+        self.transpose = transpose
+
+
+def interpolation_map(factorization: Factorization, places: Floats) -> InterpolationMap:
+    """The map of a factorization to (n, d) places.
+
+    Raises
+    ------
+    InvalidInput
+        If the control points are reduced or periodic: these maps have no transpose.
+    """
+    if isinstance(factorization, AllCentreFactorization):
+        one = _OneScale(factorization, places)
+        return InterpolationMap(one.apply, one.transpose)
+    if isinstance(factorization, TwoScaleFactorization):
+        two = _TwoScales(factorization, places)
+        return InterpolationMap(two.apply, two.transpose)
+    raise InvalidInput(f"an interpolation of the kind {factorization.solver!r} has no derivative")
+
+
+@dataclass(frozen=True, eq=False)
+class _OneScale:
+    """All control points are centres."""
+
+    factorization: AllCentreFactorization
+    places: Floats
+
+    def apply(self, values: Floats) -> Floats:
+        return evaluation.displacement(self.factorization.solve(values), self.places)
+
+    def transpose(self, weights: Floats) -> Floats:
+        made = self.factorization
+        sums = self._sums(weights)
+        if isinstance(made.system, NullSpaceCholesky):
+            linear = made.system.linear
+            return made.system.solve_bordered(sums, linear.matrix(self.places).T @ weights)
+        return made.system.solve(sums)
+
+    def _sums(self, weights: Floats) -> Floats:
+        """(nc, k) Φᵀ w: φ is symmetric, so the places are the centres of a sum at the control points."""
+        made = self.factorization
+        turned = Interpolant(self.places, weights, made.basis, made.support_radius, self._layout)
+        return evaluation.displacement(turned, made.control_points)
+
+    @cached_property
+    def _layout(self) -> CentreLayout:
+        return CentreLayout.build(self.places, self.factorization.basis, self.factorization.support_radius)
+
+
+@dataclass(frozen=True, eq=False)
+class _TwoScales:
+    """A coarse field, and compact levels for what it leaves."""
+
+    factorization: TwoScaleFactorization
+    places: Floats
+
+    def apply(self, values: Floats) -> Floats:
+        made = self.factorization
+        mean = made.averaged(np.ascontiguousarray(values))
+        coarse = made.coarse.solve(mean[made.plan.coarse])
+        field = coarse if made.grid is None else made.grid.spline(on_grid(coarse, made.grid))
+        alone = TwoScaleInterpolant(field, (), made.basis, 0)
+        left = mean[made.plan.distinct] - evaluation.displacement(alone, self._distinct)
+        out = evaluation.displacement(alone, self.places)
+        for system, there, here in zip(made.systems, self._at_places, self._at_controls, strict=True):
+            weights = _solved(system, left[system.level.members])
+            there.add(weights, out)
+            left -= _applied(here, weights, len(left))
+        return out
+
+    def transpose(self, weights: Floats) -> Floats:
+        made = self.factorization
+        left = np.zeros((len(self._distinct), weights.shape[1]))  # what the residual before a level counts
+        for system, there, here in reversed([*zip(made.systems, self._at_places, self._at_controls, strict=True)]):
+            centres = len(system.points)
+            of_level = _transposed(there, weights, centres) - _transposed(here, left, centres)
+            left[system.level.members] += _solved(system, of_level)
+        mean = np.zeros((len(made.control_points), weights.shape[1]))
+        mean[made.plan.distinct] = left
+        of_coarse = self._coarse_transposed(self.places, weights) - self._coarse_transposed(self._distinct, left)
+        mean[made.plan.coarse] += made.coarse.solve(of_coarse).weights  # of a compact basis: a symmetric matrix
+        return made.averaged(mean)  # a symmetric map
+
+    def _coarse_transposed(self, places: Floats, weights: Floats) -> Floats:
+        """(m, k) what the weights of the coarse field count for (n, k) weights of its values at (n, d) places."""
+        made = self.factorization
+        if made.grid is None:
+            return _OneScale(made.coarse, places)._sums(weights)
+        return on_grid_transposed(self._coarse, made.grid, made.grid.spline_transposed(places, weights))
+
+    @cached_property
+    def _coarse(self) -> Interpolant:
+        """The coarse field, without weights."""
+        made = self.factorization.coarse
+        nothing = np.empty((len(made.control_points), 0))
+        return Interpolant(made.control_points, nothing, made.basis, made.support_radius, made.layout)
+
+    @cached_property
+    def _distinct(self) -> Floats:
+        return self.factorization.control_points.take(self.factorization.plan.distinct, axis=0)
+
+    @cached_property
+    def _at_places(self) -> list[NearOperator]:
+        return [_operator(system, self.places) for system in self.factorization.systems]
+
+    @cached_property
+    def _at_controls(self) -> list[NearOperator]:
+        return [_operator(system, self._distinct) for system in self.factorization.systems]
+
+
+def _operator(system: CompactSystem, places: Floats) -> NearOperator:
+    return NearOperator.build(system.interpolant(np.empty((len(system.points), 0))), places)
+
+
+def _applied(operator: NearOperator, weights: Floats, n: int) -> Floats:
+    out = np.zeros((n, weights.shape[1]))
+    operator.add(weights, out)
+    return out
+
+
+def _transposed(operator: NearOperator, weights: Floats, centres: int) -> Floats:
+    """(nc, k) the transpose of an operator times (n, k) weights."""
+    return np.asarray(operator.matrix.matrix(centres).T @ weights[operator.rows])
+
+
+def _solved(system: CompactSystem, right: Floats) -> Floats:
+    scale = float(np.abs(right).max(initial=0.0))
+    return system.weights(np.ascontiguousarray(right), scale, _TOLERANCE)[0]

@@ -1,0 +1,95 @@
+"""Section 24: derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mesh_motion_conformance.case import Suite, Unmet
+from mesh_motion_conformance.checks import answered, refused
+from mesh_motion_conformance.server.requests import Request
+from mesh_motion_conformance.server.session import Session
+from mesh_motion_conformance.server.stage import Stage
+from mesh_motion_conformance.show import show
+
+__all__ = ["suite"]
+
+suite = Suite()
+
+
+def _asked(session: Session, kind: str, name: str, values: np.ndarray, what: str = "committed") -> np.ndarray:
+    reply = answered(session.ask(Request(kind, session.address() | {"what": what}, {name: values})), f"{kind}_FOUND")
+    return reply.arrays[name]
+
+
+@suite("24.1")
+def transpose(stage: Stage) -> None:
+    """Σ w · (J v) is Σ (Jᵀ w) · v, at the trial and at the committed state."""
+    session = stage.session("TRIAL")
+    numbers = np.random.default_rng(24)
+    nodes, moving = session.parts[0].points.shape, session.rows().shape
+    for what in ("committed", "trial"):
+        v, w = numbers.standard_normal(moving), numbers.standard_normal(nodes)
+        forth, back = _asked(session, "TANGENT", "velocity", v, what), _asked(session, "COTANGENT", "weights", w, what)
+        one, other = float(np.sum(w * forth)), float(np.sum(back * v))
+        if abs(one - other) > 1e-9 * float(np.sum(np.abs(w * forth)) + np.sum(np.abs(back * v))):
+            raise Unmet("the same sum from both sides", f"{one} and {other}")
+
+
+@suite("24.1")
+def moving_nodes(stage: Stage) -> None:
+    """The velocities of the moving nodes are those that TANGENT has given."""
+    session = stage.session("READY")
+    v = session.rows(size=1.0)
+    found = _asked(session, "TANGENT", "velocity", v)[session.parts[0].moving]
+    if np.abs(found - v).max() > 1e-12:
+        raise Unmet(f"{v[0]} at the first moving node", f"{found[0]}")
+
+
+@suite("24.3")
+def columns(stage: Stage) -> None:
+    """Two vectors beside each other are answered as each of them is."""
+    session = stage.session("READY")
+    one, other = session.rows(size=1.0), session.rows(size=0.5)
+    both = _asked(session, "TANGENT", "velocity", np.hstack([one, other]))
+    alone = np.hstack([_asked(session, "TANGENT", "velocity", each) for each in (one, other)])
+    if both.shape != alone.shape or np.abs(both - alone).max() > 1e-12:
+        raise Unmet("the columns of both", f"shape {both.shape}")
+    for wrong in (one[:, :1], one[:-1], one[:, :0]):
+        request = Request("TANGENT", session.address(), {"velocity": np.ascontiguousarray(wrong)})
+        refused(session.ask(request), "INVALID_ARGUMENT.SHAPE")
+
+
+@suite("24.5")
+def nothing_changes(stage: Stage) -> None:
+    """A MOVE is answered by the same bytes after derivatives were asked for, and the trial is still there."""
+    session = stage.session("READY")
+    before = answered(session.ask("MOVE"), "MOVED")
+    _asked(session, "TANGENT", "velocity", session.rows(), "trial")
+    _asked(session, "COTANGENT", "weights", session.parts[0].points.astype("<f8"), "trial")
+    after = answered(session.ask("MOVE"), "MOVED")
+    if any(before.arrays[name].tobytes() != after.arrays[name].tobytes() for name in before.arrays):
+        raise Unmet("the same arrays", show(after))
+    _asked(session, "COTANGENT", "weights", session.parts[0].points.astype("<f8"), "trial")
+    session.do("COMMIT")
+
+
+@suite("24.2")
+def no_trial(stage: Stage) -> None:
+    """Derivatives at the trial are refused where there is none."""
+    session = stage.session("READY")
+    request = Request("TANGENT", session.address() | {"what": "trial"}, {"velocity": session.rows()})
+    refused(session.ask(request), "FAILED_PRECONDITION.STATE", state="READY")
+
+
+@suite("24.6")
+def no_derivative(stage: Stage) -> None:
+    """BUILT says that a method has no derivative, and the requests are refused with the key."""
+    session = stage.open(settings={"displacement": "relative"})
+    session.upload()
+    built = session.do("BUILD")
+    if built.fields["derivatives"]:
+        raise Unmet("derivatives false", show(built))
+    for kind in ("TANGENT", "COTANGENT"):
+        reply = refused(session.ask(kind), "FAILED_PRECONDITION")
+        if reply.fields["details"].get("setting") != "displacement":
+            raise Unmet("details.setting displacement", show(reply))

@@ -1,0 +1,85 @@
+"""Derivatives through the client: shapes, which state is meant, and what an optimiser does with them."""
+
+import numpy as np
+import pytest
+from mesh_motion_client import InvalidInput, Mesh, Patch, SessionError, connect
+
+SIDE = 9
+
+
+def square():
+    x, y = (each.ravel() for each in np.meshgrid(np.linspace(0, 1, SIDE), np.linspace(0, 1, SIDE), indexing="ij"))
+    node = np.arange(SIDE * SIDE).reshape(SIDE, SIDE)
+    quads = np.stack([node[:-1, :-1], node[1:, :-1], node[1:, 1:], node[:-1, 1:]], axis=-1).reshape(-1, 4)
+    left, rest = np.flatnonzero(x == 0), np.flatnonzero((x == 1) | (((y == 0) | (y == 1)) & (x > 0)))
+    return Mesh(
+        np.stack([x, y], axis=1), {"quad": quads}, {"left": Patch("moving", left), "walls": Patch("fixed", rest)}
+    )
+
+
+@pytest.fixture(scope="module")
+def session():
+    with connect() as server, server.open(square()) as opened:
+        yield opened
+
+
+def bulge(size):
+    y = square().points[:SIDE, 1]
+    return np.stack([size * np.sin(np.pi * y), 0.0 * y], axis=1)
+
+
+def test_vectors_one_by_one_and_together(session):
+    assert session.derivatives
+    session.move(bulge(0.2))
+    v = np.random.default_rng(1).standard_normal((3, SIDE, 2))
+    together = session.tangent(v)
+    assert together.shape == (3, SIDE * SIDE, 2)
+    for one, found in zip(v, together, strict=True):
+        assert (session.tangent(one) == found).all()
+    w = np.random.default_rng(2).standard_normal((3, SIDE * SIDE, 2))
+    back = session.cotangent(w)
+    assert back.shape == v.shape
+    assert session.cotangent(w[0]).tobytes() == back[0].tobytes()
+    np.testing.assert_allclose(np.einsum("cij,cij->c", w, together), np.einsum("cij,cij->c", back, v), rtol=1e-10)
+    session.rollback()
+
+
+def test_a_trial_knows_where_it_is(session):
+    first = session.move(bulge(0.1))
+    second = session.move(bulge(0.2))
+    v = np.ones((SIDE, 2))
+    with pytest.raises(SessionError, match="iteration 1, is not where the session is"):
+        first.tangent(v)
+    at_trial, weights = second.tangent(v), second.cotangent(second.displacement)
+    session.commit()
+    assert (second.tangent(v) == at_trial).all()
+    assert (second.cotangent(second.displacement) == weights).all()
+    session.move(bulge(0.1))
+    with pytest.raises(SessionError, match="is not where the session is"):
+        second.tangent(v)
+    assert (session.tangent(v, "committed") == at_trial).all()
+    session.rollback()
+
+
+def test_wrong_shapes_are_refused_here(session):
+    with pytest.raises(InvalidInput, match=r"velocity: expected shape \(9, 2\) or \(c, 9, 2\), got \(8, 2\)"):
+        session.tangent(np.ones((8, 2)))
+    with pytest.raises(InvalidInput, match=r"weights of partition 0: expected shape \(81, 2 c\)"):
+        session.cotangent(np.ones((80, 2)))
+
+
+def test_a_gradient_found_with_it_is_that_of_the_objective(session):
+    """An objective of all nodes' places, and of the boundary: what an adjoint solver hands over."""
+    rest = square().points
+    target = rest + 0.05 * np.sin(3.0 * rest[:, ::-1])
+
+    def objective(displacement):
+        moved = session.move(displacement)
+        return 0.5 * np.sum((rest + moved.displacement - target) ** 2), moved
+
+    at, change, h = bulge(0.2), np.random.default_rng(4).standard_normal((SIDE, 2)), 1e-5
+    _, moved = objective(at)
+    gradient = moved.cotangent(rest + moved.displacement - target)
+    difference = (objective(at + h * change)[0] - objective(at - h * change)[0]) / (2.0 * h)
+    assert difference == pytest.approx(np.sum(gradient * change), rel=1e-6)
+    session.rollback()

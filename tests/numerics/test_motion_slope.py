@@ -1,0 +1,223 @@
+"""The motion's derivative: against central differences, and its transpose to rounding, for everything that has one."""
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from box_meshes import CELL_KINDS, box_mesh
+from periodic_meshes import periodic_box
+from sliding_meshes import Mesh, duct
+
+from mesh_motion_server.errors import InvalidInput, NumericalError
+from mesh_motion_server.numerics.correction.smooth_slope import SmoothSlope
+from mesh_motion_server.numerics.decomposition import nearest_rotation, nearest_rotation_slope
+from mesh_motion_server.numerics.interpolation.interpolation_map import interpolation_map
+from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScalePlan
+from mesh_motion_server.numerics.mesh import wall_lines
+from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.session.factors import FactorCache
+
+PLAIN = {"correction": "none", "displacement": "absolute"}
+
+
+def block(kind: str, n: int = 5) -> Mesh:
+    """A block in a box: it moves, the box stays."""
+    mesh = box_mesh(kind, n)
+    return mesh.points, mesh.cells, {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+
+
+def all_moving(kind: str) -> Mesh:
+    points, cells, patches = block(kind)
+    return points, cells, {name: Patch("moving", patch.nodes) for name, patch in patches.items()}
+
+
+def field(x: np.ndarray, degrees: float = 12.0) -> np.ndarray:
+    """A turn about the middle, a shift and a bend, (k, d)."""
+    angle = np.deg2rad(degrees)
+    turn = np.eye(x.shape[1])
+    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    return (x - 0.5) @ turn.T + 0.5 - x + 0.03 + 0.02 * np.sin(4.0 * x[:, ::-1])
+
+
+def velocity(x: np.ndarray) -> np.ndarray:
+    found = np.cos(3.0 * x[:, ::-1]) + 0.3 * x + 0.1 * np.sin(9.0 * x)
+    return found / np.abs(found).max()
+
+
+CASES: dict[str, tuple[Callable[[], Mesh], dict[str, object]]] = {
+    **{f"smooth {kind}": (lambda kind=kind: block(kind), {}) for kind in CELL_KINDS},
+    "plain": (lambda: block("quad"), PLAIN),
+    "polynomial": (lambda: block("tetra"), PLAIN | {"basis": "tps"}),
+    "nothing fixed": (lambda: all_moving("quad"), {}),
+    "nothing fixed in space": (lambda: all_moving("tetra"), PLAIN),
+    "layer": (lambda: block("quad", 10), {"correction": "smooth", "boundary_layer_thickness": 0.11}),
+    "layer in space": (lambda: block("tetra", 10), PLAIN | {"boundary_layer_thickness": 0.11}),
+    "slip walls": (lambda: duct("quad"), {}),
+    "slip walls in space": (lambda: duct("hexahedron", 5), {}),
+    "slip walls with a layer": (lambda: duct("quad", 10), PLAIN | {"boundary_layer_thickness": 0.11}),
+    "spline on a grid": (lambda: block("quad", 300), PLAIN),
+    "spline on a grid in space": (lambda: block("hexahedron", 15), PLAIN),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_it_is_that_of_differences_and_its_transpose(name: str) -> None:
+    make, choices = CASES[name]
+    points, cells, patches = make()
+    model, factors = MotionModel.build(points, cells, patches, Method(**choices)), FactorCache(1 << 28)
+    rest = points[model.roles.moving]
+    moved = model.move(points, rest + field(rest), factors).points
+    slope, v = model.slope(moved, factors), velocity(rest)
+    if choices.get("correction") != "none" and "fixed" not in name:
+        assert slope.smooth is not None
+        assert slope.smooth.region is not None  # some nodes are free
+    found = slope.tangent(v)
+
+    def difference(h: float) -> np.ndarray:
+        there, back = (model.move(moved, moved[model.roles.moving] + s * h * v, factors).points for s in (1, -1))
+        return (there - back) / (2.0 * h)
+
+    exact = (4.0 * difference(1.25e-4) - difference(2.5e-4)) / 3.0
+    bound = 1e-8 if slope.smooth is None else 1e-5  # the minimum is found to 1e-9, which a difference divides by 1e-4
+    assert np.abs(found - exact).max() < bound * np.abs(found).max()
+    assert (found[model.roles.moving] == v).all()
+    w = np.random.default_rng(3).standard_normal(points.shape)
+    back = slope.cotangent(w)
+    assert abs(np.sum(w * found) - np.sum(back * v)) < 1e-12 * (np.abs(w * found).sum() + np.abs(back * v).sum())
+
+
+def test_differences_approach_it_with_the_square_of_the_step() -> None:
+    points, cells, patches = block("quad + triangle", 10)
+    model, factors = MotionModel.build(points, cells, patches, Method()), FactorCache(1 << 28)
+    rest = points[model.roles.moving]
+    moved = model.move(points, rest + field(rest), factors).points
+    found, errors = model.slope(moved, factors).tangent(velocity(rest)), []
+    for h in (2e-3, 1e-3, 5e-4, 2.5e-4):
+        there, back = (model.move(moved, moved[model.roles.moving] + s * h * velocity(rest), factors) for s in (1, -1))
+        errors.append(np.abs((there.points - back.points) / (2.0 * h) - found).max())
+    assert all(3.8 < coarse / fine < 4.2 for coarse, fine in pairwise(errors)), errors
+
+
+def test_it_is_not_that_of_a_frozen_correction() -> None:
+    points, cells, patches = block("quad + triangle", 10)
+    model, factors = MotionModel.build(points, cells, patches, Method()), FactorCache(1 << 28)
+    rest = points[model.roles.moving]
+    slope = model.slope(model.move(points, rest + field(rest, 40.0), factors).points, factors)
+    whole, frozen = slope.tangent(velocity(rest)), slope.plain.apply(velocity(rest))
+    assert np.abs(whole - frozen).max() > 0.1 * np.abs(whole).max()
+
+
+def test_at_rest_it_is_that_of_the_plain_motion() -> None:
+    points, cells, patches = block("quad + triangle", 10)
+    model, factors = MotionModel.build(points, cells, patches, Method()), FactorCache(1 << 28)
+    slope, v = model.slope(points, factors), velocity(points[model.roles.moving])
+    assert (slope.tangent(v) == slope.plain.apply(v)).all()
+    turn = slope.tangent(np.zeros_like(v))
+    assert not turn.any()
+
+
+def test_a_rigid_motion_of_everything_is_one_of_all_nodes() -> None:
+    """Without fixed nodes: the velocities of a turn about a point and a shift."""
+    points, cells, patches = all_moving("tetra")
+    model, factors = MotionModel.build(points, cells, patches, Method()), FactorCache(1 << 28)
+    spin = np.array([[0.0, -0.3, 0.1], [0.3, 0.0, -0.2], [-0.1, 0.2, 0.0]])
+    found = model.slope(points, factors).tangent((points @ spin.T + 0.7)[model.roles.moving])
+    np.testing.assert_allclose(found, points @ spin.T + 0.7, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("choices", "key"),
+    [
+        ({"displacement": "relative"}, "displacement"),
+        ({"displacement": "reanchored", "correction": "none"}, "displacement"),
+        ({"displacement": "absolute", "correction": "optimised"}, "correction"),
+        ({"displacement": "absolute", "correction": "none", "reduction": "greedy"}, "reduction"),
+    ],
+)
+def test_a_method_that_has_none_is_refused_by_its_key(choices: dict[str, object], key: str) -> None:
+    model = MotionModel.build(*block("quad"), Method(**choices))
+    refusal = model.why_no_slope()
+    assert refusal is not None
+    assert refusal.details == {"setting": key}
+    with pytest.raises(InvalidInput, match=f"^{key} = "):
+        model.slope(model.points, FactorCache(0))
+
+
+@pytest.mark.parametrize(
+    ("make", "what"),
+    [
+        (lambda: periodic_box("quad"), "periodic patches"),
+        (lambda: duct("quad", bend=0.6), "curved"),
+        (lambda: _all_slip(duct("quad")), "no node is fixed"),
+    ],
+)
+def test_a_mesh_that_has_none_is_refused(make: Callable[[], Mesh], what: str) -> None:
+    refusal = MotionModel.build(*make(), Method()).why_no_slope()
+    assert refusal is not None
+    assert what in refusal.message
+
+
+def _all_slip(mesh: Mesh) -> Mesh:
+    points, cells, patches = mesh
+    return points, cells, {n: p if p.role == "moving" else Patch("slip", p.nodes) for n, p in patches.items()}
+
+
+def test_a_mesh_that_another_correction_made_is_refused() -> None:
+    points, cells, patches = block("quad + triangle", 10)
+    for choices in ({}, PLAIN):
+        model, factors = MotionModel.build(points, cells, patches, Method(**choices)), FactorCache(1 << 28)
+        rest = points[model.roles.moving]
+        moved = model.move(points, rest + field(rest), factors).points.copy()
+        inner = np.flatnonzero(~model.held)
+        moved[inner] += 1e-3 * np.sin(40.0 * moved[inner])
+        with pytest.raises(NumericalError, match="another way"):
+            model.slope(moved, factors)
+
+
+def test_where_nodes_are_held_in_their_order_it_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A kink: a node slides no further, so that none passes the end of its wall."""
+    model, factors = MotionModel.build(*duct("quad"), Method()), FactorCache(1 << 28)
+    targets = model.points[model.roles.moving] + np.array([0.1, 0.0])
+    model.slope(model.move(model.points, targets, factors).points, factors)
+    monkeypatch.setattr(wall_lines, "_LEAST", 0.95)  # of the even spacing
+    moved = MotionModel.build(*duct("quad"), Method())  # which keeps no plain motion
+    with pytest.raises(NumericalError, match=r"node \d+ slides no further"):
+        moved.slope(moved.move(moved.points, targets, factors).points, factors)
+
+
+def test_the_derivative_keeps_its_factors() -> None:
+    """The second vector costs no new model of the energy."""
+    points, cells, patches = block("quad + triangle", 10)
+    model, factors = MotionModel.build(points, cells, patches, Method()), FactorCache(1 << 28)
+    rest = points[model.roles.moving]
+    smooth = model.slope(model.move(points, rest + field(rest), factors).points, factors).smooth
+    assert isinstance(smooth, SmoothSlope)
+    assert smooth._model is smooth._model
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_slope_of_a_nearest_rotation(d: int) -> None:
+    numbers = np.random.default_rng(d)
+    at, change, h = numbers.standard_normal((20, d, d)), numbers.standard_normal((20, d, d)), 1e-5
+    found = np.einsum("mabce,mce->mab", nearest_rotation_slope(at), change)
+    exact = (nearest_rotation(at + h * change) - nearest_rotation(at - h * change)) / (2.0 * h)
+    np.testing.assert_allclose(found, exact, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("gridded", [False, True])
+def test_points_at_one_place_have_a_transpose_too(gridded: bool) -> None:
+    """The two sides of a baffle count as one node with their mean."""
+    numbers = np.random.default_rng(7)
+    points = numbers.random((300, 2))
+    points[250:] = points[:50]
+    plan = TwoScalePlan.build(
+        points, np.ones(300, dtype=bool), basis="wendland-c2", support_radius=2.0, gridded=gridded, count=100
+    )
+    places = numbers.random((400, 2))
+    whole = interpolation_map(plan.factorize(points, np.zeros(2), np.ones(2)), places)
+    v, w = numbers.standard_normal((300, 3)), numbers.standard_normal((400, 3))
+    forth, back = whole.apply(v), whole.transpose(w)
+    assert abs(np.sum(w * forth) - np.sum(back * v)) < 1e-11 * (np.abs(w * forth).sum() + np.abs(back * v).sum())
