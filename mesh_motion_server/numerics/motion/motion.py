@@ -134,6 +134,8 @@ class MotionModel(PreparedMesh):
         except NumericalError as refusal:
             if not _of_the_mesh(refusal):
                 raise
+            if self.method.correction == "none":  # all others have looked at the boundary before they corrected
+                refusal = self._of_the_boundary(step, refusal)
             origin = committed[self.roles.moving]
             whole = boundary_displacement or BoundaryDisplacement(origin, targets - origin)
             try:
@@ -386,6 +388,14 @@ class MotionModel(PreparedMesh):
     def _other_unit(self, targets: Floats) -> str:
         """The question whether the targets (k, d) are in the unit of the mesh, where that is in doubt."""
         return other_unit(self.points, targets - self.points[self.roles.moving])
+
+    def _of_the_boundary(self, step: _Step, refusal: NumericalError) -> NumericalError:
+        """The refusal that names the boundary, if it forbids every mesh; otherwise the ``refusal``."""
+        try:
+            self.boundary.refuse(step.committed, step.targets, refusal)
+        except NumericalError as certain:
+            return certain
+        return refusal
 
     def _acceptable_fraction(self, step: _Step, whole: BoundaryDisplacement) -> float:
         """A fraction of the ``whole`` displacement that is accepted."""
