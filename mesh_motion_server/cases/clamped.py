@@ -34,12 +34,11 @@ def clamped_bending(mesh: MeshFile, body: Sequence[str], fixed: Sequence[str], s
         return None
     origin = held.mean(axis=0)
     along = points.mean(axis=0) - origin
-    begin = 0.0
-    end = float(((points - origin) @ along).max()) / max(float(np.linalg.norm(along)), 1e-300)
-    both = end < 0.5 * float(np.ptp(points, axis=0).max())
+    along = along / max(float(np.linalg.norm(along)), 1e-300)
+    past = float(((points - origin) @ along).max() - ((held - origin) @ along).max())
+    both = past < 0.5 * float(np.ptp(points, axis=0).max())
     if both:
         along = np.linalg.svd(held - origin, full_matrices=False)[2][0]
-    along = along / np.linalg.norm(along)
     begin, end = _ends((held - origin) @ along, (points - origin) @ along, both=both)
     slope = math.atan(math.pi * share) if both else 2 * share
     return Bending(

@@ -45,6 +45,8 @@ NUMBERED_PATCH_ARRAYS = {
     "ObjectId": "Exodus' sets, by ParaView",
     "gmsh:geometrical": "Gmsh, by meshio: surfaces and curves of the geometry",
 }
+#: Our type's name, rows (m,) among all cells, and corner nodes (m, k), of each type of cell of a grid.
+Listed = list[tuple[str, Integers, Integers]]
 #: VTK's array of flags, and the flag of a cell that another piece has, too.
 _GHOSTS, _DUPLICATE = "vtkGhostType", 1
 
@@ -90,8 +92,11 @@ def _mesh(path: Path, read: Callable[[Path], list[VtkGrid]], files: list[Path]) 
                 hint=hint if " (poly" in str(error) else "",
             ) from None
     dimension = max((CELL_TYPES[name].dimension for cells in listed for name, _, _ in cells), default=0)
+    _require_alike(path, [grid for _, grid in grids])
+    marks = _patches([grid for _, grid in grids], listed, dimension)
     pieces = [
-        _piece(grid, cells, dimension, ghosts=len(grids) == 1) for (_, grid), cells in zip(grids, listed, strict=True)
+        VtkPiece(grid.points, _kept(grid, cells, ghosts=len(grids) == 1), own)
+        for (_, grid), cells, own in zip(grids, listed, marks, strict=True)
     ]
     whole, notes = joined(path, pieces) if pieces else (VtkPiece(np.empty((0, 3)), {}, {}), [])
     names = group_names([key for key in whole.patches if not isinstance(key, str)], {})
@@ -118,8 +123,20 @@ def _no_patches(grids: list[VtkGrid]) -> list[str]:
     ]
 
 
-def _piece(grid: VtkGrid, cells: list[tuple[str, Integers, Integers]], dimension: int, *, ghosts: bool) -> VtkPiece:
-    """The content of a grid that is a part of a mesh of this dimension; without ghost cells unless ``ghosts``."""
+def _require_alike(path: Path, grids: list[VtkGrid]) -> None:
+    """Raise if a piece lacks an array of numbers that names patches in another one: its part of them would be lost."""
+    has = [{name for name in NUMBERED_PATCH_ARRAYS if name in {*g.cell_arrays, *g.point_arrays}} for g in grids]
+    for number, (grid, own) in enumerate(zip(grids, has, strict=True), 1):
+        lost = sorted(set().union(*has) - own)
+        if lost and len(grid.types):
+            raise InvalidInput(
+                f"{path}: piece {number} has no array {lost[0]!r}, by which another piece names its patches",
+                hint="save the array with all pieces",
+            )
+
+
+def _kept(grid: VtkGrid, cells: Listed, *, ghosts: bool) -> dict[str, Integers]:
+    """The cells of a grid; without ghost cells unless ``ghosts``."""
     flags = grid.cell_arrays.get(_GHOSTS)
     kept = np.ones(len(grid.types), bool)
     if flags is not None and not ghosts and flags.dtype.kind in "iu":
@@ -127,39 +144,57 @@ def _piece(grid: VtkGrid, cells: list[tuple[str, Integers, Integers]], dimension
     own: dict[str, list[Integers]] = defaultdict(list)
     for name, rows, nodes in cells:
         own[name].append(nodes[kept[rows]])
-    return VtkPiece(grid.points, concatenated(own), _patches(grid, cells, dimension))
+    return concatenated(own)
 
 
-def _patches(grid: VtkGrid, cells: list[tuple[str, Integers, Integers]], dimension: int) -> dict[PatchKey, Integers]:
-    """{name or group: (p,) node ids, with repeats} from the arrays."""
+def _patches(grids: list[VtkGrid], listed: list[Listed], dimension: int) -> list[dict[PatchKey, Integers]]:
+    """Of each grid, {name or group: (p,) node ids, with repeats}; one array of numbers counts for all of them."""
+    facets = [_facets(grid, cells, dimension) for grid, cells in zip(grids, listed, strict=True)]
+    found = [_named(grid, own) for grid, own in zip(grids, facets, strict=True)]
+    for name in NUMBERED_PATCH_ARRAYS:
+        marked = [_numbered(name, grid, own, dimension) for grid, own in zip(grids, facets, strict=True)]
+        found = [of | (own or {}) for of, own in zip(found, marked, strict=True)]
+        if any(found) and any(own is not None for own in marked):
+            break
+    return found
+
+
+def _facets(grid: VtkGrid, cells: Listed, dimension: int) -> list[tuple[int, Integers]]:
+    """Dimension and rows (m,) of the cells that are a part of the boundary of cells of this dimension."""
     facets = [(0, np.flatnonzero(grid.types == 1))]
     facets += [(CELL_TYPES[name].dimension, rows) for name, rows, _ in cells]
-    facets = [(own, rows) for own, rows in facets if own < dimension and len(rows)]
+    return [(own, rows) for own, rows in facets if own < dimension and len(rows)]
+
+
+def _named(grid: VtkGrid, facets: list[tuple[int, Integers]]) -> dict[PatchKey, Integers]:
+    """Patches of the arrays with their names."""
     found: dict[PatchKey, list[Integers]] = defaultdict(list)
-    everything = np.arange(len(grid.points))
     for name, values in _flat(grid.point_arrays).items():
         if name.startswith(PATCH_PREFIX):
-            found[name.removeprefix(PATCH_PREFIX)].append(everything[values != 0])
+            found[name.removeprefix(PATCH_PREFIX)].append(np.flatnonzero(values))
     for name, values in _flat(grid.cell_arrays).items():
         if name.startswith(PATCH_PREFIX):
             for _, rows in facets:
                 found[name.removeprefix(PATCH_PREFIX)].append(_nodes_of(grid, rows[values[rows] != 0]))
-    for name in NUMBERED_PATCH_ARRAYS:
-        on_cells, on_points = _numbers(grid.cell_arrays, name), _numbers(grid.point_arrays, name)
-        marked: list[tuple[int, Integers, Integers | None]] = []
-        if on_cells is not None:
-            marked = [(own, on_cells[rows], rows) for own, rows in facets]
-        if not any((values != 0).any() for _, values, _ in marked):
-            marked = [] if on_points is None else [(dimension - 1, on_points, None)]
-        for own, values, chosen_rows in marked:
-            for value in np.unique(values[values != 0 if name == "cell_tags" else values > 0]).tolist():
-                chosen = values == value
-                found[own, value].append(
-                    everything[chosen] if chosen_rows is None else _nodes_of(grid, chosen_rows[chosen])
-                )
-        if marked and found:
-            break
     return concatenated(found)
+
+
+def _numbered(
+    name: str, grid: VtkGrid, facets: list[tuple[int, Integers]], dimension: int
+) -> dict[PatchKey, Integers] | None:
+    """Groups of the array of numbers of this name; None if it marks nothing here."""
+    on_cells, on_points = _numbers(grid.cell_arrays, name), _numbers(grid.point_arrays, name)
+    marked: list[tuple[int, Integers, Integers | None]] = []
+    if on_cells is not None:
+        marked = [(own, on_cells[rows], rows) for own, rows in facets]
+    if not any((values != 0).any() for _, values, _ in marked):
+        marked = [] if on_points is None else [(dimension - 1, on_points, None)]
+    found: dict[PatchKey, list[Integers]] = defaultdict(list)
+    for own, values, chosen_rows in marked:
+        for value in np.unique(values[values != 0 if name == "cell_tags" else values > 0]).tolist():
+            chosen = np.flatnonzero(values == value)
+            found[own, value].append(chosen if chosen_rows is None else _nodes_of(grid, chosen_rows[chosen]))
+    return concatenated(found) if marked else None
 
 
 def _flat(arrays: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.generic]]:

@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import os
+import shutil
 import sys
 from pathlib import Path
 from typing import TextIO
@@ -29,6 +30,9 @@ EXIT_UNAVAILABLE = 69
 #: Environment variable with the number of an inherited file descriptor: the server drains when it reads as ended. A
 #: client that starts a private server holds the other end, so that the server never outlives it.
 LIFELINE = "MESH_MOTION_LIFELINE_FD"
+#: Environment variable with a JSON list of the folders that the client made for its private server. The server removes
+#: them at its end, because a client that is killed cannot.
+_PRIVATE_FOLDERS = "MESH_MOTION_PRIVATE_FOLDERS"
 #: Alternatives to listening for other machines.
 _INSTEAD = {
     "metrics": "let something on this machine fetch them",
@@ -73,6 +77,7 @@ def serve(
     if ready_file is not None:
         ready_file.unlink(missing_ok=True)
     lifeline = os.environ.pop(LIFELINE, None)
+    private = json.loads(os.environ.pop(_PRIVATE_FOLDERS, "[]"))
     settings = settings.model_copy(update={"state_folder": settings.state_folder.expanduser()})
     manager = ServiceManager.of_environment()
     try:
@@ -93,6 +98,8 @@ def serve(
         if lock is not None:
             lock.close()
         state.release()
+        for folder in private:
+            shutil.rmtree(folder, ignore_errors=True)  # the client may be removing it too
 
 
 class _RefusedError(Exception):

@@ -123,3 +123,30 @@ def test_a_first_case_of_a_body_on_a_wall_bends_it_and_is_accepted(tmp_path: Pat
     assert 0.03 < np.abs(moved).max() < 0.2
     report = check(path, seconds=60.0)
     assert (report.steps, report.refused) == (10, "")
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.1, 0.7, 1e3])
+def test_a_side_that_is_clamped_all_round_bends_between_its_edges(tmp_path: Path, shift: float) -> None:
+    """Its middle and that of its edges are one place but for rounding, which is no direction."""
+    axes = [np.linspace(0, length, 7) / 3 + shift for length in (2, 1, 1)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    number = np.arange(343).reshape(7, 7, 7)
+    low, high = number[:-1], number[1:]
+    corners = [
+        side[:, a:b, c:d]
+        for side in (low, high)
+        for a, c in ((0, 0), (1, 0), (1, 1), (0, 1))
+        for b, d in [(a + 6, c + 6)]
+    ]
+    sides = {f"{'xyz'[axis]}{end}": np.take(number, end, axis).ravel() for axis in range(3) for end in (0, -1)}
+    np.savez(
+        tmp_path / "mesh.npz",
+        points=points,
+        cells_hexahedron=np.stack([corner.ravel() for corner in corners], axis=1),
+        **{f"patch_{name}": nodes for name, nodes in sides.items()},  # type: ignore[arg-type]
+    )
+    path = tmp_path / "case.toml"
+    path.write_text(draft(read_mesh(tmp_path / "mesh.npz"), tmp_path), encoding="utf-8")
+    report = check(path, seconds=60.0)
+    assert (report.steps, report.refused) == (10, "")
+    assert "both_ends = true" in path.read_text()

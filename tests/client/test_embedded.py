@@ -17,7 +17,7 @@ CLIENT = """
 import time
 from mesh_motion_client import connect
 server = connect()
-print(server._embedded.process.pid, flush=True)
+print(server._embedded.process.pid, server.endpoint.removeprefix("ipc://"), flush=True)
 time.sleep(600)
 """
 
@@ -31,11 +31,15 @@ def test_it_answers_and_ends_with_the_connection():
     assert not Path(server.endpoint.removeprefix("ipc://")).parent.exists()
 
 
-def test_kill_9_of_the_client_ends_it():
-    with subprocess.Popen([sys.executable, "-c", CLIENT], stdout=subprocess.PIPE, text=True) as client:
-        pid = int(client.stdout.readline())
-        os.kill(client.pid, signal.SIGKILL)
-    wait_until(lambda: not alive(pid), "the server has ended with its client")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_it_ends_with_a_killed_client_and_leaves_nothing(tmp_path, number):
+    command, environment = [sys.executable, "-c", CLIENT], os.environ | {"TMPDIR": str(tmp_path)}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as client:
+        pid, socket = client.stdout.readline().split()
+        os.kill(client.pid, number)
+    wait_until(lambda: not alive(int(pid)), "the server has ended with its client")
+    assert not list(tmp_path.iterdir())
+    assert not Path(socket).parent.exists()
 
 
 def test_a_server_that_cannot_start_says_why(tmp_path):

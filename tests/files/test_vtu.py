@@ -311,6 +311,19 @@ def test_pieces_are_one_mesh_with_their_common_nodes_joined(tmp_path: Path, form
     np.testing.assert_array_equal(mesh.patches["low"], np.flatnonzero(low))
 
 
+def test_one_array_names_the_patches_of_all_pieces(tmp_path: Path) -> None:
+    """The first one that marks anything; a piece without it would leave a part of its patches out."""
+    parts = [tmp_path / f"part_{i}.vtu" for i in range(2)]
+    for number, (part, rows) in enumerate(zip(parts, PARTS, strict=True)):
+        points, table, low = two_squares(rows)
+        numbers = low.astype(np.int64)
+        write_vtu(part, points, table, point_data={"patch": numbers * (1 - number), "ObjectId": numbers * 7})
+    assert set(read_mesh(one_file_of(tmp_path / "whole.vtu", parts)).patches) == {"1"}
+    write_vtu(parts[1], points, table, point_data={"ObjectId": numbers})
+    with pytest.raises(InvalidInput, match=r"whole.vtu: piece 2 has no array 'patch', by which another piece names"):
+        read_mesh(one_file_of(tmp_path / "whole.vtu", parts))
+
+
 def test_ghost_cells_and_empty_pieces_are_left_out(tmp_path: Path) -> None:
     meshio = pytest.importorskip("meshio")
     pieces = []

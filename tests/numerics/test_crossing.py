@@ -91,8 +91,9 @@ def model(request: pytest.FixtureRequest) -> MotionModel:
     return leaflets(*request.param)
 
 
-def test_a_move_of_leaflets_says_that_no_mesh_exists() -> None:
-    model = leaflets(2, triangles=True)
+@pytest.mark.parametrize("method", [{}, {"correction": "none"}, {"correction": "none", "sub_steps": "never"}], ids=str)
+def test_a_move_of_leaflets_says_that_no_mesh_exists(method: dict[str, Any]) -> None:
+    model = leaflets(2, triangles=True).with_method(**method)
     with pytest.raises(NumericalError, match="no valid mesh exists") as caught:
         model.move(model.points, closed(model, 0.12, 0.12))
     assert "is it one unit" not in caught.value.hint

@@ -248,6 +248,15 @@ def test_hanging_nodes_are_refused(dimension, hanging):
     assert not any("hangs" in warning for warning in told.warnings)
 
 
+def test_a_node_hangs_on_a_facet_whose_corners_are_all_in_patches():
+    """In the middle of an edge of a tetrahedron: two others share that edge with it."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1], [0.5, 0.5, 0]], dtype=float)
+    cells = CellTable.from_arrays({"tetra": np.array([[0, 1, 2, 3], [0, 5, 1, 4], [0, 2, 5, 4]])})
+    patches = {"tip": Patch("moving", np.array([3])), "others": Patch("fixed", np.array([0, 1, 2, 4]))}
+    with pytest.raises(InvalidInput, match=r"node 5 hangs: it lies on the facet of nodes \[0, 2, 1\]"):
+        checked_mesh(points, cells, patches)
+
+
 def refined_half(dimension, n):
     """A cube of n cells a side, those at x < 1/2 split."""
     numbers: dict[tuple[float, ...], int] = {}

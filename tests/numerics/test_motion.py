@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesh_motion_server.errors import InvalidInput, NumericalError
+from mesh_motion_server.numerics.correction import trial_nodes
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
@@ -58,6 +59,17 @@ def test_a_motion_through_the_wall_is_refused_with_the_largest_acceptable_fracti
     rest = model.points[model.roles.moving]
     accepted = model.move(model.points, rest + error.fraction * (targets - rest))
     assert accepted.corrected.inverted == 0
+
+
+def test_the_fraction_is_looked_for_with_corrections_that_stop_at_a_valid_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, descents = MotionModel.build(*square_frame(24), Method()), []
+    descend = trial_nodes.newton
+    monkeypatch.setattr(trial_nodes, "newton", lambda *a, **k: descents.append(1) or descend(*a, **k))
+    rest, targets = model.points[model.roles.moving], targets_of(model, 3.0, (0.65, 0.02))
+    with pytest.raises(NumericalError, match="no valid mesh exists") as refusal:
+        model.move(model.points, targets)
+    assert len(descents) < 10
+    assert model.move(model.points, rest + refusal.value.fraction * (targets - rest)).corrected.inverted == 0
 
 
 # of the last one the bisection's own trial is valid, but not the motion itself, which frees all nodes

@@ -125,6 +125,16 @@ def test_a_body_that_leaves_the_plane_is_refused_by_its_node(lift: str) -> None:
         model.move(points, targets)
 
 
+def test_the_way_out_of_the_plane_is_one() -> None:
+    points, cells, patches = layered("quad", {"low": "fixed", "high": "fixed"})
+    targets = points[np.unique(patches["body"].nodes)] + [0.0, 0.0, 0.01]
+    with pytest.raises(InvalidInput) as refused:
+        motion_model(points, cells, patches, PLAIN).move(points, targets)
+    assert refused.value.hint.endswith("give one of the planes the role fixed and the other one slip")
+    points, cells, patches = layered("quad", {"low": "fixed", "high": "slip"})
+    assert motion_model(points, cells, patches, PLAIN).move(points, targets).corrected.metric.min > 0.8
+
+
 def test_other_meshes_are_moved_in_space() -> None:
     points, cells, patches = layered("quad", {"low": "symmetry", "high": "fixed"})
     assert OneLayer.find(points, cells, patches) is None

@@ -22,6 +22,8 @@ __all__ = ["EmbeddedServer"]
 
 #: The server drains when this inherited file descriptor reads as ended: it never outlives its client.
 _LIFELINE = "MESH_MOTION_LIFELINE_FD"
+#: A JSON list of folders that the server removes at its end, because a client that is killed cannot.
+_PRIVATE_FOLDERS = "MESH_MOTION_PRIVATE_FOLDERS"
 #: Longest name of a worker's socket.
 _WORKER_SOCKET = "w4194304.ipc"
 #: In this process: a forked child is none of their clients.
@@ -61,7 +63,7 @@ class EmbeddedServer:
         with open(self._log, "wb") as log:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "mesh_motion_server", "serve", *arguments, *options],
-                env=os.environ | {_LIFELINE: str(reader)},
+                env=os.environ | {_LIFELINE: str(reader), _PRIVATE_FOLDERS: json.dumps([str(folder), str(sockets)])},
                 pass_fds=[reader],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,

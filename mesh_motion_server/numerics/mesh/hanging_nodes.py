@@ -30,13 +30,10 @@ def refuse_hanging_nodes(points: Floats, cells: CellTable, floating: Integers) -
     """
     if not len(floating):
         return
-    is_floating = np.zeros(len(points), dtype=bool)
-    is_floating[floating] = True
     found: list[tuple[int, Integers]] = []
     for facets in boundary_facets(cells).values():
         if facets.shape[1] > 1:
-            near = facets[is_floating[facets].any(axis=1)]
-            found += _on_facets(points, near, floating)
+            found += _on_facets(points, facets, floating)
     if not found:
         return
     node, facet = min(found, key=lambda pair: pair[0])
@@ -52,8 +49,6 @@ def refuse_hanging_nodes(points: Floats, cells: CellTable, floating: Integers) -
 
 def _on_facets(points: Floats, facets: Integers, nodes: Integers) -> list[tuple[int, Integers]]:
     """Each of the nodes (k,) that lies on one of the facets (f, w) without being its corner, with that facet."""
-    if not len(facets):
-        return []
     corners = points[facets]
     centres = corners.mean(axis=1)
     radius = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)

@@ -63,6 +63,8 @@ _GOOD = 0.9
 #: … and worse by more than this with them, they stay. If it is about as good they slide: a wall whose nodes
 #: slide in one coupling iteration and stay in the next one disturbs the flow.
 _WORSE = 0.02
+#: Corrections that look for a fraction of a refused motion go up to this quality: then the mesh is surely valid.
+_VALID = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +140,8 @@ class MotionModel(PreparedMesh):
         except NumericalError as refusal:
             if not _of_the_mesh(refusal):
                 raise
+            if self.method.correction == "none":  # all others have looked at the boundary before they corrected
+                refusal = self._impossible(step, refusal) or refusal
             origin = committed[self.roles.moving]
             whole = boundary_displacement or BoundaryDisplacement(origin, targets - origin)
             try:
@@ -422,6 +426,14 @@ class MotionModel(PreparedMesh):
         """The question whether the targets (k, d) are in the unit of the mesh, where that is in doubt."""
         return other_unit(self.points, targets - self.points[self.roles.moving])
 
+    def _impossible(self, step: _Step, refusal: NumericalError | None = None) -> NumericalError | None:
+        """The refusal of a boundary that forbids every mesh, with the details of an earlier one; None of any other."""
+        try:
+            self.boundary.refuse(step.committed, step.targets, refusal)
+        except NumericalError as certain:
+            return certain
+        return None
+
     def _acceptable_fraction(self, step: _Step, whole: BoundaryDisplacement) -> float:
         """A fraction of the ``whole`` displacement that is accepted."""
 
@@ -432,15 +444,12 @@ class MotionModel(PreparedMesh):
                 return False
             return True
 
-        def possible(fraction: float) -> bool:
-            try:
-                self.boundary.refuse(step.committed, whole.at(fraction))
-            except NumericalError:
-                return False
-            return True
-
         method = self.method
         enough = self.with_method(correction_target="threshold")  # more costs much and accepts nothing else
+        if method.correction == "smooth" and method.sub_steps == "auto" and not method.refuse_below_threshold:
+            # what no smooth motion reaches is corrected so, up to the threshold, or led there if that fails
+            valid = min(method.quality_threshold, _VALID)
+            enough = enough.with_method(correction="optimised", quality_threshold=valid)
         direct = enough if method.sub_steps == "always" else enough.with_method(sub_steps="never")
         plain = self.with_method(sub_steps="never", correction="none")
         plain = replace(plain.without_distributions(), layered=None)
@@ -450,7 +459,7 @@ class MotionModel(PreparedMesh):
         return largest_accepted(
             lambda fraction: accepts(direct, fraction),
             lambda fraction: accepts(plain, fraction),
-            possible,
+            lambda fraction: self._impossible(replace(step, targets=whole.at(fraction))) is None,
             certain=certain,
             corrected=method.correction != "none",
         )

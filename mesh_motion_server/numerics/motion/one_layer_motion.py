@@ -170,7 +170,7 @@ class OneLayerMotion:
                 raise InvalidInput(
                     f"node {node} moves {what}, by {distances[wrong[0]]:.3g}, but the mesh is one layer of cells "
                     "between two planes, which moves in its plane only",
-                    hint="give the two planes another role, such as fixed, for a motion in space",
+                    hint="for a motion in space give one of the planes the role fixed and the other one slip",
                     details={"node": node, "distance": float(distances[wrong[0]])},
                 )
 

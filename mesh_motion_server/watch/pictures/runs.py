@@ -207,17 +207,18 @@ def read_played(folder: Path, metric: str | None = None) -> Run:
     Parameters
     ----------
     metric : str, optional
-        As the columns of ``steps.csv`` name it; None: size-skew.
+        As the columns of ``steps.csv`` name it; None: the run's own.
 
     Raises
     ------
     InvalidInput
         If its ``steps.csv`` is not valid.
     """
-    metric = metric or _RECORDED[0]
     table, summary = _read_steps(folder / "steps.csv"), _read_summary(folder / "summary.json")
-    method, name = summary.get("method", {}), metric.replace("-", "_")
-    is_own = method.get("quality_metric", _RECORDED[0]) == metric
+    method = summary.get("method", {})
+    own = method.get("quality_metric", _RECORDED[0])
+    metric = metric or own
+    name, is_own = metric.replace("-", "_"), own == metric
     threshold = method.get("quality_threshold")
     if f"min_{name}" not in table:
         raise _not_recorded(folder, metric, [key[4:].replace("_", "-") for key in table if key.startswith("min_")])

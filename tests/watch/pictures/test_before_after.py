@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -148,6 +149,16 @@ def test_a_3d_mesh_has_its_picture(played: MakePlayed, tmp_path: Path) -> None:
     assert "1 enrichment points" in [text.get_text() for text in panels["after"].texts]
     with styled(Page()):
         save(figure, tmp_path / "a.pdf", Page())
+
+
+def test_titles_of_tall_meshes_in_space_do_not_lie_over_each_other(played: MakePlayed) -> None:
+    pair = read_pair(played(mesh="hexahedron"))
+    before, after = (replace(mesh, points=mesh.points * [1.0, 2.0, 0.5]) for mesh in (pair.before, pair.after))
+    panels = drawn(replace(pair, before=before, after=after), Page(135.0))[1]
+    boxes = [panels[name].title.get_window_extent() for name in ("at", "after", "its")]
+    assert "cut at" in panels["at"].get_title()
+    assert boxes[0].x0 >= 0.0
+    assert all(left.x1 < right.x0 for left, right in pairwise(boxes))
 
 
 def test_the_history_stands_below(played: MakePlayed) -> None:

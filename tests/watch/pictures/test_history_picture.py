@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -203,6 +204,15 @@ def test_another_metric_has_no_prediction_and_no_threshold(played: MakePlayed) -
     np.testing.assert_allclose(run.columns["actual_min"][2], 0.15)
     _, panels = drawn([run])
     assert {each.get_label() for each in panels["skew"].get_lines()} == {"minimum"}
+
+
+def test_a_run_is_drawn_in_its_own_metric(played: MakePlayed) -> None:
+    folder = played()
+    summary = json.loads((folder / "summary.json").read_text())
+    summary["method"]["quality_metric"] = "skew"
+    (folder / "summary.json").write_text(json.dumps(summary))
+    assert (read_played(folder).metric, read_played(folder).threshold) == ("skew", 0.2)
+    assert read_played(folder, "size-skew").threshold is None
 
 
 def test_dark_paper_has_light_ink(played: MakePlayed) -> None:
