@@ -16,7 +16,7 @@ def test_every_package_is_found_from_elsewhere(tmp_path: Path) -> None:
     for folder in (ROOT, ROOT / "adapters" / "python"):
         project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))
         packages += [Path(path).name for path in project["tool"]["scikit-build"]["wheel"]["packages"]]
-    assert len(packages) == 8
+    assert len(packages) == 9
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     said_by_python("-c", "import " + ", ".join(packages), cwd=tmp_path, env=environment)
 

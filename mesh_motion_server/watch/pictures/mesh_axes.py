@@ -34,7 +34,7 @@ def draw_mesh(axes: Any, mesh: Snapshot, plane: Plane | None, title: str, window
     _show(axes, window - [[0.02], [-0.02]] * (window[1] - window[0]))
     _mark_worst(axes, mesh, polygons, window, page)
     where = "" if plane is None else f", cut at {'xyz'[plane.axis]} = {plane.position:.3g}"
-    if "\n" in title:  # there is no room beside it
+    if "\n" in title:  # there is no room for more on its line
         where = where.replace(", ", "\n")
     axes.set_title(f"{title}{where}")
     return colours

@@ -47,7 +47,7 @@ def moving_nodes(stage: Stage) -> None:
 
 @suite("24.3")
 def columns(stage: Stage) -> None:
-    """Two vectors beside each other are answered as each of them is."""
+    """Two vectors in one request are answered as each of them is."""
     session = stage.session("READY")
     one, other = session.rows(size=1.0), session.rows(size=0.5)
     both = _asked(session, "TANGENT", "velocity", np.hstack([one, other]))
