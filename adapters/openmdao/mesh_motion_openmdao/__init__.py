@@ -1,5 +1,1 @@
-"""Mesh motion as a component of OpenMDAO, named as MPhys names a mesh warper."""
-
-from mesh_motion_openmdao.component import MeshMotion
-
-__all__ = ["MeshMotion"]
+"""Mesh motion for OpenMDAO: :mod:`.component` has the component, named as MPhys names a mesh warper."""

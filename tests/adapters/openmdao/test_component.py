@@ -9,7 +9,7 @@ from page_story import blocks_of, play
 om = pytest.importorskip("openmdao.api", reason="OpenMDAO is not installed")
 
 from mesh_motion_client import Mesh, Patch, connect  # noqa: E402
-from mesh_motion_openmdao import MeshMotion  # noqa: E402
+from mesh_motion_openmdao.component import MeshMotion  # noqa: E402
 
 SIDE = 9
 
