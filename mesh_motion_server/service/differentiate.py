@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from mesh_motion_protocol.messages import Cotangent, CotangentFound, Tangent, TangentFound
@@ -41,16 +42,7 @@ def tangent(session: Session, requests: Sequence[Tangent], request_ids: Sequence
     """Velocities of all nodes."""
     del request_ids
     found = session.tangent(requests[0].what, [np.asarray(one.velocity, dtype=np.float64) for one in requests])
-    return [
-        TangentFound(
-            client=one.client,
-            sequence=one.sequence,
-            step=session.step,
-            iteration=session.iteration if one.what == "trial" else 0,
-            velocity=rows,
-        )
-        for one, rows in zip(requests, found, strict=True)
-    ]
+    return [TangentFound(**_at(session, one), velocity=rows) for one, rows in zip(requests, found, strict=True)]
 
 
 def cotangent(
@@ -59,16 +51,13 @@ def cotangent(
     """Weights of the moving nodes."""
     del request_ids
     found = session.cotangent(requests[0].what, [np.asarray(one.weights, dtype=np.float64) for one in requests])
-    return [
-        CotangentFound(
-            client=one.client,
-            sequence=one.sequence,
-            step=session.step,
-            iteration=session.iteration if one.what == "trial" else 0,
-            weights=rows,
-        )
-        for one, rows in zip(requests, found, strict=True)
-    ]
+    return [CotangentFound(**_at(session, one), weights=rows) for one, rows in zip(requests, found, strict=True)]
+
+
+def _at(session: Session, request: Tangent | Cotangent) -> dict[str, Any]:
+    """The fields of a reply that say where the derivative is."""
+    iteration = session.iteration if request.what == "trial" else 0
+    return {"client": request.client, "sequence": request.sequence, "step": session.step, "iteration": iteration}
 
 
 def _check(session: Session, name: str, values: Floats, nodes: Integers, partition: int) -> None:

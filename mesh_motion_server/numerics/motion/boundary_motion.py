@@ -7,7 +7,7 @@ depends on the nodes with a role and on the box of the mesh only, so it is bitwi
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NoReturn, Self
+from typing import Self
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from mesh_motion_server.numerics.motion.body_paths import Body, Way, ways
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.method_check import check_method
 from mesh_motion_server.numerics.motion.motion_found import Motion
+from mesh_motion_server.numerics.motion.motion_slope import WithoutSlope
 from mesh_motion_server.numerics.motion.smooth_step import PlainWay, smooth_step
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
 from mesh_motion_server.numerics.quality.mesh_check import checked_cells
@@ -47,7 +48,7 @@ _ROLES = ("moving", "fixed")
 
 
 @dataclass(frozen=True, eq=False)
-class BoundaryMotion:
+class BoundaryMotion(WithoutSlope):
     """The boundary of a mesh with its motions.
 
     Attributes
@@ -97,16 +98,6 @@ class BoundaryMotion:
             code="FAILED_PRECONDITION",
             hint="open the session with evaluation = 'server'",
         )
-
-    def slope(self, points: Floats, factors: FactorSource) -> NoReturn:
-        """Refuse.
-
-        Raises
-        ------
-        InvalidInput
-        """
-        del points, factors
-        raise self.why_no_slope()
 
     def without_distributions(self) -> Self:
         """The same: it judges nothing."""

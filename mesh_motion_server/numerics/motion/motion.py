@@ -11,16 +11,15 @@ moves before a motion is accepted: an unacceptable motion raises an error with t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mesh_motion_server.errors import DeadlineExceeded, InvalidInput, NumericalError
+from mesh_motion_server.errors import DeadlineExceeded, NumericalError
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.blas import one_blas_thread
 from mesh_motion_server.numerics.correction.correction import Correction, CorrectionProblem, correct
 from mesh_motion_server.numerics.correction.smooth_motion import SmoothMotion
-from mesh_motion_server.numerics.correction.smooth_slope import not_at_minimum
 from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
 from mesh_motion_server.numerics.motion.acceptance import (
@@ -37,9 +36,8 @@ from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer, hel
 from mesh_motion_server.numerics.motion.boundary_layer_fallback import LayerAttempts, fitting_layer, given_way
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.motion_found import Motion
-from mesh_motion_server.numerics.motion.motion_slope import MotionSlope, motion_slope, why_no_slope
-from mesh_motion_server.numerics.motion.prepared_mesh import PreparedMesh
-from mesh_motion_server.numerics.motion.smooth_step import NOT_SMOOTH, LatestPlain, smooth_step, unconverged
+from mesh_motion_server.numerics.motion.motion_slope import DifferentiableMesh
+from mesh_motion_server.numerics.motion.smooth_step import NOT_SMOOTH, smooth_step, unconverged
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.motion.sub_steps import Leg, Walk, furthest_walk
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
@@ -56,8 +54,6 @@ _AS_GOOD = 0.9
 _OVERSHOOT = 1.5
 #: … among about so many nodes, since such a displacement is smooth.
 _SAMPLE = 4096
-#: Of the extent: nodes as close are at the same place.
-_SAME = 1e-9
 #: Nodes that slide make nearly every mesh better. If the mesh is not as good as this …
 _GOOD = 0.9
 #: … and worse by more than this with them, they stay. If it is about as good they slide: a wall whose nodes
@@ -97,10 +93,8 @@ class _Predicted:
 
 
 @dataclass(frozen=True, eq=False)
-class MotionModel(PreparedMesh):
-    """A mesh that can be moved: :class:`PreparedMesh` and its motions."""
-
-    _latest: LatestPlain = field(default_factory=LatestPlain)
+class MotionModel(DifferentiableMesh):
+    """A mesh that can be moved: :class:`~.prepared_mesh.PreparedMesh` and its motions."""
 
     def move(
         self,
@@ -156,37 +150,6 @@ class MotionModel(PreparedMesh):
                 hint="; ".join(filter(None, (way_out(fraction), self._other_unit(targets)))),
                 details=refusal.details,
             ) from refusal
-
-    def why_no_slope(self) -> InvalidInput | None:
-        """What keeps the motion from having a derivative; None if it has one."""
-        return why_no_slope(self.carrying_layers)
-
-    def slope(self, points: Floats, factors: FactorSource) -> MotionSlope:
-        """The derivative of the motion that has led to ``points`` (n, d).
-
-        Raises
-        ------
-        InvalidInput
-            If it has none.
-        NumericalError
-            If the mesh was corrected in another way.
-        """
-        refusal = self.why_no_slope()
-        if refusal is not None:
-            raise refusal
-        targets, layered = points[self.roles.moving], self.carrying_layers
-
-        def plain_of(motion: StandardMotion) -> Floats:
-            return motion.trial(self.points, targets, factors, Stopwatch()).points
-
-        if self.method.correction == "smooth" and self.smooth is not None:
-            plain = self._latest.at(targets, lambda: plain_of(layered))
-            return motion_slope(layered, self.smooth, plain, points, factors)
-        for motion in dict.fromkeys((layered, self.standard_motion)):  # whether layers were carried, the mesh says
-            plain = plain_of(motion)
-            if np.abs(plain - points).max() <= _SAME * np.ptp(self.points, axis=0).max():
-                return motion_slope(motion, None, plain, points, factors)
-        raise not_at_minimum()
 
     # --- the sequence ------------------------------------------------------------------------------------------------
 

@@ -9,23 +9,30 @@ the same maps backwards. Vectors are (nodes, d) arrays: velocities forwards, wei
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import NoReturn
 
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.correction.smooth_motion import SmoothMotion
-from mesh_motion_server.numerics.correction.smooth_slope import SmoothSlope
+from mesh_motion_server.numerics.correction.smooth_slope import SmoothSlope, not_at_minimum
 from mesh_motion_server.numerics.decomposition import nearest_rotation_slope
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
 from mesh_motion_server.numerics.interpolation.interpolation_map import InterpolationMap, interpolation_map
 from mesh_motion_server.numerics.mesh.surface_constraints import OnFacets
 from mesh_motion_server.numerics.motion.boundary_layer_slope import carried_slope
+from mesh_motion_server.numerics.motion.prepared_mesh import PreparedMesh
+from mesh_motion_server.numerics.motion.smooth_step import LatestPlain
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 
-__all__ = ["MotionSlope", "motion_slope", "why_no_slope"]
+__all__ = ["DifferentiableMesh", "MotionSlope", "WithoutSlope", "motion_slope", "why_no_slope"]
+
+
+#: Of the extent: nodes as close are at the same place.
+_SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +57,65 @@ class MotionSlope:
     def cotangent(self, weights: Floats) -> Floats:
         """(k, d) Jᵀ w: the derivative of Σ w · y by the moving nodes' positions, for (n, d) weights w of all nodes."""
         return self.plain.transpose(weights if self.smooth is None else self.smooth.transpose(weights))
+
+
+@dataclass(frozen=True, eq=False)
+class DifferentiableMesh(PreparedMesh):
+    """A prepared mesh, and the derivative of its motion.
+
+    ``_latest``: the latest plain motions, which the next step and a derivative begin with.
+    """
+
+    _latest: LatestPlain = field(default_factory=LatestPlain)
+
+    def why_no_slope(self) -> InvalidInput | None:
+        """What keeps the motion from having a derivative; None if it has one."""
+        return why_no_slope(self.carrying_layers)
+
+    def slope(self, points: Floats, factors: FactorSource) -> MotionSlope:
+        """The derivative of the motion that has led to ``points`` (n, d).
+
+        Raises
+        ------
+        InvalidInput
+            If it has none.
+        NumericalError
+            If the mesh was corrected in another way.
+        """
+        refusal = self.why_no_slope()
+        if refusal is not None:
+            raise refusal
+        targets, layered = points[self.roles.moving], self.carrying_layers
+
+        def plain_of(motion: StandardMotion) -> Floats:
+            return motion.trial(self.points, targets, factors, Stopwatch()).points
+
+        if self.method.correction == "smooth" and self.smooth is not None:
+            plain = self._latest.at(targets, lambda: plain_of(layered))
+            return motion_slope(layered, self.smooth, plain, points, factors)
+        for motion in dict.fromkeys((layered, self.standard_motion)):  # whether layers were carried, the mesh says
+            plain = plain_of(motion)
+            if np.abs(plain - points).max() <= _SAME * np.ptp(self.points, axis=0).max():
+                return motion_slope(motion, None, plain, points, factors)
+        raise not_at_minimum()
+
+
+class WithoutSlope:
+    """A model of a motion that is not differentiated."""
+
+    def why_no_slope(self) -> InvalidInput:
+        """What keeps the motion from having a derivative."""
+        raise NotImplementedError
+
+    def slope(self, points: Floats, factors: FactorSource) -> NoReturn:
+        """Refuse.
+
+        Raises
+        ------
+        InvalidInput
+        """
+        del points, factors
+        raise self.why_no_slope()
 
 
 def why_no_slope(motion: StandardMotion) -> InvalidInput | None:

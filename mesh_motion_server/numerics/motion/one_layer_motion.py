@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NoReturn, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.motion.motion_found import Motion
+from mesh_motion_server.numerics.motion.motion_slope import WithoutSlope
 from mesh_motion_server.numerics.quality.mesh_check import checked_mesh
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
 
@@ -50,7 +51,7 @@ def motion_model(
 
 
 @dataclass(frozen=True, eq=False)
-class OneLayerMotion:
+class OneLayerMotion(WithoutSlope):
     """A mesh of one layer and the model of its plane.
 
     Attributes
@@ -88,16 +89,6 @@ class OneLayerMotion:
             code="FAILED_PRECONDITION",
             hint="give the mesh of the plane, with dimension 2",
         )
-
-    def slope(self, points: Floats, factors: FactorSource) -> NoReturn:
-        """Refuse.
-
-        Raises
-        ------
-        InvalidInput
-        """
-        del points, factors
-        raise self.why_no_slope()
 
     def without_distributions(self) -> Self:
         """The same, judged exactly by its worst cells, without distributions."""
