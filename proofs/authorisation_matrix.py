@@ -177,6 +177,7 @@ def _fields(request: str, at: dict[str, Any]) -> dict[str, Any]:
     """A right request's fields: where, and what of the rest it has to have."""
     rows = np.full((5, 2), 1e-4)
     known = at | {"dimension": 2, "item": "nodes", "frame": "committed", "rows": rows, "displacement": rows}
+    known |= {"velocity": rows, "weights": np.full((25, 2), 1.0)}
     known |= {"part": {}, "questions": [], "bins": np.zeros((0, 3), dtype=np.int64), "values": rows, "worst": rows}
     corners = np.arange(3)[:, None]
     known |= {"nodes": np.zeros((5, 2), dtype=np.int64), "points": rows, "positions": rows, "corners": corners}
@@ -324,8 +325,8 @@ def run(seed: int, budget: Budget) -> Result:
 CHECK = Check(
     "authorisation",
     "{count} questions by every role; strangers see no session",
-    short=397,
-    full=3970,
+    short=441,
+    full=4410,
     seconds=40,
     run=run,
 )

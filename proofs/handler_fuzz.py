@@ -49,7 +49,7 @@ _ADMITTED = {"NEW": ("UPLOAD",), "OPENING": ("UPLOAD", "UPLOAD", "UPLOAD", "BUIL
              "TRIAL": ("MOVE", "MOVE", "COMMIT", "ROLLBACK")}  # fmt: skip
 #: Seldom what changes the state for long: OPEN, RESUME, CLOSE.
 _CONTROL_WEIGHTS = (4, 1, 1, 4, 4, 2)
-_DATA_WEIGHTS = (*(6,) * 10, 1, 2)
+_DATA_WEIGHTS = (*(6,) * 12, 1, 2)
 #: Messages of a scene.
 _MESSAGES = 250
 #: Before memory is looked at, every other scene with the numerics themselves: what is made once is made then.

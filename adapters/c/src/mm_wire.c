@@ -437,6 +437,8 @@ typedef struct {
 } array_rule;
 
 #define MOST_FIELDS 9
+/* of vectors in one reply: products of sizes stay within 64 bits */
+#define MOST_COLUMNS 65536
 typedef struct {
     const char *type;
     field_rule fields[MOST_FIELDS];
@@ -474,7 +476,8 @@ static const reply_rule RULES[] = {
       {"extent", MMI_NUMBER, -1, 1, 0}, {"moving_patches", MMI_ARRAY, MMI_ARRAY, 1, 0}},
      {{"moving_nodes", 'i', 0, 1}, {"patch_nodes", 'i', 0, 1}}},
     {"UPLOADED", {INTEGER("rows_total")}, {{0}}},
-    {"BUILT", {INTEGER("step"), MAP("settings"), MAP("mesh"), MAP("quality")}, {{"moving_nodes", 'i', 0, 0}}},
+    {"BUILT", {INTEGER("step"), MAP("settings"), MAP("mesh"), MAP("quality"), {"derivatives", MMI_FLAG, -1, 1, 0}},
+     {{"moving_nodes", 'i', 0, 0}}},
     {"MOVED",
      {INTEGER("step"),
       INTEGER("iteration"),
@@ -486,6 +489,8 @@ static const reply_rule RULES[] = {
       {"faces", MMI_MAP, -1, 1, 0},
       FIELD_SUMS},
      {{"displacement", 'f', 3, 0}, {"enrichment_points", 'f', 3, 0}, FIELD_ARRAYS}},
+    {"TANGENT_FOUND", {INTEGER("step"), INTEGER("iteration")}, {{"velocity", 'f', MOST_COLUMNS, 0}}},
+    {"COTANGENT_FOUND", {INTEGER("step"), INTEGER("iteration")}, {{"weights", 'f', MOST_COLUMNS, 0}}},
     {"JUDGED",
      {INTEGER("step"),
       LIST("questions", MMI_MAP),
