@@ -23,6 +23,12 @@ def square():
     return Mesh(points, {"quad": quads}, {"left": Patch("moving", number[0]), "walls": Patch("fixed", walls)})
 
 
+@pytest.fixture(autouse=True)
+def _writes_elsewhere(tmp_path, monkeypatch):
+    """OpenMDAO leaves a folder where it runs."""
+    monkeypatch.chdir(tmp_path)
+
+
 @pytest.fixture
 def session():
     with connect() as server, server.open(square()) as opened:
