@@ -7,9 +7,9 @@ scales the compact levels are solved more accurately than for a motion, where a 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -31,12 +31,16 @@ __all__ = ["InterpolationMap", "interpolation_map"]
 _TOLERANCE = 1e-13
 
 
-class InterpolationMap:
+class InterpolationMap(Protocol):
     """(nc, k) values at control points → (n, k) values at places; made by :func:`interpolation_map`."""
 
-    def __init__(self, apply: Callable[[Floats], Floats], transpose: Callable[[Floats], Floats]) -> None:
-        self.apply = apply
-        self.transpose = transpose
+    def apply(self, values: Floats) -> Floats:
+        """(n, k) values at the places."""
+        ...
+
+    def transpose(self, weights: Floats) -> Floats:
+        """(nc, k) what the values at the control points count for (n, k) weights of those at the places."""
+        ...
 
 
 def interpolation_map(factorization: Factorization, places: Floats) -> InterpolationMap:
@@ -48,11 +52,9 @@ def interpolation_map(factorization: Factorization, places: Floats) -> Interpola
         If the control points are reduced or periodic: these maps have no transpose.
     """
     if isinstance(factorization, AllCentreFactorization):
-        one = _OneScale(factorization, places)
-        return InterpolationMap(one.apply, one.transpose)
+        return _OneScale(factorization, places)
     if isinstance(factorization, TwoScaleFactorization):
-        two = _TwoScales(factorization, places)
-        return InterpolationMap(two.apply, two.transpose)
+        return _TwoScales(factorization, places)
     raise InvalidInput(f"an interpolation of the kind {factorization.solver!r} has no derivative")
 
 

@@ -59,6 +59,11 @@ class BoundaryMotion(WithoutSlope):
         The moving patches.
     """
 
+    no_slope = (
+        "evaluation = 'client': the motion is not differentiated where the client evaluates it",
+        "open the session with evaluation = 'server'",
+    )
+
     motion: StandardMotion
     bodies: tuple[Body, ...]
     warnings: tuple[str, ...] = ()
@@ -90,14 +95,6 @@ class BoundaryMotion(WithoutSlope):
     def method(self) -> Method:
         """The method with both radii filled in."""
         return self.motion.method
-
-    def why_no_slope(self) -> InvalidInput:
-        """What keeps the motion from having a derivative."""
-        return InvalidInput(
-            "evaluation = 'client': the motion is not differentiated where the client evaluates it",
-            code="FAILED_PRECONDITION",
-            hint="open the session with evaluation = 'server'",
-        )
 
     def without_distributions(self) -> Self:
         """The same: it judges nothing."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import NoReturn
+from typing import ClassVar, NoReturn
 
 import numpy as np
 
@@ -101,11 +101,13 @@ class DifferentiableMesh(PreparedMesh):
 
 
 class WithoutSlope:
-    """A model of a motion that is not differentiated."""
+    """A model of a motion that is not differentiated; ``no_slope`` says why, and the way out."""
+
+    no_slope: ClassVar[tuple[str, str]]
 
     def why_no_slope(self) -> InvalidInput:
         """What keeps the motion from having a derivative."""
-        raise NotImplementedError
+        return _no_slope(*self.no_slope)
 
     def slope(self, points: Floats, factors: FactorSource) -> NoReturn:
         """Refuse.

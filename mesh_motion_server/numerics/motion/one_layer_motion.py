@@ -66,6 +66,11 @@ class OneLayerMotion(WithoutSlope):
         Nodes of the moving patches, in front and behind.
     """
 
+    no_slope = (
+        "the motion of a mesh of one layer in space is not differentiated",
+        "give the mesh of the plane, with dimension 2",
+    )
+
     points: Floats
     cells: CellTable
     layer: OneLayer
@@ -81,14 +86,6 @@ class OneLayerMotion(WithoutSlope):
     def summary(self, points: Floats) -> Judgement:
         """Quality of the plane with the nodes at ``points`` (n, 3)."""
         return self._in_space(self.plane.summary(self.layer.project(points)), points)
-
-    def why_no_slope(self) -> InvalidInput:
-        """What keeps the motion from having a derivative."""
-        return InvalidInput(
-            "the motion of a mesh of one layer in space is not differentiated",
-            code="FAILED_PRECONDITION",
-            hint="give the mesh of the plane, with dimension 2",
-        )
 
     def without_distributions(self) -> Self:
         """The same, judged exactly by its worst cells, without distributions."""
