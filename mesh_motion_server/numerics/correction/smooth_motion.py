@@ -365,14 +365,25 @@ class SmoothMotion:
         shares = np.zeros((len(distortion), d + 1, d))
         shares[active] = distortion_gradient(points, simplices, weights * slope, self.law.norm)
         gradient = adjacency.gather(shares) + region.pull(points[:n] - rest[:n])[1]
-        blocks = np.empty((len(active), d * d, d * d))
-        arrays = points, simplices.nodes, simplices.ideal, angles_of(simplices), weights * slope, weights * bend
-        kernels.corner_hessians(*arrays, self.law.norm.m, self.law.norm.size_weight, exact, blocks)
+        blocks = self.corner_hessians(points, simplices, weights * slope, weights * bend, exact=exact)
         rows = np.full(len(distortion), -1, dtype=np.int32)
         rows[active] = np.arange(len(active))
         hessian = region.blocks.copy()
         kernels.add_corners(adjacency.starts, adjacency.entries, adjacency.slots, rows, blocks, hessian)
         return gradient, hessian
+
+    def corner_hessians(
+        self, points: Floats, simplices: CornerSimplices, slope: Floats, bend: Floats, *, exact: bool
+    ) -> Floats:
+        """(c, d², d²) second derivatives of the resistance by the corners' edges, as :func:`.corner_blocks` has them.
+
+        ``slope`` and ``bend`` (c,) are w ψ′ and w ψ″; a block that is not exact is positive semi-definite.
+        """
+        d = points.shape[1]
+        blocks = np.empty((len(simplices), d * d, d * d))
+        arrays = points, simplices.nodes, simplices.ideal, angles_of(simplices), slope, bend
+        kernels.corner_hessians(*arrays, self.law.norm.m, self.law.norm.size_weight, exact, blocks)
+        return blocks
 
 
 def _is_box(kind: CellType) -> bool:

@@ -15,12 +15,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import mesh_motion_kernels as kernels
 import numpy as np
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.correction.distortion import angles_of, corner_distortions, distortion_gradient
+from mesh_motion_server.numerics.correction.distortion import corner_distortions, distortion_gradient
 from mesh_motion_server.numerics.correction.smooth_motion import FAR, RAMP, RINGS, SmoothMotion
 from mesh_motion_server.numerics.correction.smooth_region import PENALTY, SmoothRegion
 
@@ -138,9 +137,7 @@ class SmoothSlope:
         region, law, active, d = self._required, self.motion.law, self._active, self.plain.shape[1]
         _, slope, bend = law.resistance(self._distortions[active])
         simplices, weights = region.free.simplices.of(active), region.weights[active]
-        blocks = np.empty((len(active), d * d, d * d))
-        arrays = self._local, simplices.nodes, simplices.ideal, angles_of(simplices), weights * slope, weights * bend
-        kernels.corner_hessians(*arrays, law.norm.m, law.norm.size_weight, True, blocks)
+        blocks = self.motion.corner_hessians(self._local, simplices, weights * slope, weights * bend, exact=True)
         return blocks.reshape(-1, d, d, d, d)
 
     def _coupled(self, local: Floats) -> Floats:

@@ -224,23 +224,23 @@ class PlainSlope:
 
     def apply(self, velocity: Floats) -> Floats:
         """(n, d) velocities of all nodes for (k, d) of the moving ones."""
-        told = np.zeros_like(self.motion.reference)
-        told[self.motion.roles.moving] = velocity
+        rows = np.zeros_like(self.motion.reference)
+        rows[self.motion.roles.moving] = velocity
         for step in self.steps:
-            step.apply(told)
-        out = self.interpolated.apply(told)
-        out[self.known] = told[self.known]
+            step.apply(rows)
+        out = self.interpolated.apply(rows)
+        out[self.known] = rows[self.known]
         return out
 
     def transpose(self, weights: Floats) -> Floats:
         """(k, d) weights of the moving nodes for (n, d) of all."""
-        free, told = weights.copy(), np.zeros_like(weights)
+        free, rows = weights.copy(), np.zeros_like(weights)
         free[self.known] = 0.0
-        told[self.known] = weights[self.known]
-        told += self.interpolated.transpose(free)
+        rows[self.known] = weights[self.known]
+        rows += self.interpolated.transpose(free)
         for step in reversed(self.steps):
-            step.transpose(told)
-        return told[self.motion.roles.moving]
+            step.transpose(rows)
+        return rows[self.motion.roles.moving]
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,8 +262,8 @@ class _Interpolated:
         rigid = None if len(motion.roles.fixed) else _RigidSlope(origin, goal[controls], places)
         return cls(controls, len(motion.reference), made, rigid)
 
-    def apply(self, told: Floats) -> Floats:
-        values = told[self.controls]
+    def apply(self, rows: Floats) -> Floats:
+        values = rows[self.controls]
         if self.rigid is None:
             return self.map.apply(values)
         carried, places = self.rigid.apply(values)
@@ -306,13 +306,13 @@ def _of_layer(motion: StandardMotion, prescribed: Floats) -> _Linear:
     wall, nodes, d = layer.wall.nodes, layer.nodes, prescribed.shape[1]
     slope = carried_slope(layer, prescribed)
 
-    def apply(told: Floats) -> None:
-        told[nodes] = (slope @ told[wall].ravel()).reshape(-1, d)
+    def apply(rows: Floats) -> None:
+        rows[nodes] = (slope @ rows[wall].ravel()).reshape(-1, d)
 
-    def transpose(told: Floats) -> None:
-        weights = told[nodes].ravel()
-        told[nodes] = 0.0
-        told[wall] += (slope.T @ weights).reshape(-1, d)
+    def transpose(rows: Floats) -> None:
+        weights = rows[nodes].ravel()
+        rows[nodes] = 0.0
+        rows[wall] += (slope.T @ weights).reshape(-1, d)
 
     return _Linear(apply, transpose)
 
@@ -334,13 +334,13 @@ def _of_walls(motion: StandardMotion, factors: FactorSource) -> list[_Linear]:
 def _of_wall(nodes: Integers, tangents: Floats, following: _Interpolated | None) -> _Linear:
     """The nodes of one wall, which follow, or stay."""
 
-    def apply(told: Floats) -> None:
-        told[nodes] = 0.0 if following is None else np.einsum("mij,mj->mi", tangents, following.apply(told))
+    def apply(rows: Floats) -> None:
+        rows[nodes] = 0.0 if following is None else np.einsum("mij,mj->mi", tangents, following.apply(rows))
 
-    def transpose(told: Floats) -> None:
-        weights = np.einsum("mij,mi->mj", tangents, told[nodes])
-        told[nodes] = 0.0
+    def transpose(rows: Floats) -> None:
+        weights = np.einsum("mij,mi->mj", tangents, rows[nodes])
+        rows[nodes] = 0.0
         if following is not None:
-            told += following.transpose(weights)
+            rows += following.transpose(weights)
 
     return _Linear(apply, transpose)
