@@ -51,7 +51,7 @@ from mesh_motion_server.numerics.correction.distortion import (
 )
 from mesh_motion_server.numerics.correction.free_region import free_region
 from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
-from mesh_motion_server.numerics.correction.smooth_region import SmoothRegion
+from mesh_motion_server.numerics.correction.smooth_region import ROUGH, SmoothRegion
 from mesh_motion_server.numerics.mesh.cells import CellTable, CellType
 from mesh_motion_server.numerics.quality.metrics import CellsAtRest, cells_at_rest
 from mesh_motion_server.numerics.stopwatch import check_time
@@ -94,7 +94,7 @@ class Law:
     """
 
     onset: float = -math.log(_ONSET)
-    stiffness: float = 40.0
+    stiffness: float = 28.0
     power: float = 8.0
     norm: PNorm = field(default_factory=lambda: PNorm(1.0, 16.0))
 
@@ -293,10 +293,11 @@ class SmoothMotion:
         n, tolerance = region.free.n_free, _TOLERANCE * self._extent
         energy, distortion = self._energy(points, rest, region)
         exact, residual, last = True, math.inf, math.inf  # last: the step before, if it was an exact one
+        accuracy = ROUGH  # of conjugate gradients: each step's allows the next one to be as small as an exact step's
         for done in range(_ITERATIONS):
             check_time()
             try:
-                step, slope, exact = self._step(points, rest, region, distortion, exact=exact)
+                step, slope, exact = self._step(points, rest, region, distortion, accuracy, exact=exact)
             except ArithmeticError:
                 return Smoothed(points, n, done, False, residual)
             residual = float(np.abs(step).max())
@@ -316,21 +317,22 @@ class SmoothMotion:
                 continue
             points, energy, distortion = trial, lower, after
             whole = exact and length == 1.0
-            next_step = residual**3 / last**2 if whole and last < math.inf else math.inf  # as they shrink quadratically
+            shrunk = (residual / last) ** 2 if whole and last < math.inf else math.inf
+            next_step = residual * max(shrunk, 0.0 if region.is_factorized else accuracy)
             if (residual < tolerance and (exact or residual < 1e-3 * tolerance)) or next_step < 1e-2 * tolerance:
                 return Smoothed(points, n, done + 1, True, residual)
-            last = residual if whole else math.inf
+            last, accuracy = (residual, min(ROUGH, shrunk)) if whole else (math.inf, ROUGH)
             exact = length == 1.0 and -slope < 0.5 * max(energy, 1e-12)
         return Smoothed(points, n, _ITERATIONS, False, residual)
 
     def _step(
-        self, points: Floats, rest: Floats, region: SmoothRegion, distortion: Floats, *, exact: bool
+        self, points: Floats, rest: Floats, region: SmoothRegion, distortion: Floats, accuracy: float, *, exact: bool
     ) -> tuple[Floats, float, bool]:
         """Newton's step (f, d), the slope along it, and whether the exact Hessian leads down and gave it."""
         for kind in (True, False) if exact else (False,):
             gradient, hessian = self.model(points, rest, region, distortion, exact=kind)
             try:
-                step = region.step(points, hessian, -gradient)
+                step = region.step(points, hessian, -gradient, accuracy)
             except ArithmeticError:
                 if not kind:
                     raise

@@ -22,8 +22,9 @@ __all__ = ["SmoothRegion"]
 PENALTY = 4.0  # a
 LENGTH = 10.0  # l, in cells
 _DIRECT_UNKNOWNS = {1: 100_000, 2: 100_000, 3: 6_000}  # a larger factorization is slower than conjugate gradients
-_CG = 0.03, 600
-_EXACT_CG = 1e-13, 5000
+ROUGH = 0.03  # residual of a Newton system far from the minimum, as a share of the right-hand side
+_EXACT = 1e-13
+_CG_ITERATIONS = 5000
 
 
 @dataclass(eq=False)
@@ -77,24 +78,30 @@ class SmoothRegion:
         penalty[self.free.adjacency.row_starts[:-1]] += self.mass / sigma[self.free.free]
         return replace(self, penalty=PENALTY * penalty)
 
-    def step(self, points: Floats, hessian: Floats, right: Floats, *, exact: bool = False) -> Floats:
+    def step(self, points: Floats, hessian: Floats, right: Floats, accuracy: float = _EXACT) -> Floats:
         """The step (f, d) of H (b, d, d) dx = right (f, d) that nodes at local positions (l, d) can take.
 
-        Conjugate gradients stop early unless it is to be ``exact``.
+        Conjugate gradients stop where the residual is below ``accuracy`` times ``right``.
 
         Raises
         ------
         ArithmeticError
             If H is factorized and not positive definite.
         """
-        solve = partial(self._solved, until=_EXACT_CG if exact else _CG)
+        solve = partial(self._solved, accuracy=accuracy)
         if self.constraint is None:
             return solve(self.free.adjacency, hessian, right)
         return self.constraint.step(points, hessian, right, solve)
 
-    def _solved(self, adjacency: NodeAdjacency, hessian: Floats, right: Floats, *, until: tuple[float, int]) -> Floats:
+    @property
+    def is_factorized(self) -> bool:
+        """Whether steps are exact."""
+        return self.elimination is not None
+
+    def _solved(self, adjacency: NodeAdjacency, hessian: Floats, right: Floats, *, accuracy: float) -> Floats:
         step, pattern = np.empty_like(right), (adjacency.row_starts, adjacency.columns)
         if self.elimination is None:
+            until = accuracy, _CG_ITERATIONS
             kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *until, step)
         elif not kernels.block_cholesky_solve(*pattern, hessian, *self.elimination, right, step):
             raise ArithmeticError("the matrix is not positive definite")

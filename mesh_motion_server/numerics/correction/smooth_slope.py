@@ -123,7 +123,7 @@ class SmoothSlope:
     def _solved(self, right: Floats) -> Floats:
         """H⁻¹ of (f, d) in the directions that nodes can take."""
         try:
-            return self._required.step(self._local, self._model[1], np.ascontiguousarray(right), exact=True)
+            return self._required.step(self._local, self._model[1], np.ascontiguousarray(right))
         except ArithmeticError as error:
             raise not_at_minimum() from error
 
