@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
+from mesh_motion_server.numerics.mesh.surface_constraints import OnFacets
 
 
 def grid(*counts):
@@ -207,3 +209,42 @@ def test_a_symmetry_patch_is_planar_piece_by_piece():
         SlidingSurfaces.build(points, cells, {"m": bottom}, bottom, mirrors=["m"])
     assert refused.value.details["node"] in bottom
     assert refused.value.hint == "give a curved surface the role slip"
+
+
+def regular_body(d):
+    """Corners at distance 1 from the centre, and facets: a polygon of 12 segments, an icosahedron."""
+    if d == 2:
+        angle = 2.0 * np.pi * np.arange(12) / 12
+        return np.stack([np.cos(angle), np.sin(angle)], axis=1), np.stack(
+            [np.arange(12), np.roll(range(12), -1)], axis=1
+        )
+    golden = (1.0 + 5.0**0.5) / 2.0
+    corners = np.array([np.roll((0.0, a, b * golden), k) for k in range(3) for a in (-1, 1) for b in (-1, 1)])
+    return corners / np.linalg.norm(corners[0]), ConvexHull(corners).simplices.astype(np.int64)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_regular_body_is_projected_from_its_centre(d):
+    """Directions at the corners point away from the centre; so do those between, which are interpolated."""
+    corners, facets = regular_body(d)
+    constraint = OnFacets.from_simplices(corners, facets)
+    rays = np.random.default_rng(d).standard_normal((500, d))
+    rays /= np.linalg.norm(rays, axis=1)[:, None]
+    for radius in (0.7, 0.9, 1.0, 1.3):
+        found = constraint.project(radius * rays, radius * rays)
+        np.testing.assert_allclose(found / np.linalg.norm(found, axis=1)[:, None], rays, atol=1e-13)
+        np.testing.assert_allclose(constraint.facets.closest(found), found, atol=1e-15)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_node_does_not_jump_over_a_kink(d):
+    corners, facets = regular_body(d)
+    constraint = OnFacets.from_simplices(corners, facets)
+    angle = np.linspace(0.0, 2.0 * np.pi, 4000)
+    path = 0.9 * np.column_stack([np.cos(angle), np.sin(angle), 0.3 * np.sin(3.0 * angle)])[:, :d]
+    speeds = [
+        (np.linalg.norm(np.diff(way, axis=0), axis=1) / np.linalg.norm(np.diff(path, axis=0), axis=1)).max()
+        for way in (constraint.project(path, path), constraint.facets.closest(path))
+    ]
+    assert speeds[0] < 1.5
+    assert speeds[1] > 10.0

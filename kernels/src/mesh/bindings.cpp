@@ -11,6 +11,7 @@ void bind_mesh(nanobind::module_& m) {
     bind(m, "add_values", add_values);
     bind(m, "bounding_box", corners_of);
     bind(m, "closest_points", closest_points);
+    bind(m, "smooth_points", smooth_points);
     bind(m, "hash_blocks", hash_blocks);
     bind(m, "match_facets", match_facets);
     bind(m, "round_differences", round_differences);

@@ -1,6 +1,7 @@
 #include "mesh/closest_point.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "parallel.h"
@@ -12,8 +13,16 @@ constexpr Index points_per_task = 64;  // of some hundred candidates each
 
 using Vec = std::array<double, 3>;
 
+constexpr double beyond = 1e-9;        // share of a facet by which a point may be outside
+constexpr int newton_iterations = 20;  // on a triangle: three or four where it is near
+
 Vec read(Vector<const double> row) { return {row[0], row[1], row[2]}; }
 Vec operator-(const Vec& a, const Vec& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
+Vec operator+(const Vec& a, const Vec& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
+Vec operator*(double f, const Vec& a) { return {f * a[0], f * a[1], f * a[2]}; }
+Vec cross(const Vec& a, const Vec& b) {
+    return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+}
 double dot(const Vec& a, const Vec& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 double square(const Vec& a) { return dot(a, a); }
 
@@ -41,29 +50,76 @@ Vec on_triangle(const Vec& p, const Vec& a, const Vec& b, const Vec& c) {
     return best;
 }
 
+Vec on_facet(const Vec& p, Matrix<const double> corners) {
+    const Vec a = read(corners[0]), b = read(corners[1]);
+    return corners.shape(0) == 2 ? on_segment(p, a, b) : on_triangle(p, a, b, read(corners[2]));
+}
+
+void check_numbers(Vector<const Index> facets, Index count) {
+    require(std::all_of(facets.begin(), facets.end(), [&](Index facet) { return 0 <= facet && facet < count; }),
+            "candidates: expected numbers of facets");
+}
+
+void check(Matrix<const double> points, Cube<const double> corners, Vector<const Index> starts,
+           Vector<const Index> candidates, Matrix<double> out) {
+    const Index n = points.shape(0);
+    require(points.shape(1) == 3 && corners.shape(2) == 3 && (corners.shape(1) == 2 || corners.shape(1) == 3),
+            "points, corners: expected shapes (n, 3) and (f, 2 or 3, 3)");
+    require(starts.size() == n + 1 && out.shape() == points.shape(), "starts, out: expected shapes (n + 1,), (n, 3)");
+    require(std::is_sorted(starts.begin(), starts.end()) && starts[0] >= 0 && starts[n] <= candidates.size(),
+            "starts: expected ascending places in candidates");
+    check_numbers(candidates, corners.shape(0));
+}
+
+/// The point q(t) of a segment with (p − q) · d = 0 for its interpolated direction d(t): false if there is none.
+bool across_segment(const Vec& p, Matrix<const double> ends, Matrix<const double> directions, Vec& out) {
+    const Vec a = read(ends[0]), ab = read(ends[1]) - a, d = read(directions[0]), turn = read(directions[1]) - d;
+    const Vec ap = p - a;
+    const double constant = dot(ap, d), linear = dot(ap, turn) - dot(ab, d), quadratic = -dot(ab, turn);
+    const double root = linear * linear - 4.0 * quadratic * constant;
+    if (root < 0.0) return false;
+    const double below = 0.5 * (std::sqrt(root) - linear);  // > 0 on this side of the centre of curvature
+    if (below <= 0.0 || constant < -beyond * below || constant > (1.0 + beyond) * below) return false;
+    out = a + std::clamp(constant / below, 0.0, 1.0) * ab;
+    return true;
+}
+
+/// The point q(u, v) of a triangle with p = q + h n for its interpolated normal n(u, v): false if there is none.
+bool along_normal(const Vec& p, Matrix<const double> corners, Matrix<const double> normals, Vec& out) {
+    const Vec a = read(corners[0]), ab = read(corners[1]) - a, ac = read(corners[2]) - a, ap = p - a;
+    const Vec n = read(normals[0]), turn_b = read(normals[1]) - n, turn_c = read(normals[2]) - n;
+    double u = 1.0 / 3.0, v = 1.0 / 3.0, h = 0.0;
+    bool ended = false;
+    for (int i = 0; i < newton_iterations && !ended; ++i) {
+        const Vec normal = n + u * turn_b + v * turn_c, along_u = ab + h * turn_b, along_v = ac + h * turn_c;
+        const Vec miss = ap - (u * ab + v * ac + h * normal), across = cross(along_u, along_v);
+        const double det = dot(across, normal);
+        if (!(std::abs(det) > 0.0)) return false;
+        const double du = dot(cross(along_v, normal), miss) / det, dv = dot(cross(normal, along_u), miss) / det;
+        u += du, v += dv, h += dot(across, miss) / det;
+        ended = std::abs(du) + std::abs(dv) < 1e-14;
+        if (std::abs(u) + std::abs(v) > 1e3) return false;
+    }
+    if (!(u >= -beyond && v >= -beyond && u + v <= 1.0 + beyond)) return false;
+    u = std::max(u, 0.0), v = std::max(v, 0.0);
+    const double sum = std::max(u + v, 1.0);
+    out = a + (u / sum) * ab + (v / sum) * ac;
+    return true;
+}
+
 }  // namespace
 
 void closest_points(Matrix<const double> points, Cube<const double> corners, Vector<const Index> starts,
                     Vector<const Index> candidates, Matrix<double> out, Vector<Index> facets) {
     const Index n = points.shape(0);
-    require(points.shape(1) == 3 && corners.shape(2) == 3 && (corners.shape(1) == 2 || corners.shape(1) == 3),
-            "points, corners: expected shapes (n, 3) and (f, 2 or 3, 3)");
-    require(starts.size() == n + 1 && out.shape() == points.shape() && facets.size() == n,
-            "starts, out, facets: expected shapes (n + 1,), (n, 3), (n,)");
-    require(std::is_sorted(starts.begin(), starts.end()) && starts[0] >= 0 && starts[n] <= candidates.size(),
-            "starts: expected ascending places in candidates");
-    require(std::all_of(candidates.begin(), candidates.end(),
-                        [&](Index facet) { return 0 <= facet && facet < corners.shape(0); }),
-            "candidates: expected numbers of facets");
-    const bool segments = corners.shape(1) == 2;
+    require(facets.size() == n, "facets: expected shape (n,)");
+    check(points, corners, starts, candidates, out);
     for_ranges(n, points_per_task, [&](Index first, Index last) {
         for (Index i = first; i < last; ++i) {
             const Vec p = read(points[i]);
             double best = std::numeric_limits<double>::infinity();
             for (Index at = starts[i]; at < starts[i + 1]; ++at) {
-                const Matrix<const double> facet = corners[candidates[at]];
-                const Vec a = read(facet[0]), b = read(facet[1]);
-                const Vec trial = segments ? on_segment(p, a, b) : on_triangle(p, a, b, read(facet[2]));
+                const Vec trial = on_facet(p, corners[candidates[at]]);
                 const double away = square(p - trial);
                 if (away < best) {
                     best = away;
@@ -71,6 +127,34 @@ void closest_points(Matrix<const double> points, Cube<const double> corners, Vec
                     facets[i] = candidates[at];
                 }
             }
+        }
+    });
+}
+
+void smooth_points(Matrix<const double> points, Cube<const double> corners, Cube<const double> directions,
+                   Vector<const Index> nearest, Vector<const Index> starts, Vector<const Index> candidates,
+                   Matrix<double> out) {
+    const Index n = points.shape(0);
+    require(directions.shape() == corners.shape() && nearest.size() == n,
+            "directions, nearest: expected shapes (f, 2 or 3, 3), (n,)");
+    check(points, corners, starts, candidates, out);
+    check_numbers(nearest, corners.shape(0));
+    const bool segments = corners.shape(1) == 2;
+    for_ranges(n, points_per_task, [&](Index first, Index last) {
+        for (Index i = first; i < last; ++i) {
+            const Vec p = read(points[i]);
+            double best = std::numeric_limits<double>::infinity();
+            const auto consider = [&](Index facet) {
+                if (square(p - on_facet(p, corners[facet])) >= best) return;
+                Vec trial;
+                const bool found = segments ? across_segment(p, corners[facet], directions[facet], trial)
+                                            : along_normal(p, corners[facet], directions[facet], trial);
+                if (!found || square(p - trial) >= best) return;
+                best = square(p - trial);
+                std::copy(trial.begin(), trial.end(), out[i].begin());
+            };
+            consider(nearest[i]);
+            for (Index at = starts[i]; at < starts[i + 1]; ++at) consider(candidates[at]);
         }
     });
 }

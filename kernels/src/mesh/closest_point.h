@@ -1,4 +1,4 @@
-// The closest points of segments and triangles.
+// The closest points of segments and triangles, and those that their interpolated directions lead to.
 #pragma once
 
 #include "view.h"
@@ -10,5 +10,15 @@ namespace mesh_motion {
 /// Both are left as they are where nothing is near: no candidate, or a place that is not finite.
 void closest_points(Matrix<const double> points, Cube<const double> corners, Vector<const Index> starts,
                     Vector<const Index> candidates, Matrix<double> out, Vector<Index> facets);
+
+/// out[i] (n, 3): the nearest point of the candidates to which points[i] comes along a normal that is interpolated
+/// between a facet's corners; left as it is where there is none. It changes continuously with the point near the facets,
+/// where the closest point jumps over their kinks.
+///
+/// `directions` (f, 2 or 3, 3) at each corner: of segments a tangent, along the segment; of triangles a normal.
+/// `nearest` (n,): numbers of facets that are tried first.
+void smooth_points(Matrix<const double> points, Cube<const double> corners, Cube<const double> directions,
+                   Vector<const Index> nearest, Vector<const Index> starts, Vector<const Index> candidates,
+                   Matrix<double> out);
 
 }  // namespace mesh_motion

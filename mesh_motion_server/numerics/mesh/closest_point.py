@@ -40,17 +40,39 @@ class FacetSet:
 
     def nearest(self, points: Floats) -> tuple[Floats, Integers]:
         """(n, d) points of the facets nearest to (n, d) points, and the row (n,) of the facet of each."""
-        facets = np.zeros(len(points), dtype=np.int64)
+        places, facets, _ = self._searched(points, self._reach)
+        return np.ascontiguousarray(places[:, : self._dimension]), facets
+
+    def smooth(self, points: Floats, directions: Floats) -> Floats:
+        """(n, d) points of the facets that change continuously with the (n, d) points, where the nearest ones jump.
+
+        Each is where a normal leads that is interpolated between a facet's corners (Phong projection: D. Panozzo et
+        al., Weighted averages on surfaces, ACM Trans. Graph. 32(4), 2013); the nearest one where no normal does.
+
+        Parameters
+        ----------
+        directions : (f, 2 or 3, d) array
+            At each corner: a segment's tangent, in the segment's direction; a triangle's normal. Of any length.
+        """
+        # the facet that a normal leads to shares a corner with the nearest one, or nearly so
+        out, facets, lists = self._searched(points, 3.0 * self._reach)
+        if len(points):
+            along = padded(directions.reshape(-1, self._dimension)).reshape(self._corners.shape)
+            kernels.smooth_points(padded(points), self._corners, along, facets, *lists, out)
+        return np.ascontiguousarray(out[:, : self._dimension])
+
+    def _searched(self, points: Floats, reach: float) -> tuple[Floats, Integers, tuple[Integers, Integers]]:
+        """The nearest points (n, 3), their facets (n,), and the facets about them, as the kernels take lists."""
+        places, facets = padded(points), np.zeros(len(points), dtype=np.int64)
+        out, starts = places.copy(), np.zeros(len(points) + 1, dtype=np.int64)
         if not len(points):
-            return points.copy(), facets
-        places = padded(points)
-        nearest = self._tree.query(places)[0]
-        lists = self._tree.query_ball_point(places, (nearest + self._reach) * (1.0 + 1e-12), return_sorted=True)
-        starts = np.zeros(len(points) + 1, dtype=np.int64)
+            return out, facets, (starts, facets)
+        distance = (self._tree.query(places)[0] + reach) * (1.0 + 1e-12)
+        lists = self._tree.query_ball_point(places, distance, return_sorted=True)
         np.cumsum([len(candidates) for candidates in lists], out=starts[1:])
-        out = np.empty_like(places)
-        kernels.closest_points(places, self._corners, starts, np.concatenate(lists).astype(np.int64), out, facets)
-        return np.ascontiguousarray(out[:, : self._dimension]), facets
+        candidates = np.concatenate(lists).astype(np.int64)
+        kernels.closest_points(places, self._corners, starts, candidates, out, facets)
+        return out, facets, (starts, candidates)
 
 
 def nearest_within(corners: Floats, points: Floats, distance: float) -> tuple[Floats, Integers]:

@@ -23,13 +23,15 @@ _SAME_PLACE = 1e-13
 _TOWARDS = 0.5
 
 
-def first_at_place(points: Floats, extent: float) -> Integers:
-    """For each point the lowest number of the points closer than 10⁻¹³ of an extent, directly or through a chain.
+def first_at_place(points: Floats, extent: float, tolerance: float = _SAME_PLACE) -> Integers:
+    """For each point the lowest number of the points closer than the tolerance, directly or through a chain.
 
     Parameters
     ----------
     points : (n, d) array, mesh length unit
     extent : float, mesh length unit
+    tolerance : float
+        As a share of the extent.
 
     Returns
     -------
@@ -40,7 +42,7 @@ def first_at_place(points: Floats, extent: float) -> Integers:
     same = np.r_[False, (points[order[1:]] == points[order[:-1]]).all(axis=1)]
     place[order] = np.minimum.reduceat(order, np.flatnonzero(~same))[np.cumsum(~same) - 1]
     distinct = np.flatnonzero(place == np.arange(len(points)))
-    a, b = cKDTree(points[distinct]).query_pairs(_SAME_PLACE * extent, output_type="ndarray").T
+    a, b = cKDTree(points[distinct]).query_pairs(tolerance * extent, output_type="ndarray").T
     if not len(a):
         return place
     near = coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(len(distinct), len(distinct)))

@@ -1,20 +1,23 @@
 """Where a sliding node may move: on planes through its reference place, on facets of the reference mesh, or nowhere.
 
-Each constraint gives the nearest admissible position (projection), exactly on the planes or facets. It also gives the
-tangential directions there, for steps that are projected afterwards: on facets the normal (on a curve the tangent) is
-interpolated between the corners, so that it turns smoothly where the facets have kinks.
+Each constraint gives an admissible position (projection), exactly on the planes or facets: on planes the nearest one.
+It also gives the tangential directions there, for steps that are projected afterwards. On facets the normal (on a curve
+the tangent) is interpolated between the corners for both, so that it turns smoothly where the facets have kinks. The
+nearest point of facets jumps over a kink from one facet to the next, and a flow solver takes that for a mesh velocity.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.closest_point import FacetSet
+from mesh_motion_server.numerics.mesh.coincidence import first_at_place
 from mesh_motion_server.numerics.mesh.rigid_transforms import Transform, nearest_images
 
 __all__ = ["Held", "OnFacets", "OnPlanes", "SurfaceConstraint"]
@@ -22,6 +25,8 @@ __all__ = ["Held", "OnFacets", "OnPlanes", "SurfaceConstraint"]
 
 #: Planes whose normals differ by less (as a sine) count as one plane: their line of intersection is not determined.
 _PARALLEL = 1e-6
+#: Nodes nearer to each other than this share of the shortest facet are images of each other.
+_SAME_NODE = 0.01
 
 
 class SurfaceConstraint(Protocol):
@@ -33,7 +38,7 @@ class SurfaceConstraint(Protocol):
         ...
 
     def project(self, positions: Floats, reference: Floats) -> Floats:
-        """The admissible positions (m, d) nearest to the given ones, of nodes with ``reference`` positions (m, d)."""
+        """Admissible positions (m, d) near the given ones, of nodes with ``reference`` positions (m, d)."""
         ...
 
     def tangents(self, positions: Floats, reference: Floats) -> Floats:
@@ -113,12 +118,13 @@ class OnFacets:
             points = np.concatenate([points, forth, image.inverse()(points)])
             simplices = np.concatenate([simplices, simplices + count, simplices + 2 * count])
         corners = points[simplices]
-        edges = corners[:, 1:] - corners[:, :1]
-        direction = edges[:, 0] if simplices.shape[1] == 2 else np.cross(edges[:, 0], edges[:, 1])
+        direction = _direction(corners)
         size = np.linalg.norm(direction, axis=1)[:, None, None]
         own = direction[:, :, None] * direction[:, None, :] / size
         used, numbers = np.unique(simplices, return_inverse=True)
-        numbers = numbers.reshape(simplices.shape)
+        # nodes of a periodic side are those of the next image: a direction there is of the facets on both sides
+        shortest = float(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).min())
+        numbers = first_at_place(points[used], shortest, _SAME_NODE)[numbers].reshape(simplices.shape)
         tensors = np.zeros((len(used), *own.shape[1:]))
         for column in numbers.T:
             np.add.at(tensors, column, own)
@@ -130,7 +136,14 @@ class OnFacets:
 
     def project(self, positions: Floats, reference: Floats) -> Floats:
         near, rotations, shifts = nearest_images(positions, reference, self.images)
-        return np.asarray(np.einsum("mij,mj->mi", rotations, self.facets.closest(near)) + shifts)
+        places = self.facets.smooth(near, self._directions)
+        return np.asarray(np.einsum("mij,mj->mi", rotations, places) + shifts)
+
+    @cached_property
+    def _directions(self) -> Floats:
+        """(f, 2 or 3, d) the tangent of the curve, or the normal of the surface, at each corner, as its facet's."""
+        first = np.linalg.eigh(self.tensors)[1][..., -1]
+        return first * np.where(np.einsum("fki,fi->fk", first, _direction(self.corners)) < 0.0, -1.0, 1.0)[..., None]
 
     def tangents(self, positions: Floats, reference: Floats) -> Floats:
         near, rotations, _ = nearest_images(positions, reference, self.images)
@@ -155,6 +168,12 @@ class Held:
     def tangents(self, positions: Floats, reference: Floats) -> Floats:
         del reference
         return np.zeros((*positions.shape, positions.shape[1]))
+
+
+def _direction(corners: Floats) -> Floats:
+    """(f, d) edges of segments (f, 2, d), or normals of triangles (f, 3, d), as long as these are large."""
+    edges = corners[:, 1:] - corners[:, :1]
+    return edges[:, 0] if corners.shape[1] == 2 else np.cross(edges[:, 0], edges[:, 1])
 
 
 def _barycentric(places: Floats, corners: Floats) -> Floats:
