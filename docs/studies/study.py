@@ -1,6 +1,6 @@
 """What a study is: a question, and a function that answers it with tables and pictures.
 
-A study is a module with a ``STUDY``; see ``thesis/`` and ``beyond/``. It computes everything anew each time, so what
+A study is a module with a ``STUDY``; see ``thesis/`` and ``beyond/``. It computes everything again each time, so what
 the documentation shows is what the code does. ``run(quick=True)`` does the same with fewer samples, in seconds: the
 tests run every study that way and hold the ``claims`` against what comes out.
 """

@@ -7,7 +7,7 @@ answer is that of one process bit for bit, except for means, which are sums in a
 ::
 
     field.py             the displacement as arrays, from which a rank evaluates it
-    rank.py              a rank: moves its nodes, judges its cells, tells of the bad ones
+    rank.py              a rank: moves its nodes, judges its cells, reports the bad ones
     counted_cells.py     its cells, judged in one pass
     order_statistics.py  exact percentiles of values that lie on many machines
     summaries.py         the quality of a mesh from that of its partitions

@@ -31,8 +31,8 @@ Ints = NDArray[np.int64]
 class CountedCells:
     """The cells of a partition, judged one time after the other.
 
-    Of each value the place is kept, in four bytes: its bin, and which of the bin's parts it is in. That tells what all
-    bins have. Where the values themselves are asked for, the few cells that have them are judged again.
+    Of each value the place is kept, in four bytes: its bin, and which of the bin's parts it is in. That gives the counts
+    of all bins. Where the values themselves are asked for, the few cells that have them are judged again.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class CountedCells:
         counts = kernels.counts_in_parts(self._places_of(name), bins, BINS)
         for way, own in zip(ways, counts, strict=True):
             filled = np.flatnonzero(own)
-            if own.sum() <= FEW or len(filled) == 1:  # then the values are to be told, or may be
+            if own.sum() <= FEW or len(filled) == 1:  # then the values have to be sent, or may be
                 self._known[name, way] = content(self._values(name, way[0][2] * BINS + filled), way)
             else:
                 self._known[name, way] = BinContent(filled.astype(np.uint16), own[filled].astype(np.uint32), None, None)

@@ -1,7 +1,7 @@
 """The quality of cells that lie with the ranks of a client, as plain values and arrays: the content of JUDGE.
 
-A rank tells what its cells are like, and how they fill the bins it was asked for. Each time it tells all of it again,
-so that whoever adds up keeps nothing between two messages: either all is known, or some more bins are asked for.
+A rank reports the quality of its cells, and how they fill the bins it was asked for. Each time it reports all of it
+again, so that the session keeps nothing between two messages: either all is known, or some more bins are asked for.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _TYPES = tuple(CELL_TYPES)
 
 
 class Unanswered(Exception):
-    """Bins that no rank has told of yet.
+    """Bins that no rank has reported yet.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Unanswered(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Heard:
-    """What one rank told: its part of the summary, without contents, and the contents of each bin asked for."""
+    """What one rank reported: its part of the summary, without contents, and the contents of each bin asked for."""
 
     part: PartialSummary
     answers: Mapping[tuple[str, Way], BinContent]
@@ -161,13 +161,13 @@ def _heard(told: Mapping[str, Any], number: Callable[[str, int], int]) -> Heard:
 
 
 def require(good: bool, expected: str) -> None:
-    """Raise ValueError that tells what was ``expected``, unless it is good."""
+    """Raise ValueError that names what was ``expected``, unless it is good."""
     if not good:
         raise ValueError(expected)
 
 
 def _content(bins: NDArray[np.int64], values: NDArray[np.float64]) -> BinContent:
-    """One bin: parts of it with their counts, and its values if all of them are told."""
+    """One bin: parts of it with their counts, and its values if all of them were sent."""
     repeated = values[:, 2].astype(np.int64)
     whole = int(repeated.sum()) == int(bins[:, 2].sum())
     return BinContent(
@@ -186,7 +186,7 @@ def summary_of(ranks: Sequence[Heard], metric: str) -> QualitySummary:
     Unanswered
         If more bins must be known.
     InvalidInput
-        If a rank tells of other metrics, or what they tell does not add up.
+        If a rank reports other metrics, or their reports do not add up.
     """
 
     def ask(questions: Questions) -> list[list[BinContent]]:

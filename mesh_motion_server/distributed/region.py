@@ -1,6 +1,6 @@
 """The bad cells of a partition with the cells about them, as plain values and arrays: the content of CORRECT.
 
-A rank tells the cells whose quality is below a bound, all cells within some rings about them or about given nodes, and
+A rank sends the cells whose quality is below a bound, all cells within some rings about them or about given nodes, and
 of each node whether all of the rank's cells at it are among these.
 """
 
@@ -29,7 +29,7 @@ ALL = 2.0
 
 @dataclass(frozen=True)
 class Extent:
-    """Which cells are told.
+    """Which cells are sent.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Extent:
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """What one rank told.
+    """What one rank sent.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Region:
     ids : (r,) int64 array
         Global ids of the nodes.
     whole : (r,) bool array
-        Whether all cells of the rank at the node are told.
+        Whether all cells of the rank at the node are sent.
     points, positions : (r, d) arrays, mesh length unit
         In the reference mesh, and where the field takes them.
     cells : dict
@@ -72,7 +72,7 @@ class Region:
     interior : int
         Number of nodes of the rank that the server has not.
     extremes : (float, float)
-        Smallest relative skew and size of the cells that are not told; 1 without such cells.
+        Smallest relative skew and size of the cells that are not sent; 1 without such cells.
     """
 
     extent: Extent
@@ -143,7 +143,7 @@ def region_told(
     *,
     interior: int,
 ) -> Region:
-    """The cells of a rank that are told; ids are its own indices.
+    """The cells of a rank that are sent; ids are its own indices.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ Needs = Mapping[str, Mapping[str, tuple[str, ...]]]
 
 @dataclass(frozen=True, kw_only=True)
 class Key:
-    """What is known of a key beside its name.
+    """What is known of a key, apart from its name.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Key:
     above, low, high : float or None
         Of a number: larger than this; from here; up to here.
     needs : mapping
-        Choice → other key → what the other one may be beside it.
+        Choice → other key → what the other one may be with it.
     """
 
     default: str | float | bool | None

@@ -21,7 +21,7 @@ def check(session: Session, request: Build) -> None:
 
 
 def run(session: Session, requests: Sequence[Build], request_ids: Sequence[RequestId]) -> list[Built]:
-    """Build, and tell each partition which of its nodes it has to move."""
+    """Build, and send each partition which of its nodes it has to move."""
     del request_ids
     session.build()
     settings, mesh = session.model.method.as_dict(), mesh_report(session)

@@ -1,4 +1,4 @@
-"""CORRECT: the ranks of a client tell of the bad cells; the session corrects them, or asks for more."""
+"""CORRECT: the ranks of a client send the bad cells; the session corrects them, or asks for more."""
 
 from __future__ import annotations
 

@@ -195,7 +195,7 @@ class SessionHost:
         ------
         SessionError
             NOT_FOUND for a wrong token; FAILED_PRECONDITION.STATE or RESOURCE_EXHAUSTED.DISK when the session must be
-            opened anew in another process.
+            opened again in another process.
         JournalError
             If the disk fails during the call.
         """
@@ -290,7 +290,7 @@ class SessionHost:
         )
         self._holders.leave(request.partition)
         if not others:
-            self.closed = True  # also if the rest fails: nobody can join a closed session, so the process has to end
+            self.closed = True  # also if the rest fails: no client can join a closed session, so the process has to end
             failpoint("request.close.left")
             self._holders.clear()
             if not discard and self._session.is_built:

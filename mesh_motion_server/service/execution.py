@@ -55,7 +55,7 @@ class Execution:
     clock : callable
         Monotonic seconds.
     teller : Teller
-        Is told the result of each request.
+        Gets the result of each request.
     """
 
     def __init__(self, session: Session, *, limits: ServerSettings, clock: Callable[[], float], teller: Teller) -> None:

@@ -1,4 +1,4 @@
-"""JUDGE: the ranks of a client tell what their cells are like; the session adds up, and accepts the trial or not."""
+"""JUDGE: the ranks of a client send the quality of their cells; the session adds up, and accepts the trial or not."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def check(session: Session, request: Judge) -> None:
 
 
 def run(session: Session, requests: Sequence[Judge], request_ids: Sequence[RequestId]) -> list[Judged]:
-    """Add up what the partitions tell, and judge the trial; or ask for more."""
+    """Add up what the partitions send, and judge the trial; or ask for more."""
     del request_ids
     mesh, method = session.mesh, session.model.method
     told = [heard(vars(one), partial(mesh.cell_number, one.partition), partition=one.partition) for one in requests]

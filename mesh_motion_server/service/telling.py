@@ -86,7 +86,7 @@ class Teller:
         if isinstance(reply, Moved):
             moved = _motion(reply) | {"seconds_total": seconds}
             if reply.coefficients is not None:
-                self._unjudged = moved  # told once the client has judged it
+                self._unjudged = moved  # reported once the client has judged it
             else:
                 self._tell("moved", **moved)
         elif isinstance(reply, Judged):

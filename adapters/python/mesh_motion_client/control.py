@@ -1,8 +1,8 @@
 """The control endpoint as a client sees it: HELLO, OPEN, RESUME, LIST, PROBE, asked until they are answered.
 
 An OPEN or RESUME may have executed although its reply never came. When it is asked for again, by the same content, it
-keeps its id, whatever else was asked for meanwhile: the session that was opened is then found again, and nobody is
-fenced by a RESUME of his own.
+keeps its id, whatever else was asked for meanwhile: the session that was opened is then found again, and no client
+is fenced by a RESUME of its own.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _LOG = logging.getLogger(__name__)
 
 #: After so many seconds without any answer a warning says so; where a worker has to start, after the second figure.
 _SILENT_SECONDS, _STARTING_SECONDS = 1.5, 10.0
-#: Between two tries while nobody can answer, seconds.
+#: Between two tries while no server can answer, seconds.
 _PAUSE_SECONDS = 0.2
 #: Requests that execute once.
 _KEPT = (Open, Resume)

@@ -1,6 +1,6 @@
 """Carries a session's requests to its worker, so that each executes once whatever breaks on the way.
 
-Every request has an id; what was sent twice executes once. When the connection ends, PROBE tells whether the worker
+Every request has an id; what was sent twice executes once. When the connection ends, PROBE says whether the worker
 lives: then the request is sent again on a new connection. If the worker is gone, the session is resumed from its
 journal and the request is sent again; where a trial is lost, the MOVE that made it, and its JUDGE, come first.
 """
@@ -64,8 +64,8 @@ class Courier:
     trial : tuple of requests
         The MOVE that made the open trial, and the JUDGE that completed it where the client judges.
     may_resume : bool
-        Whether this partition may resume the session by itself when its worker is gone: it is built, and nobody else
-        takes part.
+        Whether this partition may resume the session by itself when its worker is gone: it is built, and no other
+        client takes part.
     """
 
     def __init__(

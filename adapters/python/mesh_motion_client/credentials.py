@@ -24,7 +24,7 @@ class Credentials:
     session : str
         32 hexadecimal digits.
     token : bytes
-        32 bytes. Whoever has them has the session.
+        32 bytes. Who has them has the session.
     """
 
     session: str

@@ -316,7 +316,7 @@ class DaskSession:
         except OSError as error:
             self._unreachable.add(worker)
             ended, found = "lost", error
-        except Exception as error:  # what was sent cannot be read there, which Dask tells in several ways
+        except Exception as error:  # what was sent cannot be read there, which Dask reports in several ways
             raise InvalidInput(
                 f"worker {worker} cannot be asked: {error}",
                 hint="pip install 'mesh-motion-server[server,dask]' for the workers, in the version that is here; a "

@@ -8,7 +8,7 @@
     │   └── StepsLost          committed steps of a session with durability "relaxed" are lost: .step .lost
     ├── QualityRefused         no acceptable mesh was found: .best .fraction .worst
     ├── ResourceExhausted      a limit of the server
-    ├── Unavailable            nobody answers, or the server is stopping
+    ├── Unavailable            no answer, or the server is stopping
     ├── Timeout                no answer within the time allowed; the same call may be repeated
     ├── DataLoss               stored data cannot be trusted
     ├── Unsupported            the server does not offer this, or speaks another version
@@ -152,7 +152,7 @@ class ResourceExhausted(MeshMotionError):
 
 
 class Unavailable(MeshMotionError):
-    """Nobody answers, or the server is stopping."""
+    """No server answers, or it is stopping."""
 
     default_code = "UNAVAILABLE"
 

@@ -27,7 +27,7 @@ class Keys:
     name : str
         Whose they are.
     secret : str
-        Z85. Whoever has it is the client.
+        Z85. Who has it is the client.
     server : str
         The server's public key, Z85.
     """

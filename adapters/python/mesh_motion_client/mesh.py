@@ -26,7 +26,7 @@ ROLES = ("moving", "fixed", "slip", "symmetry", "periodic")
 #: Cells of a plane mesh.
 _PLANE = ("triangle", "quad")
 
-#: Bytes of one UPLOAD: small enough that the worker never holds much beside the mesh itself.
+#: Bytes of one UPLOAD: small enough that the worker never holds much more than the mesh itself.
 _PART_BYTES = 32 << 20
 #: Nodes that 4 bytes number.
 _INT32 = 1 << 31

@@ -21,7 +21,7 @@ class OwnCells:
     ----------
     volume : Volume
     courier : Courier
-        Repeats what is told of a trial, where a worker's end has lost it.
+        Repeats what was sent about a trial, where a worker's end has lost it.
     """
 
     def __init__(self, volume: Volume, courier: Courier) -> None:
@@ -65,7 +65,7 @@ class OwnCells:
         return self.volume.coordinates(fetched, corrected)
 
     def _judged(self, step: int, fields: Callable[[list[dict[str, Any]]], dict[str, Any]], seconds: float) -> Judged:
-        """Tell what this partition's cells are like, until the server asks for nothing more."""
+        """Send the quality of this partition's cells, until the server asks for nothing more."""
         questions: list[dict[str, Any]] = []
         while True:
             judge = Judge(**self._courier.address, step=step, **fields(questions))
@@ -83,7 +83,7 @@ class OwnCells:
         what: Literal["trial", "committed"],
         seconds: float,
     ) -> Corrected:
-        """Tell of the bad cells and those about them until the server has corrected them."""
+        """Send the bad cells and those about them until the server has corrected them."""
         around = np.empty(0, dtype=np.int64)
         while True:
             fields = self.volume.region(reply, region, around)

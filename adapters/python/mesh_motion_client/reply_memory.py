@@ -10,14 +10,14 @@ from mesh_motion_protocol.shared_memory import SharedMemory, is_large
 
 __all__ = ["ReplyMemory"]
 
-#: Whoever keeps the arrays of more replies gets the next ones through the socket.
+#: Who keeps the arrays of more replies gets the next ones through the socket.
 _MOST = 4
 
 
 class ReplyMemory:
     """What one session offers.
 
-    The first reply tells how much is needed. Memory whose request was not answered is not given back: a worker that was
+    The first reply shows how much is needed. Memory whose request was not answered is not given back: a worker that was
     given up may still write to it.
     """
 

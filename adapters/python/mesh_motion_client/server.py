@@ -245,7 +245,7 @@ class Server(Described):
 
     @property
     def _connected(self) -> Control:
-        """What is asked, while it is open: nobody waits for the answer of a server that was closed here."""
+        """What is asked, while it is open: no call waits for the answer of a server that was closed here."""
         if self._closed:
             raise Unavailable("the connection to the server is closed", hint="connect again")
         return self._control
@@ -315,7 +315,7 @@ def connect(
     Raises
     ------
     Unavailable
-        If nobody answers in time.
+        If no server answers in time.
     SessionError
         UNAUTHENTICATED, if the server does not admit the key.
 

@@ -71,8 +71,8 @@ class Session(Described):
     step : int
         The last committed step.
     durable_step : int
-        The step that no crash and no power loss takes the session back behind, as the last commit was told: with
-        durability "relaxed" it follows :attr:`step` at a distance. :meth:`status` tells the newest.
+        The step that no crash and no power loss takes the session back behind, as the last commit reported it: with
+        durability "relaxed" it follows :attr:`step` at a distance. :meth:`status` has the newest.
     iteration : int
         Moves of the step under way, 0 = none.
     moving_nodes : (k,) int array
@@ -149,7 +149,7 @@ class Session(Described):
             What the displacements count from: the reference mesh for totals, which structural codes have, or the
             committed state for increments.
         report : {"", "faces"}
-            "faces": also tell what a finite-volume code sees, ``faces["before"]`` and ``faces["after"]`` of the reply;
+            "faces": add what a finite-volume code sees, ``faces["before"]`` and ``faces["after"]`` of the reply;
             it takes time, ask once a step.
         compute_limit : float
             Seconds after which the server gives up computing; 0: never. Without it the server goes on where ``timeout``
@@ -321,7 +321,7 @@ class Session(Described):
     def forget_correction(self) -> None:
         """Have the next :meth:`points` ask for the correction of the committed state, as after a resume.
 
-        It is a call of all partitions then. For a rank beside one that has joined the session anew.
+        It is a call of all partitions then. For a rank next to one that has joined the session again.
         """
         if self._own_cells is not None:
             self._own_cells.forget()

@@ -90,7 +90,7 @@ class Volume:
         return self._rank.judge(displacement, metric)
 
     def region(self, reply: Moved | Fetched, extent: dict[str, Any], around: Ints) -> dict[str, Any]:
-        """CORRECT's fields: the cells that are told after the motion of a MOVED, or before the correction of a FETCHED.
+        """CORRECT's fields: the cells that are sent after the motion of a MOVED, or before the correction of a FETCHED.
 
         Parameters
         ----------

@@ -16,7 +16,7 @@ class ArrayField:
     """Declares an array field: its dtype on the wire and the names of its axes (SPEC.md says what they are).
 
     ``dtype`` ``"<f8"`` also admits ``"<f4"``, which is widened on receipt; ``"<i8"`` also admits ``"<i4"``, which is
-    widened unless ``narrow`` leaves that to whoever reads the message: the cells of a mesh are most of what it takes.
+    widened unless ``narrow`` leaves that to the reader of the message: the cells of a mesh are most of what it takes.
     """
 
     dtype: str

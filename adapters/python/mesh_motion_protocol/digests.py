@@ -1,4 +1,4 @@
-"""Two digests: of a request's content, to tell a repeat from a conflict, and of a committed state.
+"""Two digests: of a request's content, to distinguish a repeat from a conflict, and of a committed state.
 
 A repeated request may carry a new epoch (its sender resumed the session in between), other memory for its reply,
 another limit of computing and another end of the run, and a new request id would make it another request, so these stay

@@ -1,7 +1,7 @@
 """The error codes of protocol 1.0, and the exception of frames that cannot be understood.
 
-A code is one of gRPC's canonical names, with a detail behind a dot where programs may want to tell cases apart. Whoever
-does not know a detail treats the code as its canonical name.
+A code is one of gRPC's canonical names, with a detail behind a dot where programs may want to distinguish cases. A
+program that does not know a detail treats the code as its canonical name.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ _KINDS = bytes(
     for byte in range(256)
 )  # fmt: skip
 
-#: Most values: they are told by their type before anything slower is asked.
+#: Most values: their type is looked at before anything slower.
 _LEAVES = frozenset({float, str, int, bool, bytes, type(None)})
 
 

@@ -12,7 +12,7 @@ from mesh_motion_protocol.messages import REPLIES, Message
 
 __all__ = ["ArraySpec", "FieldSpec", "MessageSchema", "check_value", "schema_of"]
 
-#: In the header beside ``fields``, for every message.
+#: In the header next to ``fields``, for every message.
 REQUEST_ID = ("client", "sequence")
 _INTEGERS = range(-(2**63), 2**63)
 
@@ -40,7 +40,7 @@ class ArraySpec:
 
 @dataclass(frozen=True)
 class MessageSchema:
-    """What a message type, ``kind`` on the wire, consists of; ``request`` tells requests from replies."""
+    """What a message type, ``kind`` on the wire, consists of; ``request`` is true for requests, false for replies."""
 
     kind: str
     cls: type[Message]

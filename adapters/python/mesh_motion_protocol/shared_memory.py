@@ -2,7 +2,7 @@
 
 The receiver makes anonymous memory and offers it with its request; a sender on its machine writes the arrays there.
 A random key at its beginning shows that both mean the same memory: in another container a process's number may be that
-of another process. Its size is sealed, so the sender can map it: nobody's truncation can end it.
+of another process. Its size is sealed, so the sender can map it: no truncation can end it.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ def written(offer: Mapping[str, Any], arrays: Sequence[NDArray[Any]]) -> dict[in
 
 @lru_cache(_MAPPED)
 def _mapped(process: int, descriptor: int, key: bytes, nbytes: int) -> mmap.mmap:
-    """The first bytes of anonymous memory that begins with the key, and that nobody can make smaller.
+    """The first bytes of anonymous memory that begins with the key, and that no process can make smaller.
 
     Raises
     ------

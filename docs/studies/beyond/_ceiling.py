@@ -131,7 +131,7 @@ def _standard(body: Body, turn: Turn, radius: float | None = None) -> Floats:
 
 
 def _interpolated(points: Floats, told: Floats, body: Body, radius: float) -> Floats:
-    """Points (n, d) moved by the interpolation of what the held nodes (h, d) are told."""
+    """Points (n, d) moved by the interpolation of the given displacements of the held nodes (h, d)."""
     interpolant = factorize(points[body.held], support_radius=radius).solve(told)
     moved = points + evaluation.displacement(interpolant, points)
     moved[body.held] = points[body.held] + told

@@ -70,7 +70,7 @@ class LayerMesh:
         return float(np.median(np.linalg.norm(last - first, axis=1)))
 
     def model(self, **choices: Any) -> MotionModel:
-        """How the mesh is moved: from the reference mesh, corrected for the best worst cell unless told otherwise."""
+        """How it is moved: from the reference mesh, corrected for the best worst cell unless chosen otherwise."""
         usual = {"displacement": "absolute", "correction_target": "maximum", "quality_threshold": 0.9}
         usual["quality_metric"] = "size-skew"
         return MotionModel.build(self.points, self.cells, self.patches, Method(**{**usual, **choices}))

@@ -30,7 +30,7 @@ _UNTANGLING, _STAGES = 80, 15  # iterations of one regularisation, and how many 
 _UNTANGLED = 1e-2
 _JUDGE_EVERY = 5
 _DEPENDENT = 3e-6
-_OUTSIDE = 1e10  # what a line search is told of inverted cells
+_OUTSIDE = 1e10  # what a line search gets for inverted cells
 
 
 class QuasiNewton:

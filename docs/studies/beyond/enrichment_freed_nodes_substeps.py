@@ -118,7 +118,7 @@ def series(quick: bool) -> list[Series]:
 
 @dataclass(frozen=True)
 class Reached:
-    """Minimum size-skew, and the CPU seconds of the whole motion with every factorization made anew."""
+    """Minimum size-skew, and the CPU seconds of the whole motion with every factorization made again."""
 
     minimum: float
     seconds: float

@@ -1,4 +1,4 @@
-"""Corrections of a cell's deformation by its stretches: polar, singular value and QR, beside Algorithm 1's eigenvalues.
+"""Corrections of a cell's deformation by its stretches: polar, singular value and QR, and Algorithm 1's eigenvalues.
 
 As in Algorithm 1 a stretch ≤ 0 becomes +0.1; if there is none, the smallest gains 0.1. The methods differ in the
 definition of the stretches and in what they keep:

@@ -85,7 +85,7 @@ def _fixed_wall(mesh: StoredMesh, roles: BoundaryRoles, radius: float, polynomia
 
 
 def _free_wall(mesh: StoredMesh, roles: BoundaryRoles, radius: float, polynomial: str) -> float:
-    """How far the outer wall moves when it is not told to stay."""
+    """How far the outer wall moves when it is not held."""
     points = moved(mesh, told_block(mesh), roles.moving, radius, polynomial)
     return float(np.linalg.norm(points - mesh.points, axis=1)[roles.fixed].max())
 

@@ -29,7 +29,7 @@ def sizes(cells: int, radius: float, magnitude: float) -> tuple[Floats, Floats, 
 
 
 def run(quick: bool) -> Outcome:
-    """Minima beside the print; errors over cells, radius and magnitude."""
+    """Minima next to the printed ones; errors over cells, radius and magnitude."""
     counts = COUNTS[:3] if quick else COUNTS
     found = {(r, m): [errors(*sizes(n, r, m)[1:]) for n in counts] for r in RADII for m in MAGNITUDES}
     tables = [_minima(), _convergence(counts, found), _magnitudes(found)]

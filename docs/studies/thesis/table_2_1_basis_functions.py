@@ -77,7 +77,7 @@ def measured_order(basis: Basis, coarse: int, fine: int) -> float:
 
 
 def condition_number(basis: Basis, points: Floats) -> float:
-    """2-norm condition of the matrix of points (n, d); of conditional functions, beside the polynomial."""
+    """2-norm condition of the matrix of points (n, d); of conditional functions, with the polynomial."""
     distance = np.linalg.norm(points[:, None] - points, axis=2)
     matrix = values(basis, distance / radius_of(basis))
     if basis.needs_polynomial:

@@ -111,7 +111,7 @@ class Moving:
         )
 
     def quality(self, displacement: Floats) -> float:
-        """Minimum size-skew with the nodes displaced and the boundary where it was told to be."""
+        """Minimum size-skew with the nodes displaced and the boundary at its targets."""
         moved = self.mesh.points + displacement
         roles = BoundaryRoles.from_patches(self.mesh.patches)
         moved[roles.all] = self.problem.boundary + self.problem.displacement

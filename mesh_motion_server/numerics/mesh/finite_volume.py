@@ -6,7 +6,7 @@ The definitions are exactly those of OpenFOAM, so the numbers are those that its
 non-orthogonality   angle between a face's area vector S and the vector d between the centres of its two cells
 skewness            distance of the face's centre from the point where d meets the face, relative to the extent of the
                     face in that direction (at least 0.2 \\|d\\|); boundary faces: with d normal to the face, 0.4
-volume ratio        min(V_o, V_n) / max(V_o, V_n) of a face's two cells; negative beside an inverted one
+volume ratio        min(V_o, V_n) / max(V_o, V_n) of a face's two cells; negative next to an inverted one
 ==================  ==================================================================================================
 
 A face's centre and area are those of its triangles around the mean of its nodes, a cell's centre and volume those of
@@ -53,7 +53,7 @@ _TINY, _ROOT_TINY = 1e-300, 1e-150
 _WORST = 10
 _EXTRUDED = {"triangle": "wedge", "quad": "hexahedron"}
 
-#: Measures of a face beside the volumes of its cells: 0 is best.
+#: Measures of a face other than the volumes of its cells: 0 is best.
 FACE_METRICS = ("non-orthogonality", "face-skewness")
 
 

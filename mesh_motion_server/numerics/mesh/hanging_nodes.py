@@ -1,7 +1,7 @@
 """Refuses nodes that hang: on a facet of a cell that does not have them.
 
 Interpolation moves such a node without its facet: a gap opens or cells overlap, and no cell is judged by it. Nodes in
-patches are spared: the sides of an interface of two meshes that do not match are told how to move.
+patches are spared: the sides of an interface of two meshes that do not match have given displacements.
 """
 
 import mesh_motion_kernels as kernels

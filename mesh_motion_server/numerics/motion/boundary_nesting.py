@@ -1,7 +1,7 @@
 """Detects a part of the boundary that has left the part around it, or entered another one: no valid mesh exists then.
 
 A body that has moved wholly through a wall crosses nothing at its targets. How often a closed part of the boundary goes
-round a node of another part tells on which side the node is: its winding number, the sum of the angles of the part's
+round a node of another part shows on which side the node is: its winding number, the sum of the angles of the part's
 segments in 2D, of the solid angles of its triangles in 3D, as a share of the full angle. No valid motion changes it.
 
 The winding number of the whole boundary is 1 in the mesh and 0 outside of it. So where facets touch it decides whether

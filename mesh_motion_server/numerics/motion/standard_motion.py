@@ -111,7 +111,7 @@ class StandardMotion:
     spacing : float, mesh length unit
         Of the moving nodes in the reference mesh; 0 if no reduction needs it.
     plans : TwoScalePlans
-        Tell which control nodes are interpolated in two scales.
+        Say which control nodes are interpolated in two scales.
     layer : BoundaryLayer or None
         Nodes that the moving walls carry with them.
     """
@@ -262,7 +262,7 @@ class StandardMotion:
         prepared = prepared_for(stage.interpolant, points, factors, unasked=known)
         moved = stage.positions(points, prepared)
         numbers = known[:, None] * moved.shape[1] + np.arange(moved.shape[1])
-        moved.reshape(-1)[numbers.reshape(-1)] = told.reshape(-1)  # moved[known] = told, in a third of the time
+        moved.reshape(-1)[numbers.reshape(-1)] = told.reshape(-1)  # moved[known] = given, in a third of the time
         return moved
 
     def _solve(

@@ -80,7 +80,7 @@ QUALITY_METRICS: dict[str, str] = {
     "relative-size-skew": "sign(size) √|size| shape relative to the cell at rest",
 }
 
-#: Name of :func:`corner_quality`, by which regions are told.
+#: Name of :func:`corner_quality`, by which regions are chosen.
 WORST_CORNER = "corner-shape-size"
 #: Number of each quality metric in the compiled loops.
 METRIC_CODES = {name: code for code, name in enumerate(QUALITY_METRICS)}
@@ -327,7 +327,7 @@ def corner_quality(points: NDArray[np.floating], cells: CellTable, rest: CellsAt
 
     ``skews`` (m,) are those of :func:`cell_quality` at the same points (n, d).
     A cell without a corner below ``exp(−f)`` has no distortion above f in the smooth correction; its metric is named
-    :data:`WORST_CORNER` where regions are told.
+    :data:`WORST_CORNER` where regions are chosen.
     """
     positions, out = as_positions(points, cells.dimension), np.empty(len(cells))
     for block, rows in block_slices(cells):

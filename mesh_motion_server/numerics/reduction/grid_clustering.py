@@ -77,7 +77,7 @@ class Clusters:
 
 
 def reduce(problem: ReductionProblem) -> Reduced:
-    """Divide the clusters with an error above the tolerance, interpolate anew, until there is none."""
+    """Divide the clusters with an error above the tolerance, interpolate again, until there is none."""
     field = LevelSum(problem)
     clusters = Clusters(problem.points)
     while clusters.count < min(_FIRST_CLUSTERS, problem.n_points):

@@ -6,7 +6,7 @@ is factorized again::
     [A  b]   [L  0] [U  u]        L u = b,   lᵀ U = bᵀ,   υ = c − lᵀ u
     [bᵀ c] = [lᵀ 1] [0  υ]
 
-The solution of L y = d grows by one row too; only the substitution U γ = y is done anew for each point. The fourth
+The solution of L y = d grows by one row too; only the substitution U γ = y is done again for each point. The fourth
 power of N_c becomes a third one; the errors are still formed from scratch.
 
 References

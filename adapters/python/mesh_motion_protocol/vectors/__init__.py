@@ -1,6 +1,6 @@
 """Golden vectors: frames as hex with the message they mean, or the error code they must raise.
 
-``valid.json`` and ``invalid.json`` are lists of cases for any language; :mod:`.generate` writes them anew.
+``valid.json`` and ``invalid.json`` are lists of cases for any language; :mod:`.generate` writes them again.
 """
 
 from __future__ import annotations

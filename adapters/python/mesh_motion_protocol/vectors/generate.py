@@ -282,7 +282,7 @@ def _broken_arrays() -> Iterable[tuple[str, Frames, str, str]]:
 
 
 def main() -> None:
-    """Write both files beside this module."""
+    """Write both files next to this module."""
     here = Path(__file__).parent
     for name, cases in (("valid", valid_cases()), ("invalid", invalid_cases())):
         here.joinpath(f"{name}.json").write_text(render(cases), encoding="utf-8")

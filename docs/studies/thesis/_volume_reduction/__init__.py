@@ -1,7 +1,7 @@
 """Volume reduction: sums over control points at fewer places than there are nodes (thesis §2.2.1).
 
 One algorithm a module, all called ``reduce(problem) -> VolumeField``; :data:`VOLUME_REDUCTIONS` chooses by name. The
-moving boundary is exact with each: its nodes are put where they were told to go in any case, and the fields agree with
+moving boundary is exact with each: its nodes are put at their targets in any case, and the fields agree with
 that there.
 
 ==================  =======================================================================  ======================

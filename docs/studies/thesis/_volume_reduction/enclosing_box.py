@@ -1,6 +1,6 @@
 """Enclosing box: only nodes inside a box around the moving body move, with zero displacement on its surface.
 
-The surface is sampled with control points that stay, and the field is interpolated anew from them, the body and what
+The surface is sampled with control points that stay, and the field is interpolated again from them, the body and what
 else lies in the box: so it falls to zero as smoothly as to a wall there (the standard field blended to zero in the same
 box gave half of the minimum quality and less, for tight boxes). What little is left between the samples is faded out
 over the last tenth of the margin, and nodes outside do not move by a bit.
