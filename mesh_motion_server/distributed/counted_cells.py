@@ -31,8 +31,8 @@ Ints = NDArray[np.int64]
 class CountedCells:
     """The cells of a partition, judged one time after the other.
 
-    Of each value the place is kept, in four bytes: its bin, and which of the bin's parts it is in. That gives the counts
-    of all bins. Where the values themselves are asked for, the few cells that have them are judged again.
+    Of each value the place is kept, in four bytes: its bin, and which of the bin's parts it is in. So the counts of all
+    bins are known. Where the values themselves are asked for, the few cells that have them are judged again.
 
     Parameters
     ----------
