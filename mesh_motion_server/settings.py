@@ -195,16 +195,24 @@ def check_durability(level: str, offered: Sequence[str] = DURABILITY_LEVELS) -> 
     return level or offered[0]
 
 
-def check_evaluation(evaluation: str, settings: MethodSettings) -> None:
+def check_evaluation(evaluation: str, settings: MethodSettings, time_levels: str = "") -> None:
     """Check that the client can evaluate the motion, if it wants to.
 
     Raises
     ------
     InvalidInput
-        INVALID_ARGUMENT.SETTINGS, naming the first setting that takes the volume.
+        INVALID_ARGUMENT.SETTINGS, naming the first setting that takes the volume; INVALID_ARGUMENT.VALUE if time levels
+        of its nodes are to be stored.
     """
     if evaluation != "client":
         return
+    if time_levels:
+        raise InvalidInput(
+            f"evaluation = 'client': expected time_levels '', got {time_levels!r}: the server has not the nodes",
+            code="INVALID_ARGUMENT.VALUE",
+            hint="take differences of the nodes' positions where they are, or open with evaluation = 'server'",
+            details={"field": "time_levels", "value": time_levels},
+        )
     for key, admitted in (_WITHOUT_VOLUME | _OF_CORRECTION.get(settings.correction, {})).items():
         got = getattr(settings, key)
         if got not in admitted:

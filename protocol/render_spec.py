@@ -115,6 +115,8 @@ def _marker(marker: Length | Choice | Range) -> str:
 def _default(cls: type[Message], name: str) -> str:
     field = cls.__dataclass_fields__[name]
     value = field.default_factory() if callable(field.default_factory) else field.default
+    if value is None:
+        return "left out"
     return f"`{str(value).replace(chr(39), chr(34))}`" if not isinstance(value, str) else f'`"{value}"`'
 
 

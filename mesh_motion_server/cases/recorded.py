@@ -52,6 +52,8 @@ class Recorded:
 
     def digest(self, step: int) -> bytes:
         """State digest of a recorded step; empty if unknown."""
+        if self.spec.time_levels:
+            return b""  # it is also that of time levels, and no times are recorded
         return self.log.digest(step) or self.digests.get(step, b"")
 
 
@@ -79,23 +81,25 @@ def read_recorded(folder: Path) -> Recorded:
     if not log.steps:
         raise InvalidInput(f"{folder}: nothing can be replayed: {notes[-1]}")
     columns, digests = _steps(folder)
+    mesh = upload_view(merge(read_mesh(folder / MESH, files, ledger.foundation.mesh)))
     return Recorded(
         folder=folder,
         spec=spec,
-        mesh=upload_view(merge(read_mesh(folder / MESH, files, ledger.foundation.mesh))),
+        mesh=mesh,
         log=log,
         columns=columns,
         digests=digests,
         makers=log.makers,
         notes=notes,
-        stored=_stored(folder, files, ledger),
+        stored=_stored(folder, files, ledger, len(mesh.points)),
     )
 
 
-def _stored(folder: Path, files: PosixFileSystem, ledger: Ledger) -> tuple[int, Floats] | None:
+def _stored(folder: Path, files: PosixFileSystem, ledger: Ledger, nodes: int) -> tuple[int, Floats] | None:
     """The stored coordinates; None if they do not verify. They only serve to measure the distance of two runs."""
     try:
-        return read_stored_state(folder, files, ledger)
+        stored = read_stored_state(folder, files, ledger)
+        return None if stored is None else (stored[0], stored[1][:nodes])  # without earlier time levels
     except JournalError:
         return None
 

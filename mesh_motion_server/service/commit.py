@@ -25,6 +25,7 @@ def check(session: Session, request: CommitRequest) -> None:
     if session.state in (State.READY, State.TRIAL):
         session.require_next_step(request.step)
     session.admit(Operation.COMMIT)
+    session.require_time_of_commit(request.time)
 
 
 def run(session: Session, requests: Sequence[CommitRequest], request_ids: Sequence[RequestId]) -> list[Committed]:
@@ -39,11 +40,13 @@ def run(session: Session, requests: Sequence[CommitRequest], request_ids: Sequen
             quality=summary_report(outcome.quality, session.mesh),
         )
         final_step = max(request.final_step for request in requests)
-        noted = {"final_step": final_step, "corrected": outcome.corrected}
+        level = outcome.level
+        times = () if level.time is None else (level.time, level.previous_time)
+        noted = {"final_step": final_step, "corrected": outcome.corrected, "times": times}
         packed: bytes = msgpack.packb(content | {name: value for name, value in noted.items() if value})
         return packed
 
-    session.commit(request_ids, receipt)
+    session.commit(request_ids, receipt, time=requests[0].time)
     failpoint("request.committed")
     return [Committed(client=request.client, sequence=request.sequence, **content) for request in requests]
 
@@ -51,6 +54,6 @@ def run(session: Session, requests: Sequence[CommitRequest], request_ids: Sequen
 def replies_of(commit: Commit) -> list[tuple[RequestId, Committed]]:
     """The replies to a journaled commit, with the request that each one answers."""
     content = msgpack.unpackb(commit.receipt)
-    for name in ("final_step", "corrected"):  # no part of the reply
+    for name in ("final_step", "corrected", "times"):  # no part of the reply
         content.pop(name, None)
     return [(r, Committed(client=r.client, sequence=r.sequence, **content)) for r in commit.requests]

@@ -87,7 +87,7 @@ class SessionHost:
         """
         limits = limits or ServerSettings()
         check_durability(spec.durability, limits.durability)
-        check_evaluation(spec.evaluation, spec.settings)
+        check_evaluation(spec.evaluation, spec.settings, spec.time_levels)
         session = Session(store.create(spec), limits, build_model)
         return cls(session, store, limits=limits, clock=clock)
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from mesh_motion_protocol.messages import SessionMessage
+from mesh_motion_protocol.messages import Move, SessionMessage
 
 from mesh_motion_server.errors import InvalidInput, SessionError
 from mesh_motion_server.session.journal.replies import RequestId
 
 __all__ = ["Arrival", "Gathering", "agreement"]
+
+_COMMON = ("step", "frame", "time", "questions", "what")
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,11 +25,9 @@ class Arrival:
 
 
 def agreement(request: SessionMessage) -> tuple[tuple[str, object], ...]:
-    """What the requests of all partitions must have in common: type, and step, frame, questions, what if they exist."""
-    named = (
-        (name, getattr(request, name)) for name in ("step", "frame", "questions", "what") if hasattr(request, name)
-    )
-    return (("type", request.type), *named)
+    """What the requests of all partitions must have in common: type, and what else of it is the same for all."""
+    common = [name for name in _COMMON if hasattr(request, name)] + (["velocity"] if isinstance(request, Move) else [])
+    return (("type", request.type), *((name, getattr(request, name)) for name in common))
 
 
 @dataclass

@@ -42,6 +42,7 @@ def answer(session: Session, request: Join) -> Joined:
         nodes=len(mesh.node_maps[request.partition]) if mesh else 0,
         evaluation=session.spec.evaluation,
         extent=mesh.extent if mesh else 0.0,
+        time=session.time,
         moving_nodes=mesh.moving_local[request.partition] if mesh else None,
         **_named(mesh.moving_patches[request.partition] if mesh else {}),
     )

@@ -17,7 +17,7 @@ from mesh_motion_server.service.reports import correction_report, faces_report, 
 from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
-from mesh_motion_server.session.values import MoveOutcome
+from mesh_motion_server.session.values import MoveOutcome, VelocityAsked
 
 __all__ = ["FRAMES", "check", "run"]
 
@@ -47,7 +47,10 @@ def check(session: Session, request: Move) -> None:
         )
     if session.spec.evaluation == "client":
         _check_at_client(request)
-    _check_rows(session, request)
+    _check_rows(session, request, "displacement", request.displacement)
+    session.require_later(request.time)
+    _check_velocity(session, request)
+    _check_swept_faces(session, request)
 
 
 def run(session: Session, requests: Sequence[Move], request_ids: Sequence[RequestId]) -> list[Moved]:
@@ -55,9 +58,12 @@ def run(session: Session, requests: Sequence[Move], request_ids: Sequence[Reques
     del request_ids
     boundary_displacements = [np.asarray(request.displacement, dtype=np.float64) for request in requests]
     report = "faces" if any(request.report == "faces" for request in requests) else ""
+    scheme, time = requests[0].velocity, requests[0].time
+    boundary = [np.asarray(one.boundary_velocity, dtype=np.float64) for one in requests if scheme == "tangent"]
+    velocity = VelocityAsked(scheme, time, boundary) if scheme else None
     shortest = min((request.compute_limit_ms for request in requests if request.compute_limit_ms), default=math.inf)
     with time_limit(shortest / 1000.0):
-        outcome = session.move(requests[0].frame, boundary_displacements, report=report)
+        outcome = session.move(requests[0].frame, boundary_displacements, report=report, time=time, velocity=velocity)
     failpoint("request.moved")
     motion = outcome.motion
     quality, correction = move_quality(motion, session), correction_report(motion)
@@ -75,6 +81,8 @@ def run(session: Session, requests: Sequence[Move], request_ids: Sequence[Reques
             warnings=shortened(list(motion.warnings)),
             faces=faces if request.report == "faces" else {},
             displacement=outcome.displacements[request.partition],
+            velocity=outcome.velocities[request.partition] if scheme else None,
+            swept=session.swept(request.partition, request.swept_faces) if request.report == "swept" else None,
             enrichment_points=np.ascontiguousarray(motion.correction.enrichment_points, dtype=np.float64),
             **_field_of(session, outcome, request),
         )
@@ -95,6 +103,7 @@ def _check_at_client(request: Move) -> None:
     for name, expected, way_out in (
         ("frame", "reference", "send the total displacement, since the reference mesh"),
         ("report", "", "measure the faces where the cells are"),
+        ("velocity", "", "take differences of the nodes' positions where they are"),
     ):
         got = getattr(request, name)
         if got != expected:
@@ -106,13 +115,65 @@ def _check_at_client(request: Move) -> None:
             )
 
 
-def _check_rows(session: Session, request: Move) -> None:
-    """Check that there is one finite row per moving node of the partition."""
-    displacement, nodes = np.asarray(request.displacement), session.mesh.moving_local[request.partition]
+def _check_velocity(session: Session, request: Move) -> None:
+    """Check that the scheme has what it takes, and gets nothing else."""
+    if request.velocity:
+        session.require_velocity(request.velocity, request.time)
+    given, wanted = request.boundary_velocity is not None, request.velocity == "tangent"
+    if given != wanted:
+        text = "takes the velocities of the moving nodes" if wanted else "takes no boundary_velocity"
+        raise InvalidInput(
+            f"velocity = {request.velocity!r} {text}",
+            code="INVALID_ARGUMENT.VALUE",
+            hint="send boundary_velocity with velocity = 'tangent', and only with it",
+            details={"field": "boundary_velocity"},
+        )
+    if request.boundary_velocity is not None:
+        _check_rows(session, request, "boundary_velocity", request.boundary_velocity)
+
+
+def _check_swept_faces(session: Session, request: Move) -> None:
+    """Check that faces are given where their swept volumes are wanted only, each by nodes of the partition."""
+    faces = request.swept_faces
+    if faces is None:
+        return
+    d, count = session.spec.dimension, len(session.mesh.node_maps[request.partition])
+    if request.report != "swept":
+        raise InvalidInput(
+            f"swept_faces: expected report 'swept', got {request.report!r}",
+            code="INVALID_ARGUMENT.VALUE",
+            hint="ask for the report 'swept', or leave swept_faces out",
+            details={"field": "swept_faces"},
+        )
+    columns = faces.shape[1]
+    if columns != d and (d < 3 or columns < 3):
+        expected = "a node", "the two nodes of an edge", "3 nodes or more, the last columns filled up with -1"
+        raise InvalidInput(
+            f"swept_faces of partition {request.partition}: expected {expected[d - 1]} in each row, got {columns} "
+            "columns",
+            code="INVALID_ARGUMENT.SHAPE",
+            details={"partition": request.partition, "expected": d, "got": list(faces.shape)},
+        )
+    filled = np.logical_and.accumulate(faces[:, ::-1] == -1, axis=1)[:, ::-1] if d == 3 else np.zeros(faces.shape, bool)
+    filled[:, :d] = False
+    bad = np.argwhere(~filled & ((faces < 0) | (faces >= count)))
+    if len(bad):
+        row, column = (int(i) for i in bad[0])
+        raise InvalidInput(
+            f"swept_faces of partition {request.partition}, row {row}: column {column} is {faces[row, column]}, "
+            f"expected a node 0 … {count - 1}",
+            code="INVALID_ARGUMENT.VALUE",
+            details={"partition": request.partition, "row": row, "value": int(faces[row, column])},
+        )
+
+
+def _check_rows(session: Session, request: Move, name: str, values: NDArray[np.floating]) -> None:
+    """Check that there is one finite row of usual size per moving node of the partition."""
+    displacement, nodes = np.asarray(values), session.mesh.moving_local[request.partition]
     expected = (len(nodes), session.spec.dimension)
     if displacement.shape != expected or displacement.dtype.kind != "f":
         raise InvalidInput(
-            f"displacement of partition {request.partition}: expected floats of shape {expected}, one row per node of "
+            f"{name} of partition {request.partition}: expected floats of shape {expected}, one row per node of "
             f"BUILT.moving_nodes, got {displacement.dtype} of shape {displacement.shape}",
             code="INVALID_ARGUMENT.SHAPE" if displacement.dtype.kind == "f" else "INVALID_ARGUMENT.DTYPE",
             details={"partition": request.partition, "expected": list(expected), "got": list(displacement.shape)},
@@ -121,7 +182,7 @@ def _check_rows(session: Session, request: Move) -> None:
     if len(bad):
         row, axis = (int(i) for i in bad[0])
         raise InvalidInput(
-            f"displacement of partition {request.partition}, row {row} (node {nodes[row]}): component {axis} is "
+            f"{name} of partition {request.partition}, row {row} (node {nodes[row]}): component {axis} is "
             f"{displacement[row, axis]}",
             code="INVALID_ARGUMENT.NONFINITE",
             details={
@@ -131,7 +192,8 @@ def _check_rows(session: Session, request: Move) -> None:
                 "value": str(displacement[row, axis]),
             },
         )
-    _check_lengths(session, request.partition, displacement, nodes)
+    if name == "displacement":
+        _check_lengths(session, request.partition, displacement, nodes)
 
 
 def _check_lengths(

@@ -11,6 +11,7 @@ from typing import Any
 
 from mesh_motion_server.absence import is_missing
 from mesh_motion_server.errors import JournalError
+from mesh_motion_server.numerics.motion.time_levels import STORED_ARRAYS
 from mesh_motion_server.session.journal.files import MANIFEST, NEXT_MANIFEST, SLOTS, read_journal, verify_state
 from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileSystem
 from mesh_motion_server.session.journal.mesh_store import MESH, read_mesh
@@ -95,7 +96,7 @@ def inspect_session(folder: Path | str) -> Inspection:
         label=spec.label if spec else "",
         dimension=spec.dimension if spec else 0,
         partitions=spec.partitions if spec else 0,
-        nodes=found.ledger.foundation.nodes if found else 0,
+        nodes=found.ledger.foundation.nodes // (1 + STORED_ARRAYS[spec.time_levels]) if found and spec else 0,
         durability=spec.durability if spec else "",
         settings=spec.settings.model_dump() if spec else {},
         step=found.ledger.step if found else -1,

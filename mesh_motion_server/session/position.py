@@ -5,14 +5,14 @@ from typing import Any
 
 from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.distributed.region import Extent
-from mesh_motion_server.errors import SessionError
+from mesh_motion_server.errors import InvalidInput, SessionError
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.corrections import first_extent
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.model import Model, checked_warnings
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.spec import StoredSpec
-from mesh_motion_server.session.state import Operation, State, Trial, admit
+from mesh_motion_server.session.state import CommittedState, Operation, State, Trial, admit
 from mesh_motion_server.session.values import Built, CurrentState
 
 __all__ = ["WRITING", "Position"]
@@ -145,6 +145,83 @@ class Position:
                 details={"expected": self.step + 1, "got": step},
             )
 
+    def require_later(self, time: float | None) -> None:
+        """Raise unless ``time``, where it is given, is later than that of the last committed step.
+
+        Raises
+        ------
+        InvalidInput
+        """
+        last = self.time
+        if time is not None and last is not None and time <= last:
+            raise InvalidInput(
+                f"time: expected more than {last!r}, that of step {self.step}, got {time!r}",
+                code="INVALID_ARGUMENT.VALUE",
+                hint="give the time at the end of the step, seconds; OPEN has that of the reference mesh",
+                details={"field": "time", "value": time, "expected": last},
+            )
+
+    def require_time_of_commit(self, time: float | None) -> None:
+        """Raise unless a COMMIT with this ``time`` fits the trial, and the time levels that the session stores.
+
+        Raises
+        ------
+        InvalidInput
+        """
+        self.require_later(time)
+        of_move = self._open_trial.time
+        if None not in (time, of_move) and time != of_move:
+            raise InvalidInput(
+                f"time: expected {of_move!r}, that of the step's last MOVE, got {time!r}",
+                code="INVALID_ARGUMENT.VALUE",
+                hint="leave it out, or send the MOVE again with another time",
+                details={"field": "time", "value": time, "expected": of_move},
+            )
+        if self.spec.time_levels and time is None and of_move is None:
+            raise InvalidInput(
+                f"time: a session with time_levels = {self.spec.time_levels!r} must know the time of each step",
+                code="INVALID_ARGUMENT.VALUE",
+                hint="give the time of the step, in MOVE or in COMMIT",
+                details={"field": "time"},
+            )
+
+    def require_velocity(self, scheme: str, time: float | None) -> None:
+        """Raise unless a MOVE to this ``time`` can be answered by velocities of this scheme.
+
+        Raises
+        ------
+        InvalidInput
+            If the time is not given, or a tangent is asked for and there is no derivative.
+        SessionError
+            If the session has not stored the levels of the scheme, or does not know when the last step was.
+        """
+        if scheme == "tangent":
+            refusal = self.model.why_no_slope()
+            if refusal is not None:
+                raise refusal
+            return
+        if scheme not in ("bdf1", self.spec.time_levels):
+            raise SessionError(
+                f"velocity = {scheme!r} takes earlier time levels, which this session does not store",
+                code="FAILED_PRECONDITION",
+                hint=f"open it with time_levels = {scheme!r}; 'bdf1' and 'tangent' take none",
+                details={"field": "velocity", "value": scheme},
+            )
+        if time is None:
+            raise InvalidInput(
+                f"velocity = {scheme!r}: time is missing",
+                code="INVALID_ARGUMENT.VALUE",
+                hint="give the MOVE the time at the end of the step, seconds",
+                details={"field": "time"},
+            )
+        if self.time is None:
+            raise SessionError(
+                f"velocity = {scheme!r}: the time of step {self.step} is not known",
+                code="FAILED_PRECONDITION",
+                hint="give time with each MOVE or COMMIT; from the next step on there are velocities",
+                details={"field": "time", "step": self.step},
+            )
+
     def require_client_evaluation(self) -> None:
         """Raise if the server judges the cells itself.
 
@@ -184,6 +261,17 @@ class Position:
         committed = self._now.committed
         corrected = frame == "committed" and committed is not None and committed.corrected
         return first_extent(self.model.method, self.spec.dimension) if corrected else None
+
+    @property
+    def time(self) -> float | None:
+        """Of the last committed step, seconds; None if it is not known."""
+        return None if self._now.committed is None else self._now.committed.level.time
+
+    @property
+    def _committed_state(self) -> CommittedState:
+        if self._now.committed is None:
+            raise SessionError("the mesh is not built yet", hint="send UPLOAD and BUILD first")
+        return self._now.committed
 
     @property
     def _open_trial(self) -> Trial:

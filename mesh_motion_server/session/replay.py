@@ -20,16 +20,17 @@ import numpy as np
 from mesh_motion_protocol.digests import state_digest
 
 from mesh_motion_server import __version__
-from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.errors import JournalError, MeshMotionError
 from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.motion.time_levels import STORED_ARRAYS, TimeLevel
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.motions import compute
 from mesh_motion_server.session.partitions.meshes import MergedMesh
-from mesh_motion_server.session.state import CommittedState, MoveInput, durable_rows
+from mesh_motion_server.session.spec import StoredSpec
+from mesh_motion_server.session.state import CommittedState, MoveInput, Trial, durable_rows, state_after
 
 __all__ = ["Progress", "boundary_input", "maker", "recompute", "restore", "silent"]
 
@@ -55,11 +56,12 @@ def restore(
     model: Model,
     mesh: MergedMesh,
     factors: FactorCache,
+    rest: CommittedState,
     progress: Progress = silent,
     *,
-    field: Field | None = None,
+    spec: StoredSpec,
 ) -> CommittedState:
-    """The last committed state of a journal, read or computed; with the ``field`` at rest if the client evaluates it.
+    """The last committed state of a journal, read or computed; ``rest`` is that of the mesh as it was uploaded.
 
     What took long to compute is stored at once: else a worker that falls again and again would have ever more to do.
 
@@ -69,24 +71,41 @@ def restore(
         If it does not verify; as :func:`recompute`.
     """
     snapshot = journal.ledger.snapshot
-    stored = CommittedState(0, mesh.points, None if field is None else field.coefficients)
+    stored = rest
     if snapshot is not None:
-        rows, points = journal.read_state(), np.empty_like(mesh.points)
-        points[mesh.id_order] = rows[: len(points)]
-        points.flags.writeable = False
-        coefficients = None if field is None else rows[len(points) :]
+        rows, n = journal.read_state(), len(mesh.points)
+        count = 1 + STORED_ARRAYS[spec.time_levels]
+        points, *arrays = (_in_canonical_order(rows[i * n : (i + 1) * n], mesh) for i in range(count))
+        coefficients = None if rest.coefficients is None else rows[n:]
         stored = CommittedState(snapshot.step, points, coefficients)
         _check_field(stored, model, mesh, factors)
+        answered = next((commit for commit in journal.ledger.commits if commit.step == snapshot.step), None)
+        times = (None, None) if answered is None else _times(answered)
+        stored = replace(stored, level=TimeLevel(*times, tuple(arrays)))
     began = time.monotonic()
-    found = recompute(model, mesh, factors, stored, journal.ledger.logged, progress)
+    found = recompute(model, mesh, factors, stored, journal.ledger.logged, progress, time_levels=spec.time_levels)
     if time.monotonic() - began > _LONG_SECONDS:
         journal.snapshot(durable_rows(mesh, found))
-    return found if field is None else replace(found, corrected=_was_corrected(journal.ledger.commits))
+    return found if rest.coefficients is None else replace(found, corrected=_was_corrected(journal.ledger.commits))
+
+
+def _in_canonical_order(rows: Floats, mesh: MergedMesh) -> Floats:
+    """(n, d) read-only rows that were stored ascending by global id."""
+    found = np.empty_like(mesh.points)
+    found[mesh.id_order] = rows
+    found.flags.writeable = False
+    return found
 
 
 def _was_corrected(commits: Sequence[Commit]) -> bool:
     """Whether the answer to the last commit says so."""
     return bool(commits) and bool(msgpack.unpackb(commits[-1].receipt).get("corrected", False))
+
+
+def _times(commit: Commit) -> tuple[float | None, float | None]:
+    """The times of a step and of the one before, as far as its COMMITs had them."""
+    time, previous = msgpack.unpackb(commit.receipt).get("times", (None, None))
+    return time, previous
 
 
 def _check_field(stored: CommittedState, model: Model, mesh: MergedMesh, factors: FactorCache) -> None:
@@ -131,6 +150,8 @@ def recompute(
     start: CommittedState,
     logged: Sequence[Commit],
     progress: Progress = silent,
+    *,
+    time_levels: str = "",
 ) -> CommittedState:
     """The last committed state.
 
@@ -142,6 +163,8 @@ def recompute(
         The commits behind it.
     progress : callable
         Hears of each step that was computed again.
+    time_levels : str
+        Of the session.
 
     Raises
     ------
@@ -150,7 +173,7 @@ def recompute(
     """
     model = model.without_distributions()
     for commit in logged:
-        after = _state_after(model, mesh, factors, start, commit)
+        after = _state_after(model, mesh, factors, start, commit, time_levels)
         found = state_digest(commit.step, durable_rows(mesh, after))
         if found != commit.digest:
             raise _diverged(commit, f"digest {found.hex()[:16]}… instead of {commit.digest.hex()[:16]}…")
@@ -160,7 +183,7 @@ def recompute(
 
 
 def _state_after(
-    model: Model, mesh: MergedMesh, factors: FactorCache, before: CommittedState, commit: Commit
+    model: Model, mesh: MergedMesh, factors: FactorCache, before: CommittedState, commit: Commit, time_levels: str
 ) -> CommittedState:
     """The state of a logged commit."""
     boundary, order = commit.boundary, mesh.moving_by_id
@@ -171,8 +194,11 @@ def _state_after(
     move_input = MoveInput(boundary.frame, displacement)
     try:
         found = compute(model, mesh, before.points, move_input, factors, with_displacements=False)
-        field = found.field
-        return CommittedState(commit.step, found.points, None if field is None else field.coefficients)
+        coefficients = None if found.field is None else found.field.coefficients
+        time, previous = _times(commit)
+        before = replace(before, level=replace(before.level, time=previous))
+        trial = Trial(commit.step, 1, found.points, None, move_input, coefficients)
+        return state_after(before, trial, time_levels, time)
     except MeshMotionError as error:
         raise _diverged(commit, f"{error.code} ({error.message})") from error
 

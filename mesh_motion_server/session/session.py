@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from mesh_motion_protocol.digests import state_digest
@@ -23,8 +23,11 @@ from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.distributed.region import Region
 from mesh_motion_server.errors import JournalError, SessionError
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.mesh.cells import CellBlock
+from mesh_motion_server.numerics.mesh.swept_volumes import swept_by_cells, swept_volumes
 from mesh_motion_server.numerics.motion.acceptance import quality_warnings, refuse_unacceptable
+from mesh_motion_server.numerics.motion.time_levels import STORED_ARRAYS, TimeLevel, scheme_velocity
 from mesh_motion_server.numerics.quality.quality_summary import QualitySummary
 from mesh_motion_server.session.corrections import CorrectOutcome, correct, first_extent, is_good
 from mesh_motion_server.session.factors import FactorCache
@@ -39,9 +42,17 @@ from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.partitions.uploads import MeshUpload, Part
 from mesh_motion_server.session.position import WRITING, Position
 from mesh_motion_server.session.replay import Progress, boundary_input, restore, silent
-from mesh_motion_server.session.state import CommittedState, MoveInput, Operation, State, Trial, durable_rows
+from mesh_motion_server.session.state import (
+    CommittedState,
+    MoveInput,
+    Operation,
+    State,
+    Trial,
+    durable_rows,
+    state_after,
+)
 from mesh_motion_server.session.store import SessionFolder
-from mesh_motion_server.session.values import Built, CommitOutcome, CurrentState, MoveOutcome, Verdict
+from mesh_motion_server.session.values import Built, CommitOutcome, CurrentState, MoveOutcome, VelocityAsked, Verdict
 from mesh_motion_server.settings import ServerSettings
 
 if TYPE_CHECKING:
@@ -96,7 +107,8 @@ class Session(Position):
             method = session.spec.settings.to_method()
             model = session._build_model(mesh.points, mesh.cells, mesh.patches, method)
             field = session._field_at_rest(mesh, model)
-            committed = restore(journal, model, mesh, session.factors, progress, field=field)
+            rest = session._at_rest(mesh, field)
+            committed = restore(journal, model, mesh, session.factors, rest, progress, spec=session.spec)
             failpoint("session.reopen.restored")
             session._epoch = journal.raise_epoch()
         except BaseException:
@@ -133,16 +145,25 @@ class Session(Position):
             mesh = merge(partitions)
             model = checked_model(self._build_model, mesh, self.spec.settings.to_method())
             field = self._field_at_rest(mesh, model)
-            committed = CommittedState(0, mesh.points, None if field is None else field.coefficients)
+            committed = self._at_rest(mesh, field)
             failpoint("session.build.checked")
-        rows = len(mesh.points) + (0 if field is None else len(field.coefficients))
+        rows = len(mesh.points) * (1 + STORED_ARRAYS[self.spec.time_levels])
+        rows += 0 if field is None else len(field.coefficients)
         journal = self._folder.build(partitions, rows, self._limits.snapshot_steps, epoch=self._epoch)
         failpoint("session.build.stored")
         self._built = Built(mesh, model, keeper_of(journal), field)
         self._now = CurrentState(state, committed)
         self.upload.clear()
 
-    def move(self, frame: str, boundary_displacements: Sequence[Floats], *, report: str = "") -> MoveOutcome:
+    def move(
+        self,
+        frame: str,
+        boundary_displacements: Sequence[Floats],
+        *,
+        report: str = "",
+        time: float | None = None,
+        velocity: VelocityAsked | None = None,
+    ) -> MoveOutcome:
         """Compute a trial.
 
         Parameters
@@ -152,13 +173,18 @@ class Session(Position):
             Of the moving nodes, since the frame's coordinates.
         report : {"", "faces"}
             What the outcome tells beside the quality.
+        time : float, optional
+            Of the step, seconds.
+        velocity : VelocityAsked, optional
+            Velocities that are wanted too; :meth:`require_velocity` admits them.
 
         Raises
         ------
         InvalidInput
             If partitions disagree about a node, or a target is not finite.
         NumericalError
-            If no acceptable motion was found; an earlier trial stays.
+            If no acceptable motion was found, or this one has no derivative where a tangent is wanted; an earlier trial
+            stays.
         """
         state = self.admit(Operation.MOVE)
         failpoint("session.move.start")
@@ -170,12 +196,50 @@ class Session(Position):
         field = computed.field
         judged = computed.motion.corrected if computed.exact and in_full and field is None else None
         coefficients = None if field is None else field.coefficients
-        trial = Trial(self.step + 1, self.iteration + 1, computed.points, judged, move_input, coefficients)
+        trial = Trial(self.step + 1, self.iteration + 1, computed.points, judged, move_input, coefficients, time=time)
+        velocities = self._velocities(trial, velocity) if velocity is not None else []
         measured = (built.faces, built.faces_at(trial.points)) if report == "faces" else ()
         faces = tuple(filter(None, measured))
         failpoint("session.move.computed")
         self._swap(state=state, trial=trial)
-        return MoveOutcome(trial.step, trial.iteration, computed.motion, computed.displacements, faces, field)
+        return MoveOutcome(
+            trial.step, trial.iteration, computed.motion, computed.displacements, faces, field, velocities
+        )
+
+    def _velocities(self, trial: Trial, asked: VelocityAsked) -> list[Floats]:
+        """Velocities (n_p, d) of each partition's nodes."""
+        mesh = self.mesh
+        if asked.scheme == "tangent":
+            found = self._slope_at(trial.points).tangent(self._gather_velocities(asked.boundary))
+        else:
+            before, time = self._committed_state, cast(float, asked.time)
+            found = scheme_velocity(asked.scheme, trial.points, before.points, before.level, time)
+        return [mesh.scatter(found, partition) for partition in range(self.spec.partitions)]
+
+    def swept(self, partition: int, faces: Integers | None) -> Floats:
+        """Volumes that faces of a partition sweep from the committed state to the trial, length unit to the power d.
+
+        Parameters
+        ----------
+        faces : (f, k) int64 array, optional
+            The partition's own nodes of each face, filled up with -1; by default all faces of its cells, type after
+            type, each cell's one after the other, outwards.
+
+        Returns
+        -------
+        (f,) array
+        """
+        built, before, after = self._require_built(), self._committed_state.points, self._open_trial.points
+        if faces is not None:
+            own = np.append(built.mesh.node_maps[partition], -1)
+            return swept_volumes(before, after, own[faces])
+        found = []
+        cells, signs = built.listed_cells
+        for block, sign, origin in zip(cells, signs, built.mesh.cell_origins, strict=True):
+            rows = origin.rows_of(partition)
+            listed = CellBlock(block.type, block.nodes[rows])
+            found.append((sign[rows, None] * swept_by_cells(before, after, listed)).reshape(-1))
+        return np.concatenate(found)
 
     def require_slope(self, operation: Operation, what: str) -> None:
         """Raise unless the motion can be differentiated at the trial or the committed state.
@@ -210,7 +274,7 @@ class Session(Position):
             If this mesh was corrected by another correction than the smooth one.
         """
         mesh = self.mesh
-        given = mesh.gather_moving(velocities, max(float(np.abs(rows).max(initial=0.0)) for rows in velocities))
+        given = self._gather_velocities(velocities)
         found = self._by_vector(given, self._slope(what).tangent)
         return [mesh.scatter(found, partition) for partition in range(len(velocities))]
 
@@ -269,7 +333,9 @@ class Session(Position):
             self._swap(state=state, trial=replace(of, correction=found.correction, quality=None))
         return found
 
-    def commit(self, requests: Sequence[RequestId], receipt: Callable[[CommitOutcome], bytes]) -> CommitOutcome:
+    def commit(
+        self, requests: Sequence[RequestId], receipt: Callable[[CommitOutcome], bytes], *, time: float | None = None
+    ) -> CommitOutcome:
         """Make the trial the committed state, durably as the session's level says.
 
         Parameters
@@ -278,6 +344,8 @@ class Session(Position):
             The COMMIT of each partition.
         receipt : callable
             What the replies say, packed: journaled with the commit.
+        time : float, optional
+            Of the step, seconds; by default that of the trial.
 
         Raises
         ------
@@ -287,17 +355,17 @@ class Session(Position):
         state = self.admit(Operation.COMMIT)
         built, trial = self._require_built(), self._open_trial
         failpoint("session.commit.start")
-        durable = durable_rows(built.mesh, trial)
+        time = trial.time if time is None else time
+        next_state = state_after(self._committed_state, trial, self.spec.time_levels, time)
+        durable = durable_rows(built.mesh, next_state)
         self._write(lambda: built.keeper.prepare(durable), self._now)  # the disk works while the state is judged
         digest = state_digest(trial.step, durable)
         quality = built.model.summary(trial.points) if trial.quality is None else trial.quality
         outcome = CommitOutcome(
-            trial.step, built.keeper.durable_after(trial.step), digest, quality, trial.correction is not None
+            trial.step, built.keeper.durable_after(trial.step), digest, quality, next_state.corrected, next_state.level
         )
         entry = Commit(trial.step, digest, tuple(requests), receipt(outcome))
-        after = CurrentState(
-            state, CommittedState(trial.step, trial.points, trial.coefficients, trial.correction is not None)
-        )
+        after = CurrentState(state, next_state)
         boundary = cache(partial(boundary_input, built.mesh, trial.input))  # for history and journal
         self.history.tell_input(trial.step, boundary, self.spec.dimension)  # first: no answered step may lack it
 
@@ -389,8 +457,11 @@ class Session(Position):
     # --- inside ----------------------------------------------------------------------------------------------------
 
     def _slope(self, what: str) -> MotionSlope:
-        """The derivative at the trial or the committed state; that of the last time, if it was there."""
-        points = self._points_of(what)
+        """The derivative at the trial or the committed state."""
+        return self._slope_at(self._points_of(what))
+
+    def _slope_at(self, points: Floats) -> MotionSlope:
+        """The derivative of the motion that has led to ``points`` (n, d); that of the last time, if it was there."""
         if self._latest_slope is None or self._latest_slope[0] is not points:
             self._latest_slope = points, self.model.slope(points, self.factors)
         return self._latest_slope[1]
@@ -400,6 +471,15 @@ class Session(Position):
         if what == "trial":
             self.refuse_lost_trial()
         return self._open_trial.points if what == "trial" else self.coordinates("committed")
+
+    def _gather_velocities(self, velocities: Sequence[Floats]) -> Floats:
+        """(k, c) velocities of the moving nodes from each partition's rows (k_p, c)."""
+        return self.mesh.gather_moving(velocities, max(float(np.abs(rows).max(initial=0.0)) for rows in velocities))
+
+    def _at_rest(self, mesh: MergedMesh, field: Field | None) -> CommittedState:
+        """The mesh as it was uploaded."""
+        coefficients = None if field is None else field.coefficients
+        return CommittedState(0, mesh.points, coefficients, level=TimeLevel(self.spec.time))
 
     def _by_vector(self, given: Floats, apply: Callable[[Floats], Floats]) -> Floats:
         """(m, c d) what ``apply`` makes of each of the c vectors (k, d) beside each other in ``given`` (k, c d)."""
@@ -417,7 +497,7 @@ class Session(Position):
 
     def _durable_rows(self) -> Floats:
         """The committed state as a commit stores it."""
-        return durable_rows(self.mesh, self._now.committed or CommittedState(0, self.mesh.points))
+        return durable_rows(self.mesh, self._committed_state)
 
     def _write(self, write: Callable[[], None], after: CurrentState) -> None:
         """Swap to COMMITTING, write, then swap to the state after success or failure."""

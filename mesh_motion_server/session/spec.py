@@ -18,6 +18,8 @@ SPEC = "spec.json"
 """The file in a session's folder that says what OPEN fixed."""
 
 _FORMAT = 1
+#: What has no key: versions that do not know it read the file.
+_USUAL = {"owner": "", "evaluation": "server", "time": 0.0, "time_levels": ""}
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,10 @@ class SessionSpec:
         The public key of who opened it; empty on a server without keys.
     evaluation : {"server", "client"}
         Who moves and judges the volume.
+    time : float
+        Of the reference mesh, seconds.
+    time_levels : str
+        One of :data:`~mesh_motion_server.numerics.motion.time_levels.STORED_ARRAYS`.
     """
 
     session: str
@@ -47,12 +53,14 @@ class SessionSpec:
     durability: str = "full"
     owner: str = ""
     evaluation: str = "server"
+    time: float = 0.0
+    time_levels: str = ""
 
 
 @dataclass(frozen=True)
 class StoredSpec:
-    """The same without the token, as ``spec.json`` holds it: JSON, keys as the attributes here; no owner, no key,
-    and so with the usual evaluation.
+    """The same without the token, as ``spec.json`` holds it: JSON, keys as the attributes here; what is as usual
+    has no key, beginning with the owner.
 
     Attributes
     ----------
@@ -71,6 +79,8 @@ class StoredSpec:
     durability: str
     owner: str = ""
     evaluation: str = "server"
+    time: float = 0.0
+    time_levels: str = ""
 
     @classmethod
     def of(cls, spec: SessionSpec) -> StoredSpec:
@@ -85,6 +95,8 @@ class StoredSpec:
             durability=spec.durability,
             owner=spec.owner,
             evaluation=spec.evaluation,
+            time=spec.time,
+            time_levels=spec.time_levels,
         )
 
     def admits(self, token: bytes) -> bool:
@@ -106,10 +118,9 @@ class StoredSpec:
         """The file's content."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
         values |= {"format": _FORMAT, "settings": self.settings.model_dump()}
-        if not self.owner:
-            del values["owner"]
-        if self.evaluation == "server":
-            del values["evaluation"]
+        for name, usual in _USUAL.items():
+            if values[name] == usual:
+                del values[name]
         return json.dumps(values, indent=1, sort_keys=True, allow_nan=False).encode() + b"\n"
 
     @classmethod

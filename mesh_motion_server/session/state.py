@@ -13,7 +13,7 @@ source of what is allowed when; SPEC.md's table is drawn from it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -22,13 +22,25 @@ import numpy as np
 
 from mesh_motion_server.errors import SessionError
 from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.motion.time_levels import TimeLevel, level_after
 
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.correction.correction import Correction
     from mesh_motion_server.numerics.quality.quality_summary import Judgement, QualitySummary
     from mesh_motion_server.session.partitions.meshes import MergedMesh
 
-__all__ = ["TABLE", "CommittedState", "MoveInput", "Operation", "Refusal", "State", "Trial", "admit", "durable_rows"]
+__all__ = [
+    "TABLE",
+    "CommittedState",
+    "MoveInput",
+    "Operation",
+    "Refusal",
+    "State",
+    "Trial",
+    "admit",
+    "durable_rows",
+    "state_after",
+]
 
 
 class State(StrEnum):
@@ -185,12 +197,15 @@ class CommittedState:
         Of the field, if the client evaluates it.
     corrected : bool
         Whether the client's nodes were corrected from where these lead.
+    level : TimeLevel
+        When it was, and what earlier steps leave to velocities; arrays read-only, in canonical order.
     """
 
     step: int
     points: Floats
     coefficients: Floats | None = None
     corrected: bool = False
+    level: TimeLevel = field(default_factory=TimeLevel)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,6 +241,8 @@ class Trial:
         Of the client's mesh before it was corrected.
     correction : Correction or None
         What was done there, without coordinates; ``points`` stay what they were.
+    time : float or None
+        Of the step, as far as the Move had it, seconds.
     """
 
     step: int
@@ -236,9 +253,20 @@ class Trial:
     coefficients: Floats | None = None
     standard: QualitySummary | None = None
     correction: Correction | None = None
+    time: float | None = None
 
 
-def durable_rows(mesh: MergedMesh, state: CommittedState | Trial) -> Floats:
-    """What a commit stores: coordinates (n, d), ascending by global id, and behind them the coefficients, if any."""
-    points = np.take(state.points, mesh.id_order, axis=0)
-    return points if state.coefficients is None else np.concatenate([points, state.coefficients])
+def state_after(before: CommittedState, trial: Trial, time_levels: str, time: float | None) -> CommittedState:
+    """The state that a commit of the ``trial`` makes of the one before."""
+    level = level_after(time_levels, trial.points, before.points, before.level, time)
+    return CommittedState(trial.step, trial.points, trial.coefficients, trial.correction is not None, level)
+
+
+def durable_rows(mesh: MergedMesh, state: CommittedState) -> Floats:
+    """What a commit stores: coordinates (n, d), ascending by global id, and behind them the coefficients, if any, and
+    the arrays of earlier time levels, in the same order.
+    """
+    rows = [np.take(values, mesh.id_order, axis=0) for values in (state.points, *state.level.arrays)]
+    if state.coefficients is not None:
+        rows.append(state.coefficients)
+    return rows[0] if len(rows) == 1 else np.concatenate(rows)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from mesh_motion_server.distributed.field import Field, FieldPart
 from mesh_motion_server.distributed.region import Extent
@@ -12,7 +15,8 @@ from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, face_measures
 from mesh_motion_server.numerics.mesh.points import bounding_box
-from mesh_motion_server.numerics.quality.orientation import oriented
+from mesh_motion_server.numerics.motion.time_levels import TimeLevel
+from mesh_motion_server.numerics.quality.orientation import OrientedCells, oriented
 from mesh_motion_server.session.journal.keeper import Keeper
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.partitions.meshes import MergedMesh
@@ -23,7 +27,7 @@ if TYPE_CHECKING:
     from mesh_motion_server.numerics.motion.motion_found import Motion
     from mesh_motion_server.numerics.quality.quality_summary import Judgement, QualitySummary
 
-__all__ = ["Built", "CommitOutcome", "CurrentState", "MoveOutcome", "Verdict"]
+__all__ = ["Built", "CommitOutcome", "CurrentState", "MoveOutcome", "VelocityAsked", "Verdict"]
 
 
 @dataclass(frozen=True)
@@ -70,11 +74,18 @@ class Built:
 
     def faces_at(self, points: Floats) -> FaceMeasures | None:
         """Of the mesh with its nodes at ``points`` (n, d), the cells in the orientation that the model judges."""
-        return face_measures(points, self._oriented_cells, self.mesh.points)
+        return face_measures(points, self._oriented.cells, self.mesh.points)
 
     @cached_property
-    def _oriented_cells(self) -> CellTable:
-        return oriented(self.mesh.points, self.mesh.cells).cells
+    def listed_cells(self) -> tuple[CellTable, list[Floats]]:
+        """The cells as they were listed, and 1 for each one (m,) of a block, -1 if it was the other way round."""
+        signs = np.ones(len(self.mesh.cells))
+        signs[self._oriented.mirrored] = -1.0
+        return self.mesh.cells, np.split(signs, self.mesh.cells.offsets[1:-1])
+
+    @cached_property
+    def _oriented(self) -> OrientedCells:
+        return oriented(self.mesh.points, self.mesh.cells)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +102,8 @@ class MoveOutcome:
         Of the reference mesh and of the trial; empty where nobody asked, or in one dimension.
     field : Field, optional
         The displacement from the reference mesh, if the client evaluates it.
+    velocities : one (n_p, d) array per partition, mesh length unit per second
+        Of all its nodes; empty where nobody asked.
     """
 
     step: int
@@ -99,6 +112,25 @@ class MoveOutcome:
     displacements: list[Floats]
     faces: tuple[FaceMeasures, ...] = ()
     field: Field | None = None
+    velocities: Sequence[Floats] = ()
+
+
+@dataclass(frozen=True)
+class VelocityAsked:
+    """What a Move asks for beside displacements: velocities.
+
+    Attributes
+    ----------
+    scheme : {"tangent", "bdf1", "bdf2", "bossak"}
+    time : float or None
+        Of the step, seconds.
+    boundary : one (k_p, d) array per partition
+        With "tangent": velocities of its moving nodes.
+    """
+
+    scheme: str
+    time: float | None = None
+    boundary: Sequence[Floats] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +145,7 @@ class CommitOutcome:
         State digest, see :mod:`mesh_motion_protocol.digests`.
     quality : QualitySummary or LowestQuality
         Of the committed coordinates.
-    corrected : bool
+    corrected, level
         As in :class:`.state.CommittedState`.
     """
 
@@ -122,6 +154,7 @@ class CommitOutcome:
     digest: bytes
     quality: Judgement
     corrected: bool = False
+    level: TimeLevel = field(default_factory=TimeLevel)
 
 
 @dataclass(frozen=True, eq=False)

@@ -132,6 +132,8 @@ class Control:
                 "label": request.label,
                 "durability": durability,
                 "evaluation": request.evaluation,
+                "time": float(request.time),
+                "time_levels": request.time_levels,
                 "owner": asked.user,
             }
         )

@@ -43,7 +43,7 @@ def check_open(request: Open, limits: ServerSettings) -> str:
             hint="raise the server's max_session_bytes",
             details={"field": "bytes_reserved", "expected": limits.max_session_bytes, "got": request.bytes_reserved},
         )
-    check_evaluation(request.evaluation, MethodSettings.from_mapping(request.settings))
+    check_evaluation(request.evaluation, MethodSettings.from_mapping(request.settings), request.time_levels)
     return check_durability(request.durability, limits.durability)
 
 

@@ -188,6 +188,8 @@ def _host(
         durability=order["durability"],
         owner=order["owner"],
         evaluation=order["evaluation"],
+        time=order["time"],
+        time_levels=order["time_levels"],
     )
     created: SessionHost = hosts.create(spec, store, limits=settings)
     return created

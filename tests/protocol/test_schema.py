@@ -31,6 +31,6 @@ def test_what_is_right_passes(value: Any, kind: Any) -> None:
 
 
 def test_the_wide_dtypes_of_an_array_come_first() -> None:
-    (move,), (rows,) = schema_of(Move).arrays, schema_of(Upload).arrays
+    move, (rows,) = schema_of(Move).arrays[0], schema_of(Upload).arrays
     assert move.dtypes == ("<f8", "<f4")
     assert rows.dtypes == ("<f8", "<i8", "<f4", "<i4")

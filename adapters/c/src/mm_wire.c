@@ -436,7 +436,7 @@ typedef struct {
     int optional;
 } array_rule;
 
-#define MOST_FIELDS 9
+#define MOST_FIELDS 10
 /* of vectors in one reply: products of sizes stay within 64 bits */
 #define MOST_COLUMNS 65536
 typedef struct {
@@ -473,7 +473,7 @@ static const reply_rule RULES[] = {
     {"JOINED",
      {TEXT("state"), INTEGER("step"), INTEGER("iteration"), OPTIONAL_INTEGER("dimension"),
       OPTIONAL_INTEGER("partitions"), OPTIONAL_INTEGER("nodes"), {"evaluation", MMI_TEXT, -1, 1, 0},
-      {"extent", MMI_NUMBER, -1, 1, 0}, {"moving_patches", MMI_ARRAY, MMI_ARRAY, 1, 0}},
+      {"extent", MMI_NUMBER, -1, 1, 0}, {"time", MMI_NUMBER, -1, 1, 0}, {"moving_patches", MMI_ARRAY, MMI_ARRAY, 1, 0}},
      {{"moving_nodes", 'i', 0, 1}, {"patch_nodes", 'i', 0, 1}}},
     {"UPLOADED", {INTEGER("rows_total")}, {{0}}},
     {"BUILT", {INTEGER("step"), MAP("settings"), MAP("mesh"), MAP("quality"), {"derivatives", MMI_FLAG, -1, 1, 0}},
@@ -488,7 +488,8 @@ static const reply_rule RULES[] = {
       LIST("warnings", MMI_TEXT),
       {"faces", MMI_MAP, -1, 1, 0},
       FIELD_SUMS},
-     {{"displacement", 'f', 3, 0}, {"enrichment_points", 'f', 3, 0}, FIELD_ARRAYS}},
+     {{"displacement", 'f', 3, 0}, {"velocity", 'f', 3, 1}, {"swept", 'f', 0, 1}, {"enrichment_points", 'f', 3, 0},
+      FIELD_ARRAYS}},
     {"TANGENT_FOUND", {INTEGER("step"), INTEGER("iteration")}, {{"velocity", 'f', MOST_COLUMNS, 0}}},
     {"COTANGENT_FOUND", {INTEGER("step"), INTEGER("iteration")}, {{"weights", 'f', MOST_COLUMNS, 0}}},
     {"JUDGED",

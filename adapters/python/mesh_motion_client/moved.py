@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Moved"]
 
+#: How many faces a cell of each type has, in the order in which their swept volumes come.
+FACES_OF = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 6, "wedge": 5, "pyramid": 5}
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Moved(Described, messages.Moved):
@@ -32,6 +35,10 @@ class Moved(Described, messages.Moved):
     quality : PredictedQuality
     mesh : Mesh or None
         None in a session that was resumed.
+    velocity : (n, d) array or None
+        Of all nodes of the partition, mesh length unit per second, where it was asked for.
+    swept : (f,) array or None
+        The volume that each face sweeps in this step, where it was asked for.
     is_total : bool
         Whether displacements count from the reference mesh.
     session : Session or None
@@ -55,6 +62,29 @@ class Moved(Described, messages.Moved):
             f"{len(self.displacement)} nodes, the farthest moves by {farthest:.4g}",
             *(f"warning: {text}" for text in self.warnings),
         ]
+
+    def swept_of_cells(self) -> dict[str, NDArray[np.float64]]:
+        """Cell type → (m, f) volumes that the faces of each cell sweep outwards in this step.
+
+        Faces come in the order of SPEC.md, section 25; the sum of a row is the change of the cell's volume.
+
+        Raises
+        ------
+        InvalidInput
+            If the move has not asked for the report "swept" of all faces, or in a session that was resumed.
+        """
+        cells = (
+            {} if self.mesh is None else {name: self.mesh.cells[name] for name in FACES_OF if name in self.mesh.cells}
+        )
+        counts = {name: (len(rows), FACES_OF[name]) for name, rows in cells.items()}
+        ends = np.cumsum([m * f for m, f in counts.values()], dtype=np.int64)
+        if self.swept is None or not cells or ends[-1] != len(self.swept):
+            raise InvalidInput(
+                "the volumes that the cells' faces sweep are not known here",
+                hint="move with report='swept' and without swept_faces, in the session that uploaded the mesh",
+            )
+        parts = np.split(self.swept, ends[:-1])
+        return {name: part.reshape(shape) for (name, shape), part in zip(counts.items(), parts, strict=True)}
 
     def tangent(self, velocity: ArrayLike, *, timeout: float | None = None) -> NDArray[np.float64]:
         """J v at this trial, or once it is committed: see :meth:`.session.Session.tangent`.

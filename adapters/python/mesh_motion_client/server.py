@@ -90,6 +90,8 @@ class Server(Described):
         label: str = "",
         durability: str | None = None,
         evaluation: str = "server",
+        time: float = 0.0,
+        time_levels: str = "",
         show_progress: bool = False,
         announce: Callable[[Credentials], None] | None = None,
     ) -> Session:
@@ -112,6 +114,11 @@ class Server(Described):
         evaluation : {"server", "client"}
             Who moves and judges the nodes of the volume. "client": only the boundary is uploaded, and this process
             evaluates the field that each move answers; it needs ``mesh-motion-server[server]`` here.
+        time : float
+            Of the mesh as it is uploaded, seconds: when the run starts.
+        time_levels : {"", "bdf2", "bossak"}
+            The scheme whose earlier levels each commit stores, so that moves can be answered by its velocities: the
+            positions before, or velocities and accelerations. Each commit then writes twice or three times as much.
         show_progress : bool
             Show how much of the mesh is sent, and when it is built, as :func:`.display.progress` does.
         announce : callable, optional
@@ -130,7 +137,17 @@ class Server(Described):
             attempts -= 1
             try:
                 return self._open(
-                    mesh, settings, partitions, partition, label, durability, evaluation, show_progress, announce
+                    mesh,
+                    settings,
+                    partitions,
+                    partition,
+                    show_progress,
+                    announce,
+                    label=label,
+                    durability=self._durability if durability is None else durability,
+                    evaluation=evaluation,
+                    time=float(time),
+                    time_levels=time_levels,
                 )
             except (Unavailable, SessionError) as error:
                 # NOT_FOUND of what was just opened: the server was started again before it was built
@@ -144,11 +161,9 @@ class Server(Described):
         settings: Settings | Mapping[str, Any] | None,
         partitions: int,
         partition: int,
-        label: str,
-        durability: str | None,
-        evaluation: str,
         show_progress: bool,
         announce: Callable[[Credentials], None] | None,
+        **fields: Any,
     ) -> Session:
         opened = self._connected.ask(
             Open,
@@ -157,10 +172,8 @@ class Server(Described):
             dimension=mesh.dimension,
             partitions=partitions,
             settings=dict(settings or {}),
-            label=label,
-            bytes_reserved=mesh.nbytes if partitions == 1 and evaluation == "server" else 0,
-            durability=self._durability if durability is None else durability,
-            evaluation=evaluation,
+            bytes_reserved=mesh.nbytes if partitions == 1 and fields["evaluation"] == "server" else 0,
+            **fields,
         )
         session = self._session(Credentials(opened.session, opened.token), partition)
         with _closing_on_error(session, "discard"):

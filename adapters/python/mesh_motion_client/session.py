@@ -48,7 +48,7 @@ from mesh_motion_client.quality import QualitySummary
 from mesh_motion_client.settings import Settings
 from mesh_motion_client.volume import Volume
 
-__all__ = ["Frame", "Report", "Session"]
+__all__ = ["Frame", "Report", "Scheme", "Session"]
 
 #: Settings that a description names.
 _TOLD = ("support_radius", "correction", "quality_threshold", "displacement")
@@ -57,7 +57,8 @@ _TOLD = ("support_radius", "correction", "quality_threshold", "displacement")
 _LONGEST_LIMIT = 1e9
 
 Frame = Literal["committed", "reference"]
-Report = Literal["", "faces"]
+Report = Literal["", "faces", "swept"]
+Scheme = Literal["", "tangent", "bdf1", "bdf2", "bossak"]
 
 
 class Session(Described):
@@ -85,6 +86,8 @@ class Session(Described):
         Of the mesh as it was uploaded; None in a session that was resumed.
     derivatives : bool or None
         Whether :meth:`tangent` and :meth:`cotangent` are answered; None in a session that was resumed.
+    time : float or None
+        Of the last committed step, seconds; None if it is not known.
     """
 
     def __init__(
@@ -106,6 +109,7 @@ class Session(Described):
         self.mesh_report: dict[str, Any] = {}
         self.quality: QualitySummary | None = None
         self.derivatives: bool | None = None
+        self.time: float | None = None
         self._patches: dict[str, NDArray[np.int64]] = {}
         self._extent = 0.0
         self._mesh: Mesh | None = None
@@ -136,6 +140,10 @@ class Session(Described):
         *,
         frame: Frame = "reference",
         report: Report = "",
+        time: float | None = None,
+        velocity: Scheme = "",
+        boundary_velocity: ArrayLike | Mapping[str, ArrayLike] | None = None,
+        swept_faces: ArrayLike | None = None,
         compute_limit: float = 0.0,
         timeout: float | None = None,
     ) -> Moved:
@@ -148,9 +156,20 @@ class Session(Described):
         frame : {"reference", "committed"}
             What the displacements count from: the reference mesh for totals, which structural codes have, or the
             committed state for increments.
-        report : {"", "faces"}
+        report : {"", "faces", "swept"}
             "faces": add what a finite-volume code sees, ``faces["before"]`` and ``faces["after"]`` of the reply;
-            it takes time, ask once a step.
+            it takes time, ask once a step. "swept": the volume that each face sweeps in this step, ``swept`` of the
+            reply and :meth:`.moved.Moved.swept_of_cells`.
+        time : float, optional
+            Of the step: at its end, seconds. Later than :attr:`time`.
+        velocity : {"", "tangent", "bdf1", "bdf2", "bossak"}
+            Scheme of the nodes' velocities in ``velocity`` of the reply; "bdf2" and "bossak" in a session that was
+            opened with this as its ``time_levels``.
+        boundary_velocity : (k, d) array or dict, optional
+            With "tangent", and only with it: the velocities of the moving nodes, given as the displacements are.
+        swept_faces : (f, k) integer array, optional
+            With "swept": the nodes of each face, in space anticlockwise as seen from where its normal points to, filled
+            up with -1; of an edge in a plane the normal is on its right. By default all faces of the cells, outwards.
         compute_limit : float
             Seconds after which the server gives up computing; 0: never. Without it the server goes on where ``timeout``
             ends this call, and repeating the call gets the answer.
@@ -160,7 +179,8 @@ class Session(Described):
         Returns
         -------
         Moved
-            ``displacement`` (n, d) in ``frame``, ``quality``, ``correction``, ``warnings``, ``seconds``, …
+            ``displacement`` (n, d) in ``frame``, ``quality``, ``correction``, ``warnings``, ``seconds``, …; where asked
+            for, ``velocity`` (n, d) and ``swept`` (f,).
 
         Raises
         ------
@@ -168,7 +188,7 @@ class Session(Described):
             If no acceptable mesh was found; the session is as before, except that an earlier trial is lost where the
             client evaluates the volume.
         InvalidInput, SessionError, Unavailable, Timeout
-            Timeout too if the server gave up.
+            Timeout too if the server gave up. SessionError too if a time level or a derivative is missing.
         """
         if not 0.0 <= compute_limit <= _LONGEST_LIMIT:
             raise InvalidInput(f"compute_limit: expected 0 to {_LONGEST_LIMIT:g} s, got {compute_limit!r}")
@@ -178,11 +198,13 @@ class Session(Described):
             step=self.step + 1,
             frame=frame,
             report=report,
+            time=None if time is None else float(time),
+            velocity=velocity,
             compute_limit_ms=math.ceil(1000 * compute_limit),
             field_known=own is not None and own.volume.field_known,
-            displacement=boundary_rows(
-                displacements, self.moving_nodes, self._patches, dimension=self.dimension, extent=self._extent
-            ),
+            displacement=self._rows(displacements, self._extent),
+            boundary_velocity=None if boundary_velocity is None else self._rows(boundary_velocity),
+            swept_faces=None if swept_faces is None else np.asarray(swept_faces, dtype=np.int64),
         )
         moved = self._courier.deliver(move, messages.Moved, seconds)
         self._courier.trial, self._courier.iteration = (replace(move, compute_limit_ms=0),), moved.iteration
@@ -192,6 +214,13 @@ class Session(Described):
         for text in told["warnings"]:
             warnings.warn(text, MeshMotionWarning, stacklevel=2)
         return Moved(**told, mesh=self._mesh, is_total=frame == "reference", session=self)
+
+    def _rows(self, values: ArrayLike | Mapping[str, ArrayLike], extent: float | None = None) -> NDArray[np.float64]:
+        """(k, d) rows of the moving nodes, given by nodes or by patches; patches agree up to a part of the extent."""
+        if extent is None:  # velocities: by their own size
+            given = values.values() if isinstance(values, Mapping) else [values]
+            extent = max(float(np.abs(np.asarray(rows)).max(initial=0.0)) for rows in given) if given else 0.0
+        return boundary_rows(values, self.moving_nodes, self._patches, dimension=self.dimension, extent=extent)
 
     def tangent(
         self, velocity: ArrayLike, what: Literal["trial", "committed"] | None = None, *, timeout: float | None = None
@@ -288,11 +317,13 @@ class Session(Described):
         found = np.moveaxis(rows.reshape(len(rows), -1, self.dimension), 1, 0)
         return np.ascontiguousarray(found) if many else found[0]
 
-    def commit(self, *, final_step: int = 0, timeout: float | None = None) -> Committed:
+    def commit(self, *, time: float | None = None, final_step: int = 0, timeout: float | None = None) -> Committed:
         """Make the trial the committed state; it is durable up to :attr:`durable_step` when this returns.
 
         Parameters
         ----------
+        time : float, optional
+            Of the step, seconds; by default that of its last move, if that had one.
         final_step : int
             The step that the run ends with, as far as it is known now: who watches the session then sees when it ends.
         timeout : float, optional
@@ -303,9 +334,10 @@ class Session(Described):
         StepsLost
             With durability "relaxed", as any call: the server crashed, and committed steps with it.
         """
-        commit = Commit(**self._address, step=self.step + 1, final_step=final_step)
+        of_move = next((request.time for request in self._courier.trial if isinstance(request, Move)), None)
+        commit = Commit(**self._address, step=self.step + 1, time=time, final_step=final_step)
         committed = self._courier.deliver(commit, messages.Committed, timeout or self._compute_timeout)
-        self._committed = committed.step, self.iteration
+        self._committed, self.time = (committed.step, self.iteration), of_move if time is None else float(time)
         self._courier.step, self._courier.iteration, self._courier.trial = committed.step, 0, ()
         if self._own_cells is not None:
             self._own_cells.keep(committed.step)
@@ -398,7 +430,7 @@ class Session(Described):
         """Connect to the worker; a session that is built is then ready for use."""
         joined = self._courier.join(endpoint, epoch, self._timeout)
         self.dimension, self._courier.step, self._courier.iteration = joined.dimension, joined.step, joined.iteration
-        self._evaluation = joined.evaluation
+        self._evaluation, self.time = joined.evaluation, joined.time
         if joined.moving_nodes is not None:
             self.moving_nodes = self._in_mesh(joined.moving_nodes)
             self._extent = joined.extent

@@ -15,10 +15,10 @@ import numpy as np
 from mesh_motion_protocol import PROTOCOL_VERSION
 from mesh_motion_protocol.arrays import Buffer, array_of, declaration_of, frame_count, frames_of, nbytes_of
 from mesh_motion_protocol.errors import ProtocolError
-from mesh_motion_protocol.header import pack, plain, unpack
+from mesh_motion_protocol.header import pack, unpack
 from mesh_motion_protocol.limits import MESSAGE_BYTES
 from mesh_motion_protocol.messages import MESSAGES, Message
-from mesh_motion_protocol.schema import ArraySpec, FieldSpec, MessageSchema, check_value, schema_of
+from mesh_motion_protocol.schema import ArraySpec, FieldSpec, MessageSchema, check_value, schema_of, sent_fields
 from mesh_motion_protocol.shared_memory import SharedMemory, written
 
 __all__ = ["decode", "encode"]
@@ -45,7 +45,7 @@ def encode(message: Message, memory: Mapping[str, Any] | None = None) -> list[Bu
         If a field or array is not what the message declares, or a limit is passed.
     """
     schema = schema_of(type(message))
-    values = {spec.name: plain(getattr(message, spec.name)) for spec in (*schema.identity, *schema.fields)}
+    values = sent_fields(message, (*schema.identity, *schema.fields))
     _check_fields(values, (*schema.identity, *schema.fields), finite=schema.request)
     declared, frames = _encode_arrays(message, schema, memory)
     header = {

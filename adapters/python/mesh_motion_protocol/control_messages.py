@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
 
 from mesh_motion_protocol.declarations import Choice, Range
-from mesh_motion_protocol.field_types import Count, Evaluation, Name, SessionId, Token, Uuid
+from mesh_motion_protocol.field_types import Count, Evaluation, Name, SessionId, TimeLevels, Token, Uuid
 from mesh_motion_protocol.message import Message
 
 __all__ = [
@@ -60,6 +60,8 @@ class Open(Message):
     bytes_reserved: Count = 0  # what the upload will take, all partitions; 0 = unknown
     durability: Annotated[str, Choice(("", "full", "replay", "relaxed"))] = ""  # "" = the server's default
     evaluation: Evaluation = "server"  # who moves and judges the nodes of the volume: section 23
+    time: float = 0.0  # of the reference mesh, seconds: section 25
+    time_levels: TimeLevels = ""  # the scheme whose earlier levels commits store: section 25
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,6 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from mesh_motion_protocol.declarations import Choice
 from mesh_motion_protocol.field_types import (
+    CornerNodes,
     Count,
     Digest,
     FieldBoxes,
@@ -14,7 +15,9 @@ from mesh_motion_protocol.field_types import (
     FieldCoefficients,
     FloatEnrichment,
     FloatMoving,
+    FloatMovingIfGiven,
     FloatNodes,
+    FloatNodesIfAsked,
     Frame,
     JudgedBins,
     JudgedCells,
@@ -35,6 +38,9 @@ from mesh_motion_protocol.field_types import (
     Report,
     Role,
     SessionId,
+    SweptVolumes,
+    Time,
+    TimeScheme,
     Token,
     UploadRows,
     Which,
@@ -101,6 +107,7 @@ class Joined(Message):
     partitions: int = 0  # as in OPEN; 0 = the server does not say
     nodes: int = 0  # nodes of this partition once BUILT
     evaluation: str = "server"  # as in OPEN
+    time: Time = None  # of the last committed step, if it is known: section 25
     extent: float = 0.0  # longest side of the bounding box of the whole mesh, once BUILT; 0 = the server does not say
     moving_patches: list[list[Any]] = field(default_factory=list)  # [name, number of nodes] of each, once BUILT
     moving_nodes: KnownMovingIndices = None  # as in BUILT, once BUILT
@@ -165,11 +172,15 @@ class Move(SessionMessage):
     type: ClassVar[str] = "MOVE"
     step: Count  # committed step + 1
     frame: Frame  # displacement since the "reference" mesh (total), or since the "committed" state (increment)
-    report: Report = ""  # what MOVED reports in addition: "faces" for the mesh as a finite-volume code sees it
+    report: Report = ""  # in addition: the "faces" as a finite-volume code sees them, or volumes "swept": section 25
+    time: Time = None  # of the step, seconds, later than that of the committed state: section 25
+    velocity: TimeScheme = ""  # the scheme of MOVED's velocity: section 25
     compute_limit_ms: Count = 0  # the server gives up computing after so many milliseconds: section 7; 0 = never
     memory: dict[str, Any] = field(default_factory=dict)  # where MOVED may put large arrays: section 22; not content
     field_known: bool = False  # of the field only the coefficients are wanted: section 23
     displacement: FloatMoving  # of the moving nodes (BUILT.moving_nodes), mesh length unit
+    boundary_velocity: FloatMovingIfGiven = None  # of the moving nodes, with the velocity "tangent"
+    swept_faces: CornerNodes = None  # with the report "swept", the nodes of each face; left out: all faces of the cells
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -187,6 +198,8 @@ class Moved(Message):
     faces: dict[str, Any] = field(default_factory=dict)  # "before" and "after", where MOVE asked: section 15
     sums: list[dict[str, Any]] = field(default_factory=list)  # of the field, where the client evaluates it: section 23
     displacement: FloatNodes  # of all nodes of the partition, since the frame of the MOVE
+    velocity: FloatNodesIfAsked = None  # of all nodes of the partition, where MOVE asked: section 25
+    swept: SweptVolumes = None  # of the faces, where MOVE asked: section 25
     enrichment_points: FloatEnrichment  # where enrichment functions were added
     centres: FieldCentres = None  # of the field: section 23
     boxes: FieldBoxes = None  # of the field
@@ -289,6 +302,7 @@ class Commit(SessionMessage):
 
     type: ClassVar[str] = "COMMIT"
     step: Count  # committed step + 1
+    time: Time = None  # of the step, seconds; left out: that of its last MOVE, if it had one: section 25
     final_step: Count = 0  # the step that the run ends with, as far as the client knows, for people; 0 = unknown
 
 

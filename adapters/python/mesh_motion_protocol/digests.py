@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_protocol.arrays import frames_of
-from mesh_motion_protocol.header import plain
 from mesh_motion_protocol.messages import Message
-from mesh_motion_protocol.schema import schema_of
+from mesh_motion_protocol.schema import schema_of, sent_fields
 
 __all__ = ["request_digest", "state_digest"]
 
@@ -36,7 +35,7 @@ def request_digest(message: Message) -> bytes:
     Arrays count by their values: narrow ones are widened for it, some rows at a time.
     """
     schema = schema_of(type(message))
-    values = {spec.name: plain(getattr(message, spec.name)) for spec in schema.fields if spec.name not in _NO_CONTENT}
+    values = sent_fields(message, [spec for spec in schema.fields if spec.name not in _NO_CONTENT])
     digest = hashlib.sha256(msgpack.packb([schema.kind, _sorted(values)]))
     for spec in schema.arrays:
         array = getattr(message, spec.name)

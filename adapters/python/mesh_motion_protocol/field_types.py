@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from mesh_motion_protocol.declarations import ArrayField, Choice, Length, Range
 
 __all__ = [
+    "CornerNodes",
     "Count",
     "Digest",
     "Evaluation",
@@ -18,7 +19,9 @@ __all__ = [
     "FieldCoefficients",
     "FloatEnrichment",
     "FloatMoving",
+    "FloatMovingIfGiven",
     "FloatNodes",
+    "FloatNodesIfAsked",
     "Frame",
     "JudgedBins",
     "JudgedCells",
@@ -39,6 +42,10 @@ __all__ = [
     "Report",
     "Role",
     "SessionId",
+    "SweptVolumes",
+    "Time",
+    "TimeLevels",
+    "TimeScheme",
     "Token",
     "UploadRows",
     "Uuid",
@@ -53,7 +60,10 @@ Name = Annotated[str, Length(at_most=256)]
 Count = Annotated[int, Range(0, 2**63 - 1)]
 Partition = Annotated[int, Range(0, 255)]
 Frame = Annotated[str, Choice(("committed", "reference"))]
-Report = Annotated[str, Choice(("", "faces"))]
+Report = Annotated[str, Choice(("", "faces", "swept"))]
+Time = float | None
+TimeLevels = Annotated[str, Choice(("", "bdf2", "bossak"))]
+TimeScheme = Annotated[str, Choice(("", "tangent", "bdf1", "bdf2", "bossak"))]
 Which = Annotated[str, Choice(("trial", "committed"))]
 Evaluation = Annotated[str, Choice(("server", "client"))]
 Outcome = Annotated[str, Choice(("keep", "discard"))]
@@ -61,6 +71,12 @@ Role = Annotated[str, Choice(("", "moving", "fixed", "slip", "symmetry", "period
 
 FloatNodes = Annotated[NDArray[np.float64], ArrayField("<f8", ("node", "dimension"))]
 FloatMoving = Annotated[NDArray[np.float64], ArrayField("<f8", ("moving node", "dimension"))]
+FloatNodesIfAsked = Annotated[NDArray[np.float64] | None, ArrayField("<f8", ("node", "dimension"), required=False)]
+FloatMovingIfGiven = Annotated[
+    NDArray[np.float64] | None, ArrayField("<f8", ("moving node", "dimension"), required=False)
+]
+CornerNodes = Annotated[NDArray[np.int64] | None, ArrayField("<i8", ("swept face", "corner"), required=False)]
+SweptVolumes = Annotated[NDArray[np.float64] | None, ArrayField("<f8", ("swept face",), required=False)]
 FloatEnrichment = Annotated[NDArray[np.float64], ArrayField("<f8", ("enrichment point", "dimension"))]
 MovingVectors = Annotated[NDArray[np.float64], ArrayField("<f8", ("moving node", "column"))]
 NodeVectors = Annotated[NDArray[np.float64], ArrayField("<f8", ("node", "column"))]

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, fields
+from types import NoneType, UnionType
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from mesh_motion_protocol.declarations import ArrayField, Choice, Length, Range
 from mesh_motion_protocol.errors import ProtocolError
+from mesh_motion_protocol.header import plain
 from mesh_motion_protocol.messages import REPLIES, Message
 
-__all__ = ["ArraySpec", "FieldSpec", "MessageSchema", "check_value", "schema_of"]
+__all__ = ["ArraySpec", "FieldSpec", "MessageSchema", "check_value", "schema_of", "sent_fields"]
 
 #: In the header next to ``fields``, for every message.
 REQUEST_ID = ("client", "sequence")
@@ -19,7 +22,10 @@ _INTEGERS = range(-(2**63), 2**63)
 
 @dataclass(frozen=True)
 class FieldSpec:
-    """A header field: its Python type, its markers, and whether a sender may leave it out."""
+    """A header field: its Python type, its markers, and whether a sender may leave it out.
+
+    One that is None is left out, also by a sender that knows it: nil is no value of the wire.
+    """
 
     name: str
     kind: Any
@@ -79,17 +85,27 @@ def _read(cls: type[Message]) -> MessageSchema:
 
 
 def _split(hint: Any) -> tuple[Any, tuple[Any, ...]]:
-    """``Annotated[kind, markers...]`` → kind, markers."""
+    """``Annotated[kind, markers...]`` → kind, markers; ``kind | None`` → kind."""
+    markers: tuple[Any, ...] = ()
     if get_origin(hint) is Annotated:
-        kind, *markers = get_args(hint)
-        return kind, tuple(markers)
-    return hint, ()
+        hint, *rest = get_args(hint)
+        markers = tuple(rest)
+    if get_origin(hint) is UnionType:
+        (hint,) = (kind for kind in get_args(hint) if kind is not NoneType)
+    return hint, markers
 
 
 def _admitted(dtype: str) -> tuple[str, ...]:
     """Wire dtypes of a declaration: the wide ones first, the narrow ones that are widened on receipt last."""
     wide = tuple(dtype.split("|"))
     return (*wide, *(d.replace("8", "4") for d in wide))
+
+
+def sent_fields(message: Message, specs: Sequence[FieldSpec]) -> dict[str, Any]:
+    """Name → plain value of these fields, without those that are left out."""
+    values = {spec.name: plain(getattr(message, spec.name)) for spec in specs}
+    left_out = {spec.name for spec in specs if values[spec.name] is None and not spec.required}
+    return {name: value for name, value in values.items() if name not in left_out}
 
 
 def check_value(value: Any, spec: FieldSpec, *, finite: bool) -> None:

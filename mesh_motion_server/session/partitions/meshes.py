@@ -62,6 +62,11 @@ class CellOrigin:
     def __len__(self) -> int:
         return len(self.local)
 
+    def rows_of(self, partition: int) -> Integers:
+        """(m_p,) rows of a partition's cells, in the order of their local indices."""
+        rows = np.flatnonzero(self.partition == partition)
+        return rows[np.argsort(self.local[rows])]
+
     def place(self, row: int) -> tuple[int, int]:
         """(partition, local index) of a cell."""
         return int(self.partition[row]), int(self.local[row])
@@ -76,6 +81,11 @@ class CellCount:
 
     def __len__(self) -> int:
         return sum(self.counts)
+
+    def rows_of(self, partition: int) -> Integers:
+        """(m_p,) rows of a partition's cells."""
+        first = sum(self.counts[:partition])
+        return np.arange(first, first + self.counts[partition])
 
     def place(self, row: int) -> tuple[int, int]:
         """(partition, local index) of a cell."""

@@ -107,7 +107,7 @@ def _recorded_pair(folder: Path, metric: str | None, first: int | None, last: in
     mesh = merge(read_stored_mesh(folder / MESH, files, read_ledger(folder, files).foundation.mesh))
     step, points = 0, mesh.points.copy()
     if (stored := _stored_state(folder, files)) is not None:
-        step, points[mesh.id_order] = stored
+        step, points[mesh.id_order] = stored[0], stored[1][: len(points)]  # without earlier time levels
     if first not in (None, 0) or last not in (None, step):
         raise InvalidInput(
             f"--steps: of a session the mesh is stored as uploaded and after step {step} only, got "

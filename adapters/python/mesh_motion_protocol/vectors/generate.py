@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import numpy as np
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.limits import CONTAINER_ITEMS, HEADER_DEPTH
 from mesh_motion_protocol.messages import Message
-from mesh_motion_protocol.schema import schema_of
+from mesh_motion_protocol.schema import schema_of, sent_fields
 from mesh_motion_protocol.vectors.samples import MESSAGES
 
 __all__ = ["invalid_cases", "plain_message", "render", "valid_cases"]
@@ -35,7 +36,7 @@ def plain_message(message: Message) -> dict[str, Any]:
         "type": schema.kind,
         "client": _plain(message.client),
         "sequence": message.sequence,
-        "fields": {spec.name: _plain(getattr(message, spec.name)) for spec in schema.fields},
+        "fields": {name: _plain(value) for name, value in sent_fields(message, schema.fields).items()},
         "arrays": {name: array for name, array in arrays.items() if array is not None},
     }
 
@@ -125,6 +126,10 @@ def _variants() -> Iterable[tuple[str, str, Frames]]:
     yield "joined-i4-is-widened", "5.1", [_array("JOINED", "dtype", "<i4")[0], moving, *_frames(_BY_TYPE["JOINED"])[2:]]
     yield "defaults-left-out", "4", _changed("OPEN", lambda header: header.update(fields={"dimension": 3}))
     yield "optional-array-left-out", "12", [_changed("JOINED", lambda header: header.update(arrays=[]))[0]]
+    faces = np.array([[0, 1], [2, -1]])
+    asked = {"report": "swept", "velocity": "tangent", "swept_faces": faces, "boundary_velocity": faces / 2}
+    yield "move-with-three-arrays", "25", _frames(replace(_BY_TYPE["MOVE"], **asked))  # type: ignore[arg-type]
+    yield "time-left-out", "25.1", _changed("MOVE", lambda header: header["fields"].pop("time"))
     yield "empty-array-has-no-frame", "5.3", [_array("MOVE", "shape", [0, 2])[0]]
     yield "keys-in-another-order", "4", [msgpack.packb(dict(reversed(_header("PING").items())))]
     yield "unknown-field-in-a-reply-is-ignored", "4", _field("COMMITTED", "from_a_later_version", 1)
@@ -239,6 +244,10 @@ def _broken_fields() -> Iterable[tuple[str, Frames, str, str]]:
     yield "field-text", _field("MOVE", "step", "13"), header, "step is an integer"
     yield "field-bool", _field("MOVE", "step", True), header, "true is not 1"
     yield "field-nil", _field("MOVE", "step", None), header, "nil is no integer"
+    yield "time-nil", _field("MOVE", "time", None), header, "nil is no number: a time that is not known is left out"
+    nowhere = _field("COMMIT", "time", float("inf"))
+    yield "time-infinite", nowhere, "INVALID_ARGUMENT.NONFINITE", "numbers in requests are finite"
+    yield "scheme-unknown", _field("MOVE", "velocity", "bdf3"), value, "no such scheme"
     yield "step-negative", _field("MOVE", "step", -1), value, "steps are not negative"
     yield "dimension-4", _field("OPEN", "dimension", 4), value, "1, 2 or 3 dimensions"
     yield "dimension-0", _field("OPEN", "dimension", 0), value, "1, 2 or 3 dimensions"
