@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -14,6 +15,7 @@ from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.quality.headroom import Headroom
 from mesh_motion_server.numerics.quality.quality_summary import Distribution, QualitySummary, WorstCell
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 
@@ -67,6 +69,11 @@ class StandIn:
         )
         inverted = int((areas <= 0).sum())
         return QualitySummary("size-skew", values, values, values, values, inverted, len(areas), worst)
+
+    def headroom(self, before: Any, points: Any) -> Headroom:
+        """None of its meshes ends."""
+        del before, points
+        return Headroom(math.inf, math.inf, 0)
 
     def why_no_slope(self) -> None:
         """Nothing: weights that do not change are a derivative."""

@@ -18,6 +18,7 @@ __all__ = ["VTU_METRICS", "StepRecord", "add_seconds", "drawn"]
 
 VTU_METRICS = ("size", "skew", "size-skew", "relative-size-skew")
 """Of every cell of the mesh series."""
+_NEAR = 20.0  # steps until the end that are worth a line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +45,8 @@ class StepRecord:
         Time of the server's phases, summed over all iterations.
     sub_steps : int
         Number of sub-steps that the server used in the last iteration; 1 for a single step.
+    headroom_threshold, headroom_inversion : float or None
+        Number of such steps after this one until the threshold, and until a cell inverts; None: more than 100.
     faces : dict of str to dict
         Face quality for finite-volume codes, ``before`` (the mesh at opening) and ``after`` the step:
         :data:`~.faces.FACES` and the worst face. The last columns of steps.csv are the values after the step.
@@ -70,6 +73,8 @@ class StepRecord:
     seconds_correct: float
     seconds_displace: float
     sub_steps: int = 1
+    headroom_threshold: float | None = None
+    headroom_inversion: float | None = None
     faces: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @classmethod
@@ -105,10 +110,19 @@ class StepRecord:
             enrichment_points=len(moved.enrichment_points),
             freed_nodes=int(moved.correction.get("freed_nodes", 0)),
             sub_steps=int(moved.correction.get("sub_steps", 1)),
+            headroom_threshold=moved.headroom.get("threshold"),
+            headroom_inversion=moved.headroom.get("inversion"),
             faces=faces_numbers(moved.faces),
             **seconds,
             **driven,
         )
+
+    @property
+    def ahead(self) -> str:
+        """When the mesh ends if it goes on as in this step, in one line; empty if that is far away."""
+        ends = {"the quality threshold": self.headroom_threshold, "the first inverted cell": self.headroom_inversion}
+        near = [f"{steps:.1f} to {end}" for end, steps in ends.items() if steps is not None and steps <= _NEAR]
+        return "more steps like the last one: " + ", ".join(near) if near else ""
 
     def shown(self, metric: str) -> tuple[float, float]:
         """Minimum and mean of the quality that :func:`drawn` names for a metric."""

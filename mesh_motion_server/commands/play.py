@@ -119,6 +119,8 @@ def play(
         )
         if line := faces_line([step.faces for step in played.steps]):
             say(line)
+        if played.steps and (line := played.steps[-1].ahead):
+            say(line)
 
 
 @contextmanager

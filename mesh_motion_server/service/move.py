@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.numerics.stopwatch import time_limit
-from mesh_motion_server.service.reports import correction_report, faces_report, move_quality, shortened
+from mesh_motion_server.service.reports import (
+    correction_report,
+    faces_report,
+    headroom_report,
+    move_quality,
+    shortened,
+)
 from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
@@ -23,6 +29,7 @@ __all__ = ["FRAMES", "check", "run"]
 
 #: Displacements count from the committed state, or from the reference mesh.
 FRAMES = ("committed", "reference")
+_WITH_HEADROOM = ("faces", "headroom")
 #: Limit of a displacement in extents of the mesh: beyond it cells are lost in rounding, and further on sizes overflow.
 _FARTHEST = 1e12
 
@@ -68,6 +75,8 @@ def run(session: Session, requests: Sequence[Move], request_ids: Sequence[Reques
     motion = outcome.motion
     quality, correction = move_quality(motion, session), correction_report(motion)
     faces = faces_report(outcome.faces, session.mesh)
+    asked = any(request.report in _WITH_HEADROOM for request in requests)
+    headroom = headroom_report(session.headroom(), session.mesh) if asked else {}
     return [
         Moved(
             client=request.client,
@@ -80,6 +89,7 @@ def run(session: Session, requests: Sequence[Move], request_ids: Sequence[Reques
             seconds={name: float(value) for name, value in motion.seconds.items()},
             warnings=shortened(list(motion.warnings)),
             faces=faces if request.report == "faces" else {},
+            headroom=headroom if request.report in _WITH_HEADROOM else {},
             displacement=outcome.displacements[request.partition],
             velocity=outcome.velocities[request.partition] if scheme else None,
             swept=session.swept(request.partition, request.swept_faces) if request.report == "swept" else None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -14,11 +15,13 @@ from mesh_motion_server.session.session import Session
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.correction.correction import Correction
     from mesh_motion_server.numerics.motion.motion_found import Motion
+    from mesh_motion_server.numerics.quality.headroom import Headroom
     from mesh_motion_server.numerics.quality.quality_summary import Judgement
 
 __all__ = [
     "correction_report",
     "faces_report",
+    "headroom_report",
     "mesh_report",
     "move_quality",
     "quality_frame",
@@ -91,6 +94,13 @@ def faces_report(faces: tuple[FaceMeasures, ...], mesh: MergedMesh) -> dict[str,
         }
         for name, measures in zip(("before", "after"), faces, strict=False)
     }
+
+
+def headroom_report(headroom: Headroom, mesh: MergedMesh) -> dict[str, Any]:
+    """How many more such steps the mesh admits, as sent: without what is beyond the horizon."""
+    steps = {"inversion": headroom.inversion, "threshold": headroom.threshold}
+    found: dict[str, Any] = {name: value for name, value in steps.items() if math.isfinite(value)}
+    return found | ({"cell": _place(mesh, headroom.cell)} if "inversion" in found else {})
 
 
 def correction_report(motion: Motion) -> dict[str, Any]:

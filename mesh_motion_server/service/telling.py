@@ -149,4 +149,5 @@ def _motion(moved: Moved) -> dict[str, Any]:
     names = ("step", "iteration", "quality", "correction", "caches", "seconds", "warnings")
     values = {name: getattr(moved, name) for name in names} | {"enrichment_points": moved.enrichment_points.tolist()}
     faces = {name: {key: said[key] for key in said if key != "worst"} for name, said in moved.faces.items()}
-    return values | ({"faces": faces} if faces else {})
+    asked = {"faces": faces, "headroom": moved.headroom}
+    return values | {name: found for name, found in asked.items() if found}

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
     from mesh_motion_server.numerics.motion.motion_found import Motion
     from mesh_motion_server.numerics.motion.motion_slope import MotionSlope
+    from mesh_motion_server.numerics.quality.headroom import Headroom
     from mesh_motion_server.numerics.quality.quality_summary import Judgement
 
 __all__ = [
@@ -45,6 +46,10 @@ class Model(Protocol):
 
     def summary(self, points: Floats) -> Judgement:
         """Quality of the mesh with its nodes at ``points`` (n, d)."""
+        ...
+
+    def headroom(self, before: Floats, points: Floats) -> Headroom:
+        """How many more steps like that from ``before`` to ``points`` (n, d) the mesh admits."""
         ...
 
     def why_no_slope(self) -> InvalidInput | None:

@@ -57,6 +57,7 @@ from mesh_motion_server.settings import ServerSettings
 
 if TYPE_CHECKING:
     from mesh_motion_server.numerics.motion.motion_slope import MotionSlope
+    from mesh_motion_server.numerics.quality.headroom import Headroom
 
 __all__ = ["Session"]
 
@@ -215,6 +216,10 @@ class Session(Position):
             before, time = self._committed_state, cast(float, asked.time)
             found = scheme_velocity(asked.scheme, trial.points, before.points, before.level, time)
         return [mesh.scatter(found, partition) for partition in range(self.spec.partitions)]
+
+    def headroom(self) -> Headroom:
+        """How many more steps like that from the committed state to the trial the mesh admits."""
+        return self.model.headroom(self._committed_state.points, self._open_trial.points)
 
     def swept(self, partition: int, faces: Integers | None) -> Floats:
         """Volumes that faces of a partition sweep from the committed state to the trial, length unit to the power d.

@@ -5,6 +5,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -70,6 +71,7 @@ class StandIn:
             seconds=seconds,
             warnings=[f"warning {len(self.moves)}", "always"],
             faces=faces,
+            headroom={"threshold": 12.5, "inversion": 30.0 / len(self.moves)} if report else {},
         )
 
     def commit(self, final_step: int) -> None:
@@ -170,10 +172,15 @@ def test_each_step_has_its_faces_in_the_solvers_words(make_case, stand_in: Plays
     rows = list(csv.DictReader((tmp_path / "out" / "steps.csv").read_text().splitlines()))
     assert list(rows[0])[-len(FACES) :] == list(FACES)
     assert [(float(row["max_non_orthogonality"]), int(row["faces_above_65"])) for row in rows] == [(63, 0), (66, 1)]
+    ahead = [(float(row["headroom_threshold"]), float(row["headroom_inversion"])) for row in rows]
     assert faces_line([step.faces for step in played.steps]) == (
         "non-orthogonality at most 66.0° in step 2 (20.0° at rest), 1 face above 65°; skewness at most 1.65 (0.50), "
         "volume ratio at least 0.50 (0.50); shortest edge 0.3, smallest face 0.15 of that at rest"
     )
+    assert ahead == [(12.5, 10.0), (12.5, 5.0)]
+    last = played.steps[-1]
+    assert last.ahead == "more steps like the last one: 12.5 to the quality threshold, 5.0 to the first inverted cell"
+    assert replace(last, headroom_threshold=20.1, headroom_inversion=None).ahead == ""
 
 
 def test_of_a_run_without_faces_there_is_no_line() -> None:

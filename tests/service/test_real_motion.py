@@ -12,6 +12,8 @@ from real_sessions import boxed, bulge, new_session
 from mesh_motion_server.numerics import stopwatch
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.finite_volume import face_measures
+from mesh_motion_server.numerics.quality.headroom import headroom
+from mesh_motion_server.numerics.quality.metrics import cells_at_rest
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.history.events import read_events
 from proofs.driver import SESSION, TOKEN
@@ -130,6 +132,33 @@ def test_of_several_partitions_those_that_ask_are_told_of_all_faces(store: Any) 
     assert told["before"]["faces"] == expected.faces
     assert told["before"]["max_non_orthogonality"] == pytest.approx(expected.max_non_orthogonality, rel=1e-9)
     assert {face["partition"] for name in ("before", "after") for face in told[name]["worst"]} <= {0, 1, 2}
+    driver.host.close()
+
+
+def test_the_headroom_is_that_of_the_coordinates_that_were_answered(store: Any) -> None:
+    whole, cells = boxed(12), CellTable.from_arrays(boxed(12).cells)
+    driver = driver_of(store, split_mesh(whole, 3))
+    driver.open()
+    points = whole.points.copy()
+    for step in (1, 2):
+        step_rows, replies = np.zeros_like(points), []
+        for partition, (rows, report) in enumerate(zip(bulge(driver, 0.1), ("headroom", "faces", ""), strict=True)):
+            replies += driver.send(driver.request(Move, partition, step=step, displacement=rows, report=report))
+        for reply, mesh in zip(replies, driver.meshes, strict=True):
+            step_rows[mesh.global_ids] = reply.displacement
+        points += step_rows
+        driver.all(Commit, step=step)
+    assert not replies[2].headroom
+    assert replies[0].headroom == replies[1].headroom
+    found, rest = replies[0].headroom, cells_at_rest(whole.points, cells)
+    expected = headroom(points, step_rows, cells, rest, "relative-size-skew", 0.2)
+    assert found["inversion"] == pytest.approx(expected.inversion, rel=1e-9)
+    assert found["threshold"] == pytest.approx(expected.threshold, rel=1e-9)
+    mesh = driver.meshes[found["cell"]["partition"]]
+    nodes = mesh.global_ids[mesh.cells[found["cell"]["type"]][found["cell"]["cell"]]]
+    assert set(nodes) == set(whole.cells["triangle"][expected.cell])
+    events = [event for event in read_events(store.root / "sessions" / SESSION) if event.get("headroom")]
+    assert events[-1]["headroom"] == found
     driver.host.close()
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
+from mesh_motion_server.numerics.quality.headroom import Headroom
 from mesh_motion_server.numerics.quality.quality_summary import Distribution, QualitySummary
 
 _PARTS = ("solve", "predict", "correct", "displace", "total")
@@ -27,6 +28,9 @@ class PlainModel:
         values = Distribution(1.0, 1.0, 1.0, 1.0, 1.0)
         count = sum(len(block) for block in self.cells)
         return QualitySummary("size-skew", values, values, values, values, 0, count, ())
+
+    def headroom(self, before, points):
+        return Headroom(8.5, 4.25, 0)
 
     def why_no_slope(self):
         if self.method.displacement != "absolute":

@@ -23,6 +23,9 @@ __all__ = ["Moved"]
 #: How many faces a cell of each type has, in the order in which their swept volumes come.
 FACES_OF = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 6, "wedge": 5, "pyramid": 5}
 
+#: What ends after the steps of each name in the headroom.
+_ENDS = {"threshold": "the quality threshold", "inversion": "the first cell inverts"}
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Moved(Described, messages.Moved):
@@ -60,6 +63,11 @@ class Moved(Described, messages.Moved):
             f"Moved: step {self.step}, iteration {self.iteration}, {self.seconds.get('total', 0.0):.3g} s",
             f"{quality['metric']}: minimum {kept:.3f}{corrected}; threshold {quality['threshold']:g}",
             f"{len(self.displacement)} nodes, the farthest moves by {farthest:.4g}",
+            *(
+                f"{self.headroom[name]:.3g} more such steps until {end}"
+                for name, end in _ENDS.items()
+                if name in self.headroom
+            ),
             *(f"warning: {text}" for text in self.warnings),
         ]
 

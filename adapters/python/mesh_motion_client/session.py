@@ -156,10 +156,11 @@ class Session(Described):
         frame : {"reference", "committed"}
             What the displacements count from: the reference mesh for totals, which structural codes have, or the
             committed state for increments.
-        report : {"", "faces", "swept"}
+        report : {"", "faces", "headroom", "swept"}
             "faces": add what a finite-volume code sees, ``faces["before"]`` and ``faces["after"]`` of the reply;
-            it takes time, ask once a step. "swept": the volume that each face sweeps in this step, ``swept`` of the
-            reply and :meth:`.moved.Moved.swept_of_cells`.
+            it takes time, ask once a step. "headroom", and with "faces" too: how many more such steps the mesh admits,
+            until a cell inverts and until the threshold, ``headroom`` of the reply. "swept": the volume that each face
+            sweeps in this step, ``swept`` of the reply and :meth:`.moved.Moved.swept_of_cells`.
         time : float, optional
             Of the step: at its end, seconds. Later than :attr:`time`.
         velocity : {"", "tangent", "bdf1", "bdf2", "bossak"}

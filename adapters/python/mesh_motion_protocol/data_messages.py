@@ -172,7 +172,7 @@ class Move(SessionMessage):
     type: ClassVar[str] = "MOVE"
     step: Count  # committed step + 1
     frame: Frame  # displacement since the "reference" mesh (total), or since the "committed" state (increment)
-    report: Report = ""  # in addition: the "faces" as a finite-volume code sees them, or volumes "swept": section 25
+    report: Report = ""  # in addition: "faces" as a finite-volume code sees them, the "headroom", or volumes "swept"
     time: Time = None  # of the step, seconds, later than that of the committed state: section 25
     velocity: TimeScheme = ""  # the scheme of MOVED's velocity: section 25
     compute_limit_ms: Count = 0  # the server gives up computing after so many milliseconds: section 7; 0 = never
@@ -196,6 +196,7 @@ class Moved(Message):
     seconds: dict[str, float]  # solve, predict, correct, displace, total
     warnings: list[str]  # for people
     faces: dict[str, Any] = field(default_factory=dict)  # "before" and "after", where MOVE asked: section 15
+    headroom: dict[str, Any] = field(default_factory=dict)  # steps until the mesh ends, where MOVE asked: section 15
     sums: list[dict[str, Any]] = field(default_factory=list)  # of the field, where the client evaluates it: section 23
     displacement: FloatNodes  # of all nodes of the partition, since the frame of the MOVE
     velocity: FloatNodesIfAsked = None  # of all nodes of the partition, where MOVE asked: section 25

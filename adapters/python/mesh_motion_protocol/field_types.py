@@ -60,7 +60,7 @@ Name = Annotated[str, Length(at_most=256)]
 Count = Annotated[int, Range(0, 2**63 - 1)]
 Partition = Annotated[int, Range(0, 255)]
 Frame = Annotated[str, Choice(("committed", "reference"))]
-Report = Annotated[str, Choice(("", "faces", "swept"))]
+Report = Annotated[str, Choice(("", "faces", "headroom", "swept"))]
 Time = float | None
 TimeLevels = Annotated[str, Choice(("", "bdf2", "bossak"))]
 TimeScheme = Annotated[str, Choice(("", "tangent", "bdf1", "bdf2", "bossak"))]

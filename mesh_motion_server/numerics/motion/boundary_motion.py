@@ -36,6 +36,7 @@ from mesh_motion_server.numerics.motion.motion_found import Motion
 from mesh_motion_server.numerics.motion.motion_slope import WithoutSlope
 from mesh_motion_server.numerics.motion.smooth_step import PlainWay, smooth_step
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
+from mesh_motion_server.numerics.quality.headroom import Headroom
 from mesh_motion_server.numerics.quality.mesh_check import checked_cells
 from mesh_motion_server.numerics.quality.metrics import cells_at_rest
 from mesh_motion_server.numerics.quality.quality_summary import Judgement, LowestQuality, Minimum
@@ -110,6 +111,11 @@ class BoundaryMotion(WithoutSlope):
         """
         del points
         raise SessionError("the trial is not judged, or it was refused", hint="send JUDGE from every partition first")
+
+    def headroom(self, before: Floats, points: Floats) -> Headroom:
+        """Refuse as :meth:`summary` does."""
+        del before, points
+        raise SessionError("the headroom is not known: the cells are elsewhere")
 
     def move(
         self,

@@ -24,6 +24,7 @@ from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDispl
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.motion.motion_found import Motion
 from mesh_motion_server.numerics.motion.motion_slope import WithoutSlope
+from mesh_motion_server.numerics.quality.headroom import Headroom
 from mesh_motion_server.numerics.quality.mesh_check import checked_mesh
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
 
@@ -86,6 +87,10 @@ class OneLayerMotion(WithoutSlope):
     def summary(self, points: Floats) -> Judgement:
         """Quality of the plane with the nodes at ``points`` (n, 3)."""
         return self._in_space(self.plane.summary(self.layer.project(points)), points)
+
+    def headroom(self, before: Floats, points: Floats) -> Headroom:
+        """As :meth:`.PreparedMesh.headroom`, of the plane."""
+        return self.plane.headroom(self.layer.project(before), self.layer.project(points))
 
     def without_distributions(self) -> Self:
         """The same, judged exactly by its worst cells, without distributions."""

@@ -21,6 +21,7 @@ from mesh_motion_server.numerics.motion.crossing import PossibleCrossing
 from mesh_motion_server.numerics.motion.layered_walls import LayeredWalls
 from mesh_motion_server.numerics.motion.method_check import check_method
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
+from mesh_motion_server.numerics.quality.headroom import Headroom, headroom
 from mesh_motion_server.numerics.quality.mesh_check import checked_mesh
 from mesh_motion_server.numerics.quality.mesh_summary import lowest_of, lowest_quality, mesh_summary, summarize
 from mesh_motion_server.numerics.quality.metrics import AtRest, CellQuality, cells_at_rest
@@ -139,6 +140,11 @@ class PreparedMesh:
         """The boundary, which may cross itself."""
         sliding = self.standard_motion.sliding
         return PossibleCrossing.build(self.points, self.cells, self.roles, self.coincident, sliding)
+
+    def headroom(self, before: Floats, points: Floats) -> Headroom:
+        """How many more steps like that from ``before`` to ``points`` (n, d) the mesh admits."""
+        step, method = points - before, self.method
+        return headroom(points, step, self.cells, self.reference_sizes, method.quality_metric, method.quality_threshold)
 
     def summary(self, points: Floats, quality: CellQuality | None = None) -> Judgement:
         """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh.

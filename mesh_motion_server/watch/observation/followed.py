@@ -52,6 +52,7 @@ class Followed:
             "corrected": moved["quality"]["corrected"].get("metric", {}) if moved else {},
             "actual": self._committed["quality"].get("metric", {}) if self._committed else {},
             "faces": moved.get("faces", {}),
+            "headroom": moved.get("headroom", {}),
             "worst": self._worst(),
             "notable": list(reversed(self._notable)),
             "told": self._counted,

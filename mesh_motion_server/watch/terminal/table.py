@@ -112,6 +112,9 @@ def _details(entry: Mapping[str, Any], details: Mapping[str, Any]) -> list[Rende
         lowest = number(details["corrected"].get("min"))
         rows.append(inert(f"step {moved['step']}, iteration {moved['iteration']}: minimum {lowest} predicted"))
     rows += _quality(entry, details)
+    ends = {"threshold": "the threshold", "inversion": "the first inverted cell"}
+    ahead = [f"{details['headroom'][name]:.2g} to {end}" for name, end in ends.items() if name in details["headroom"]]
+    rows += [inert(f"more steps like the last one: {', '.join(ahead)}")] if ahead else []
     rows += [inert(f"worst  {_cell_words(cell)}") for cell in details["worst"]["cells"][:_WORST]]
     for told in reversed(details["notable"][:_MESSAGES]):
         clock = time.strftime("%H:%M:%S", time.localtime(told["at"]))

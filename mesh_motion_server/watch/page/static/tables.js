@@ -35,12 +35,19 @@ const FACES = [
   ["smallest face, of that at rest", "smallest_face", quality],
 ];
 
+/** What steps like the last one lead to. */
+const ENDS = [
+  ["threshold", "the threshold"],
+  ["inversion", "the first inverted cell"],
+];
+
 /** For the mesh of the last Move, if it requested faces; otherwise unknown. */
-export function showFaces(faces, step) {
+export function showFaces(faces, headroom, step) {
   const { before, after } = faces ?? {};
   byId("faces-panel").hidden = !after;
   if (!after) return;
-  byId("faces-of").textContent = `step ${step}`;
+  const ends = ENDS.filter(([key]) => headroom?.[key] !== undefined).map(([key, end]) => `${headroom[key].toPrecision(2)} more to ${end}`);
+  byId("faces-of").textContent = [`step ${step}`, ...ends].join("; ");
   const heads = ["as uploaded", "now"];
   const row = ([name, key, told]) =>
     element("tr", {}, element("th", { scope: "row", text: name }), element("td", { text: told(before?.[key]) }), element("td", { text: told(after[key]) }));

@@ -8,6 +8,8 @@ import struct
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
+
 from mesh_motion_conformance.case import Case, Suite, Unmet
 from mesh_motion_conformance.checks import answered, refused
 from mesh_motion_conformance.server.requests import Request
@@ -84,6 +86,9 @@ def reports() -> Iterator[Case]:
     yield Case("15", "MOVED-factorization", "factorization is reused or made", run("MOVE", _factorization))
     yield Case("15", "MOVED-faces", "faces is empty where report is not faces", run("MOVE", _no_faces))
     yield Case("15", "MOVED-faces-asked", keys, _faces)
+    empty = "headroom is empty where report is neither headroom nor faces"
+    yield Case("15", "MOVED-headroom", empty, run("MOVE", _no_headroom))
+    yield Case("15", "MOVED-headroom-asked", keys, _headroom)
     yield Case("15", "BUILT-mesh", keys, run("BUILD", _built_mesh))
 
 
@@ -126,6 +131,26 @@ def _faces(stage: Stage) -> None:
     angle = found["before"]["max_non_orthogonality"]
     if abs(angle - math.degrees(math.atan(0.5))) > 1e-6:  # d leads two thirds of a square across and one third up
         raise Unmet("faces.before: the reference mesh's 26.565 degrees", str(angle))
+
+
+def _no_headroom(fields: dict[str, Any]) -> None:
+    if fields.get("headroom"):
+        raise Unmet("headroom: an empty map", str(fields["headroom"])[:80])
+
+
+def _headroom(stage: Stage) -> None:
+    """Once more there and back: nothing goes on, so nothing ends; then a step that can follow a few times."""
+    session = stage.session("READY")
+    still = session.request("MOVE").having(report="headroom", displacement=np.zeros((4, 2)))
+    found = session.do(still).fields["headroom"]
+    if "inversion" in found or "cell" in found:
+        raise Unmet("headroom: nothing ends where nothing moves", str(found))
+    whole = session.request("MOVE").having(report="headroom")
+    ahead = session.do(whole).fields["headroom"]
+    _check(ahead, {"inversion": _NUMBER, "threshold": _NUMBER, "cell": dict}, "headroom")
+    _check(ahead["cell"], _CELL, "headroom.cell")
+    if not 0.0 <= ahead["threshold"] <= ahead["inversion"] <= 100.0:
+        raise Unmet("headroom: 0 ≤ threshold ≤ inversion ≤ 100", str(ahead))
 
 
 _MOVED: dict[str, Any] = {

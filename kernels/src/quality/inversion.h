@@ -1,0 +1,16 @@
+// How far nodes can go on along their step until a cell inverts.
+#pragma once
+
+#include "view.h"
+
+namespace mesh_motion {
+
+/// steps[c] (m,): the least s in (0, horizon] at which a corner determinant of cell c is 0 with the nodes at
+/// points + s step (n, d), or ∞; 0 for a cell that is not valid at points.
+///
+/// nodes (m, k) of cells of one type; corners (q, d + 1): local numbers of each corner's node and its neighbours. The
+/// determinant of edges E + s V is a polynomial of degree d in s, so its first root is found exactly.
+void steps_to_inversion(Matrix<const double> points, Matrix<const double> step, Matrix<const Node> nodes,
+                        Matrix<const Index> corners, double horizon, Vector<double> steps);
+
+}  // namespace mesh_motion

@@ -1,0 +1,107 @@
+"""How many more steps a mesh admits: exact for straight ways, an early warning for others."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from box_meshes import CELL_KINDS, box_mesh
+from correction_cases import BodyMesh, stored
+
+from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.quality.headroom import HORIZON, headroom
+from mesh_motion_server.session.factors import FactorCache
+
+
+def first_root(points: np.ndarray, step: np.ndarray, cells: CellTable) -> float:
+    """By numpy: the roots of the polynomials through d + 1 values of each corner's determinant."""
+    d, least = points.shape[1], np.inf
+    for block in cells:
+        corners = block.nodes[:, block.type.corner_array]
+        edges = [(at[:, :, 1:] - at[:, :, :1]) for at in ((points + s * step)[corners] for s in range(d + 1))]
+        for values in np.moveaxis(np.linalg.det(edges), 0, -1).reshape(-1, d + 1):
+            roots = np.roots(np.polyfit(range(d + 1), values, d))
+            least = min([least, *(r.real for r in roots if abs(r.imag) < 1e-9 and r.real > 0.0)])
+    return least
+
+
+@pytest.mark.parametrize("kind", CELL_KINDS)
+def test_the_first_root_of_the_determinants(kind: str) -> None:
+    mesh = box_mesh(kind, 5)
+    numbers = np.random.default_rng(len(kind))
+    for size in (0.001, 0.01, 0.03):
+        points = mesh.points + 0.02 * numbers.uniform(-1.0, 1.0, mesh.points.shape)
+        step = size * numbers.uniform(-1.0, 1.0, mesh.points.shape)
+        found = headroom(points, step, mesh.cells, mesh.sizes, "size", 0.0)
+        assert found.inversion == pytest.approx(first_root(points, step, mesh.cells), rel=1e-9)
+        for s in (1.0 - 1e-9, 1.0 + 1e-9):
+            there = headroom(points + s * found.inversion * step, step, mesh.cells, mesh.sizes, "size", 0.0)
+            assert (there.inversion == 0.0) == (s > 1.0)
+            assert there.cell == found.cell or s < 1.0
+
+
+@pytest.mark.parametrize("kind", CELL_KINDS)
+def test_a_mesh_that_is_squeezed_evenly(kind: str) -> None:
+    """Its size falls by 0.1 in each step."""
+    mesh = box_mesh(kind, 5)
+    step = np.zeros_like(mesh.points)
+    step[:, 0] = -0.1 * mesh.points[:, 0]
+    found = headroom(mesh.points, step, mesh.cells, mesh.sizes, "size", 0.25)
+    assert found.inversion == pytest.approx(10.0, rel=1e-12)
+    assert found.threshold == pytest.approx(7.5, rel=1e-3)
+    slow = headroom(mesh.points, 0.099 * step, mesh.cells, mesh.sizes, "size", 0.25)
+    assert slow.inversion == np.inf  # 101 steps
+    assert slow.threshold == pytest.approx(7.5 / 0.099, rel=1e-3)
+    assert headroom(mesh.points, -step, mesh.cells, mesh.sizes, "size", -1.0).threshold == np.inf
+    assert headroom(mesh.points + 8.0 * step, step, mesh.cells, mesh.sizes, "size", 0.25).threshold == 0.0
+    assert HORIZON == 100.0  # as SPEC.md says
+
+
+def run_of(
+    mesh: BodyMesh, way: Callable[[np.ndarray, int], np.ndarray], **choices: object
+) -> tuple[list[float], float]:
+    """Headroom after each step of a run, and after how many steps its mesh ends."""
+    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+    model, factors = MotionModel.build(mesh.points, mesh.cells, patches, Method(**choices)), FactorCache(1 << 28)
+    points, found = model.points, []
+    for k in range(1, 100):
+        try:
+            after = model.move(points, way(model.points[model.roles.moving], k), factors).points
+        except NumericalError as refusal:
+            return found, k - 1 + (refusal.fraction or 0.0)
+        found.append(model.headroom(points, after).inversion)
+        points = after
+    raise AssertionError("the mesh does not end")
+
+
+def turn(x: np.ndarray, k: int) -> np.ndarray:
+    angle = np.radians(5.0 * k)
+    return (x - 0.5) @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]) + 0.5
+
+
+def shift(x: np.ndarray, k: int) -> np.ndarray:
+    return x + np.array([0.02 * k, 0.0])
+
+
+def test_a_straight_run_ends_where_its_first_step_says() -> None:
+    found, end = run_of(stored("thesis_block"), shift, correction="none", displacement="absolute")
+    assert all(steps + k == pytest.approx(found[-1] + len(found), rel=1e-6) for k, steps in enumerate(found, start=1))
+    assert found[-1] + len(found) == pytest.approx(end, abs=0.05)  # the refusal's fraction is a search's
+
+
+@pytest.mark.parametrize("mesh", ["thesis_block", "thesis_slab"])
+def test_a_turning_run_is_known_five_steps_ahead(mesh: str) -> None:
+    found, end = run_of(stored(mesh), turn, correction="none", displacement="absolute")
+    for k, steps in enumerate(found, start=1):
+        assert end - k > 5.0 or steps == pytest.approx(end - k, rel=0.1, abs=0.1)
+        assert end - k > 10.0 or steps - (end - k) < 1.0  # not late by more than a step
+
+
+def test_a_correction_keeps_a_mesh_for_longer() -> None:
+    found, end = run_of(stored("thesis_block"), shift)
+    late = [steps - (end - k) for k, steps in enumerate(found, start=1) if end - k < 10.0]
+    assert max(late) < 1.0
+    assert min(late) > -6.0
