@@ -265,7 +265,7 @@ class Position:
     @property
     def time(self) -> float | None:
         """Of the last committed step, seconds; None if it is not known."""
-        return None if self._now.committed is None else self._now.committed.level.time
+        return self.spec.time if self._now.committed is None else self._now.committed.level.time
 
     @property
     def _committed_state(self) -> CommittedState:

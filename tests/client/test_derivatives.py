@@ -2,30 +2,14 @@
 
 import numpy as np
 import pytest
-from mesh_motion_client import InvalidInput, Mesh, Patch, SessionError, connect
-
-SIDE = 9
-
-
-def square():
-    x, y = (each.ravel() for each in np.meshgrid(np.linspace(0, 1, SIDE), np.linspace(0, 1, SIDE), indexing="ij"))
-    node = np.arange(SIDE * SIDE).reshape(SIDE, SIDE)
-    quads = np.stack([node[:-1, :-1], node[1:, :-1], node[1:, 1:], node[:-1, 1:]], axis=-1).reshape(-1, 4)
-    left, rest = np.flatnonzero(x == 0), np.flatnonzero((x == 1) | (((y == 0) | (y == 1)) & (x > 0)))
-    return Mesh(
-        np.stack([x, y], axis=1), {"quad": quads}, {"left": Patch("moving", left), "walls": Patch("fixed", rest)}
-    )
+from client_square import SIDE, bulge, square
+from mesh_motion_client import InvalidInput, SessionError, connect
 
 
 @pytest.fixture(scope="module")
 def session():
     with connect() as server, server.open(square()) as opened:
         yield opened
-
-
-def bulge(size):
-    y = square().points[:SIDE, 1]
-    return np.stack([size * np.sin(np.pi * y), 0.0 * y], axis=1)
 
 
 def test_vectors_one_by_one_and_together(session):

@@ -116,7 +116,18 @@ class InProcessServer:
         if order["order"] == "resume":
             given = order["session"], order["token"], self.store
             return SessionHost.resume(*given, limits=self.settings, build_model=PlainModel)
-        names = ("session", "token", "dimension", "partitions", "label", "durability", "owner", "evaluation")
+        names = (
+            "session",
+            "token",
+            "dimension",
+            "partitions",
+            "label",
+            "durability",
+            "owner",
+            "evaluation",
+            "time",
+            "time_levels",
+        )
         spec = SessionSpec(**{name: order[name] for name in names}, settings=MethodSettings(**order["method"]))
         return SessionHost.create(spec, self.store, limits=self.settings, build_model=PlainModel)
 

@@ -10,6 +10,7 @@ from mesh_motion_protocol import codec, digests, header, schema
 from mesh_motion_protocol.messages import ErrorReply, Welcome
 
 from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
+from mesh_motion_server.numerics.mesh import swept_volumes
 from mesh_motion_server.service import error_replies, execution, fetch, move
 from mesh_motion_server.service.gathering import Gathering
 from mesh_motion_server.service.holders import Holders
@@ -242,6 +243,57 @@ def drops_the_trial_for_a_derivative(patch):
 def differentiates_whatever_there_is(patch):
     patch.setattr(Session, "require_slope", lambda self, operation, what: self.admit(operation))
     patch.setattr(Session, "_points_of", lambda self, what: self.coordinates("committed"))
+
+
+@fault("25.1-times-grow")
+def takes_any_time(patch):
+    patch.setattr(Session, "require_later", nothing)
+
+
+@fault("25.2-bdf1", "25.3-bdf2-survives")
+def takes_the_first_step_for_every_step(patch):
+    honest = session_module.scheme_velocity
+
+    def even(scheme, moved, committed, level, time):
+        return honest(scheme, moved, committed, replace(level, time=time - 0.25), time)
+
+    patch.setattr(session_module, "scheme_velocity", even)
+
+
+@fault("25.3-bdf2-survives", "25.3-bossak-survives")
+def resumes_without_earlier_levels(patch):
+    resume = Session.resume
+
+    def forgetful(self):
+        found, committed = resume(self), self._committed_state
+        self._swap(committed=replace(committed, level=replace(committed.level, arrays=())))
+        return found
+
+    patch.setattr(Session, "resume", forgetful)
+
+
+@fault("25.3-levels-take-a-time", "25.4-missing")
+def does_not_ask_for_times(patch):
+    patch.setattr(Session, "require_time_of_commit", nothing)
+    patch.setattr(Session, "require_velocity", nothing)
+
+
+@fault("25.7-given-faces")
+def sweeps_all_faces_of_the_cells_in_any_case(patch):
+    honest = Session.swept
+    patch.setattr(Session, "swept", lambda self, partition, faces: honest(self, partition, None))
+
+
+@fault("25.5-conservation")
+def sweeps_with_the_areas_of_the_new_mesh(patch):
+    honest = swept_volumes._swept
+    patch.setattr(swept_volumes, "_swept", lambda before, after: honest(after, 2 * after - before))
+
+
+@fault("25.2-tangent")
+def answers_the_velocities_of_a_way_twice_as_long(patch):
+    honest = Session._velocities
+    patch.setattr(Session, "_velocities", lambda self, *given: [2 * own for own in honest(self, *given)])
 
 
 @fault("23.9-field-survives")

@@ -17,7 +17,7 @@ _TITLES = {
     "9": "Partitions", "10": "Exactly once", "11": "Broken connections, RESUME, fencing", "12": "Messages",
     "13": "Mesh", "14": "Settings", "15": "Reports", "16": "The committed state's digest", "17": "Errors",
     "18": "Versions", "19": "A minimal client", "20": "Keys and roles", "21": "Durability",
-    "22": "Shared memory", "23": "Evaluation by the client", "24": "Derivatives",
+    "22": "Shared memory", "23": "Evaluation by the client", "24": "Derivatives", "25": "Velocities and swept volumes",
 }  # fmt: skip
 
 

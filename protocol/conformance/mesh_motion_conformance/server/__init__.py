@@ -22,6 +22,7 @@ from mesh_motion_conformance.server import (
     section_21_durability,
     section_23_client_evaluation,
     section_24_derivatives,
+    section_25_velocities,
     vectors,
 )
 from mesh_motion_conformance.server.stage import Stage
@@ -47,6 +48,7 @@ _SUITES = (
     section_21_durability.suite,
     section_23_client_evaluation.suite,
     section_24_derivatives.suite,
+    section_25_velocities.suite,
     vectors.suite,
 )
 

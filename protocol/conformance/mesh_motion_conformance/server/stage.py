@@ -112,12 +112,13 @@ class Stage:
         label: str = "conformance",
         durability: str = "",
         evaluation: str = "",
+        **others: Any,
     ) -> Session:
-        """A session of its own, in state NEW and joined by all of its partitions."""
+        """A session of its own, in state NEW and joined by all of its partitions; ``others``: of OPEN."""
         if self._failed_openings >= _FAILED_OPENINGS:
             raise Unmet("a session", f"none after {self._failed_openings} tries to open one")
         parts = parts or (SQUARE,)
-        fields: dict[str, Any] = {"dimension": parts[0].points.shape[1], "label": label}
+        fields: dict[str, Any] = {"dimension": parts[0].points.shape[1], "label": label, **others}
         if len(parts) > 1:
             fields["partitions"] = len(parts)
         if settings is not None:
