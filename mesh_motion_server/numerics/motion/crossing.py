@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 
@@ -29,7 +30,15 @@ __all__ = ["NoMeshExists", "PossibleCrossing"]
 
 
 class NoMeshExists(NumericalError):
-    """The boundary forbids every mesh: no correction, way or boundary layer finds one."""
+    """The boundary forbids every mesh: no correction, way or boundary layer finds one.
+
+    Attributes
+    ----------
+    looked_for : int
+        How many kinds of faults were looked for until this one was found; 0 for nodes that meet or pass.
+    """
+
+    looked_for = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,14 +105,17 @@ class PossibleCrossing:
         self.refuse_passing(points, targets, refusal)
         moved = self._moved(points, targets)
         self._refuse_meeting(moved, refusal)
-        for fault, place in self._faults(moved):
+        for count, (fault, place) in enumerate(self._faults(moved), 1):
             if place is not None:
                 near = ", ".join(f"{x:.4g}" for x in place)
-                raise _no_mesh(f"{fault} near ({near})", refusal)
+                certain = _no_mesh(f"{fault} near ({near})", refusal)
+                certain.looked_for = count
+                raise certain
 
-    def crosses(self, points: Floats, targets: Floats) -> bool:
-        """Whether facets go through each other: :meth:`refuse` looks for other faults, too, and takes longer."""
-        return crossing_place(self.facets, self._moved(points, targets)) is not None
+    def has_fault(self, points: Floats, targets: Floats, most: int) -> bool:
+        """Whether one of the first ``most`` kinds of faults is there: looking for all of them takes longer."""
+        faults = islice(self._faults(self._moved(points, targets)), most)
+        return any(place is not None for _, place in faults)
 
     def _moved(self, points: Floats, targets: Floats) -> Floats:
         """The mesh ``points`` (n, d) with its moving nodes at ``targets`` (k, d) and its sliding nodes as at rest."""

@@ -140,7 +140,7 @@ class MotionModel(DifferentiableMesh):
             origin = committed[self.roles.moving]
             whole = boundary_displacement or BoundaryDisplacement(origin, targets - origin)
             try:
-                fraction = self._acceptable_fraction(step, whole, exists=not isinstance(refusal, NoMeshExists))
+                fraction = self._acceptable_fraction(step, whole, refusal)
             except DeadlineExceeded:
                 fraction = None
             raise NumericalError(
@@ -400,8 +400,8 @@ class MotionModel(DifferentiableMesh):
             return certain
         return None
 
-    def _acceptable_fraction(self, step: _Step, whole: BoundaryDisplacement, *, exists: bool) -> float:
-        """A fraction of the ``whole`` displacement that is accepted; of which a mesh may exist or not."""
+    def _acceptable_fraction(self, step: _Step, whole: BoundaryDisplacement, refusal: NumericalError) -> float:
+        """A fraction of the ``whole`` displacement that is accepted, which has met with this refusal."""
 
         def accepts(model: MotionModel, fraction: float) -> bool:
             try:
@@ -422,12 +422,13 @@ class MotionModel(DifferentiableMesh):
         # a correction of one valid mesh leaves it as it is where it finds no better one
         certain = not method.refuse_below_threshold and self.standard_motion.layer is None
         certain = certain and method.sub_steps != "always" and self.method.correction != "smooth"
-        crosses = not exists and self.boundary.crosses(step.committed, step.targets)
+        exists, kinds = not isinstance(refusal, NoMeshExists), getattr(refusal, "looked_for", 0)
 
         def possible(fraction: float) -> bool:
-            if crosses:  # other faults are looked for where a motion is tried
-                return not self.boundary.crosses(step.committed, whole.at(fraction))
-            return self._impossible(replace(step, targets=whole.at(fraction))) is None
+            targets = whole.at(fraction)
+            if kinds:  # the same fault, mostly; all are looked for where a motion is tried
+                return not self.boundary.has_fault(step.committed, targets, kinds)
+            return self._impossible(replace(step, targets=targets)) is None
 
         return largest_accepted(
             lambda fraction: accepts(direct, fraction),
