@@ -26,7 +26,7 @@ from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
 from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_server.numerics.motion.boundary_nesting import contact_place, misplaced_place
 
-__all__ = ["NoMeshExists", "PossibleCrossing"]
+__all__ = ["NoMeshExists", "PossibleCrossing", "refuse_region"]
 
 
 class NoMeshExists(NumericalError):
@@ -156,6 +156,31 @@ class PossibleCrossing:
             known = self.known.copy()
             known[self.roles.periodic] = True
             yield "touch or cross itself", contact_place(facets, still, known, reference, moved)
+
+
+def refuse_region(
+    cells: CellTable, moving: Integers, held: Integers, positions: Floats, refusal: NumericalError
+) -> None:
+    """As :meth:`PossibleCrossing.refuse`, for facets that go through each other in a part of a mesh.
+
+    Parameters
+    ----------
+    cells : CellTable
+    moving, held : (k,), (h,) int64 arrays
+        Moving nodes; all nodes on patches. A facet of these between two cells, one of which is not in the part, must
+        go through nothing either.
+    positions : (n, d) array, mesh length unit
+
+    Raises
+    ------
+    NoMeshExists
+        With the best quality, the worst cells and the details of the ``refusal``.
+    """
+    facets = BoundaryFacets.build(boundary_facets(cells), moving, held, len(positions))
+    place = crossing_place(facets, positions)
+    if place is not None:
+        near = ", ".join(f"{x:.4g}" for x in place)
+        raise _no_mesh(f"cross itself near ({near})", refusal) from refusal
 
 
 def _on_planes(sliding: SlidingSurfaces | None, away: Integers) -> Integers:
