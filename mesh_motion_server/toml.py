@@ -1,4 +1,4 @@
-"""Reads TOML of which nothing is known: what would take very long, or very deep calls, is an error like any other."""
+"""Reads TOML of which nothing is known: what is very long, or takes very deep calls, is an error like any other."""
 
 import re
 import tomllib
@@ -11,6 +11,7 @@ _MOST_PARTS = 100
 #: Possessive, and only where a part begins, so that the search itself takes a time that grows with the text alone.
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
 _LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{{_MOST_PARTS}}}")
+_LONG_INTEGER = "an integer of more than 64 bits"
 
 
 def read_toml(text: str) -> dict[str, Any]:
@@ -19,13 +20,34 @@ def read_toml(text: str) -> dict[str, Any]:
     Raises
     ------
     tomllib.TOMLDecodeError
-        If it is no TOML, or nested too deep to be read.
+        If it is no TOML, nested too deep to be read, or has an integer of more than 64 bits.
     """
     long = _LONG_KEY.search(text)
     if long is not None:
         line = text.count("\n", 0, long.start()) + 1
         raise tomllib.TOMLDecodeError(f"a key of more than {_MOST_PARTS} dotted parts (at line {line})")
     try:
-        return tomllib.loads(text)
+        found = tomllib.loads(text)
     except RecursionError as error:
         raise tomllib.TOMLDecodeError(str(error)) from None
+    except tomllib.TOMLDecodeError:
+        raise
+    except ValueError as error:  # Python reads no decimal number of so many digits
+        raise tomllib.TOMLDecodeError(_LONG_INTEGER) from error
+    if _has_long_integer(found):
+        raise tomllib.TOMLDecodeError(_LONG_INTEGER)
+    return found
+
+
+def _has_long_integer(value: Any) -> bool:
+    """Whether an integer is not one of TOML: such a one fits into no number, and some into no message."""
+    left = [value]
+    while left:
+        value = left.pop()
+        if isinstance(value, dict):
+            left += value.values()
+        elif isinstance(value, list):
+            left += value
+        elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+            return True
+    return False

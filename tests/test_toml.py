@@ -37,3 +37,11 @@ def test_a_large_text_is_refused_soon(piece: str) -> None:
     with pytest.raises(tomllib.TOMLDecodeError):
         read_toml("a = " + piece * 100_000)
     assert time.process_time() - began < 2.0
+
+
+@pytest.mark.parametrize("digits", ["9" * 400, "9" * 5000, "0x" + "f" * 5000, str(2**63), str(-(2**63) - 1)])
+@pytest.mark.parametrize("place", ["{}", "[1, {}]", "[[{{ a = {} }}]]"])
+def test_an_integer_that_fits_into_no_number_is_refused(digits: str, place: str) -> None:
+    with pytest.raises(tomllib.TOMLDecodeError, match="an integer of more than 64 bits"):
+        read_toml("a = " + place.format(digits))
+    assert read_toml(f"a = [{2**63 - 1}, {-(2**63)}]") == {"a": [2**63 - 1, -(2**63)]}

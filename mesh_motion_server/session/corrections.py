@@ -25,6 +25,7 @@ from mesh_motion_server.numerics.correction.trial_nodes import MARGIN
 from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
 from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.crossing import refuse_region
 from mesh_motion_server.numerics.motion.exact_displacements import differences_of
 from mesh_motion_server.numerics.motion.smooth_step import NOT_SMOOTH
 from mesh_motion_server.numerics.quality.metrics import WORST_CORNER
@@ -158,7 +159,9 @@ def correct(
         if np.isin(wanted, region.between).all():  # as many rings do, where other ranks tell of theirs
             return CorrectOutcome(extents[0], np.union1d(wanted, region.settled), none)
         return CorrectOutcome(_larger(extents[0]), region.between, none)
-    except NumericalError:
+    except NumericalError as refusal:
+        moving = np.flatnonzero(np.isin(region.ids, mesh.global_ids[mesh.moving]))
+        refuse_region(region.cells, moving, np.flatnonzero(region.held), region.positions, refusal)
         if not smooth:
             raise
         return CorrectOutcome(first_extent(boundary.optimised.method, points.shape[1]), nothing, none)

@@ -8,15 +8,17 @@ import os
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
 
 from mesh_motion_server.absence import is_missing
 from mesh_motion_server.errors import JournalError, MeshMotionError
-from mesh_motion_server.session.journal.files import MANIFEST, SLOTS, read_ledger
+from mesh_motion_server.session.journal.files import MANIFEST, SLOTS, read_ledger, verify_state
 from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, unreadable
-from mesh_motion_server.session.journal.mesh_store import MESH, has_its_length
+from mesh_motion_server.session.journal.ledger import Ledger
+from mesh_motion_server.session.journal.mesh_store import MESH, verifies
 from mesh_motion_server.session.spec import SPEC, StoredSpec, check_digest
 from mesh_motion_server.session.state import State
 
@@ -31,6 +33,9 @@ _MOST = 10_000
 #: clocks tick in milliseconds to seconds.
 _SETTLED_SECONDS = 2.5
 
+#: Meshes and states up to this size are compared with their digests: a thousand of them are read in about two seconds.
+_VERIFIED_BYTES = 1 << 20
+
 _HINT = "restore the session's folder from a backup"
 
 Value = TypeVar("Value")
@@ -44,8 +49,9 @@ class StoredSession:
     Attributes
     ----------
     state : str
-        READY; FAILED when files are missing or cut, or the journal or the spec does not verify; UNREADABLE when they
-        cannot be read. Whether coordinates and mesh verify is for RESUME and inspect: gigabytes are read for that.
+        READY; FAILED when files are missing or cut, or the journal, the spec, or a mesh or last state of up to 1 MiB
+        does not verify; UNREADABLE when they cannot be read. Whether larger ones verify is for RESUME and inspect:
+        gigabytes are read for that.
     owner : str
         The public key of the user who opened it; empty on a server without keys.
     """
@@ -60,12 +66,10 @@ class StoredSession:
 
 
 class _Journal(NamedTuple):
-    """What is used of a journal: the last step, the digest of the spec, and where the last state is stored."""
+    """What is used of a journal: the last step, and the ledger without its commits."""
 
     step: int
-    spec: bytes
-    slot: str | None
-    slot_bytes: int
+    ledger: Ledger
 
 
 class Remembered(Generic[Value]):
@@ -118,6 +122,7 @@ class Listing:
         self._specs: Remembered[tuple[bytes, StoredSpec | JournalError]] = Remembered(_MOST)
         self._journals: Remembered[_Journal] = Remembered(_MOST)
         self._meshes: Remembered[bool] = Remembered(_MOST)
+        self._states: Remembered[None] = Remembered(_MOST)
 
     def spec(self, folder: Path) -> StoredSpec:
         """What OPEN fixed.
@@ -129,7 +134,7 @@ class Listing:
         """
 
         try:
-            digest = self._journal(folder).spec
+            digest = self._journal(folder).ledger.foundation.spec
         except MeshMotionError:  # a damaged journal gives no digest; RESUME refuses it
             digest = None
         return self._checked_spec(folder, digest)
@@ -160,9 +165,7 @@ class Listing:
     def _journal(self, folder: Path) -> _Journal:
         def read() -> _Journal:
             ledger = read_ledger(folder, self._files)
-            foundation, last = ledger.foundation, ledger.snapshot
-            slot = None if last is None else SLOTS[last.slot]
-            return _Journal(ledger.step, foundation.spec, slot, foundation.record_area + foundation.state_bytes)
+            return _Journal(ledger.step, replace(ledger, commits=()))
 
         return self._journals.get(folder / MANIFEST, read)
 
@@ -174,29 +177,44 @@ class Listing:
             return ""
         return "" if isinstance(spec, JournalError) else spec.owner
 
-    def _require_files(self, folder: Path, journal: _Journal) -> None:
-        """Raise if a file that every session has is not there or is cut; the rest is for RESUME and inspect."""
-        mesh = folder / MESH
+    def _require_files(self, folder: Path, ledger: Ledger) -> None:
+        """Raise if a file that every session has is not there, is cut or, where it is small, does not verify."""
+        foundation, last = ledger.foundation, ledger.snapshot
         for name in (MESH, *SLOTS):
+            path = folder / name
             try:
-                if is_missing(folder / name):
+                if is_missing(path):
                     raise JournalError(f"{name} is missing", hint=_HINT)
                 if name == MESH:
-                    whole = self._meshes.get(mesh, lambda: has_its_length(mesh, self._files))
+                    read = partial(verifies, path, self._files, foundation.mesh, _VERIFIED_BYTES)
+                    whole = self._meshes.get(path, read)
+                elif last is None or name != SLOTS[last.slot]:
+                    continue
+                elif foundation.state_bytes <= _VERIFIED_BYTES:
+                    self._states.get(path, partial(self._require_state, folder, ledger))
+                    continue
                 else:
-                    whole = name != journal.slot or os.stat(folder / name).st_size >= journal.slot_bytes
+                    whole = os.stat(path).st_size >= foundation.record_area + foundation.state_bytes
             except OSError as error:
                 raise unreadable(name, error) from error
             if not whole:
-                raise JournalError(f"{name} does not have its length", hint=_HINT)
+                raise JournalError(f"{name} is not the file that was written", hint=_HINT)
+
+    def _require_state(self, folder: Path, ledger: Ledger) -> None:
+        try:
+            verify_state(folder, self._files, ledger)
+        except JournalError:
+            if read_ledger(folder, self._files).snapshot == ledger.snapshot:
+                raise
+            # a session that is not at rest has committed again in the meantime
 
     def describe(self, folder: Path) -> StoredSession:
-        """Describe a session at rest; of its files only heads and the manifest's chain are read, and only once."""
+        """Describe a session at rest; large files are read in part, and each only once."""
         owner = self.owner(folder)
         try:
             journal = self._journal(folder)
-            spec = self._checked_spec(folder, journal.spec)
-            self._require_files(folder, journal)
+            spec = self._checked_spec(folder, journal.ledger.foundation.spec)
+            self._require_files(folder, journal.ledger)
         except MeshMotionError as error:
             state = UNREADABLE if error.code == "RESOURCE_EXHAUSTED.DISK" else State.FAILED
             return StoredSession(folder.name, "", 0, 0, 0, state, owner)

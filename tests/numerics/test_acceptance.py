@@ -18,7 +18,9 @@ def test_what_is_found_is_accepted_in_few_trials_and_told_in_three_digits(
         return fraction <= limit
 
     valid = min(plain, limit)
-    found = largest_accepted(accepts, lambda fraction: fraction <= valid, lambda fraction: True, certain=certain)
+    found = largest_accepted(
+        accepts, lambda fraction: fraction <= valid, lambda fraction: True, whole=True, certain=certain
+    )
     assert found <= limit
     assert found == 0.0 or ((certain or found in asked) and float(f"{found:.3g}") == found)
     assert found >= max(valid - 1 / 16, 0.0)
@@ -26,7 +28,9 @@ def test_what_is_found_is_accepted_in_few_trials_and_told_in_three_digits(
 
 
 def found(accepted: float, valid: float, possible: float = 1.0) -> float:
-    return largest_accepted(lambda f: f <= accepted, lambda f: f <= valid, lambda f: f <= possible, certain=False)
+    return largest_accepted(
+        lambda f: f <= accepted, lambda f: f <= valid, lambda f: f <= possible, whole=possible >= 1.0, certain=False
+    )
 
 
 def test_more_than_is_valid_without_a_correction_is_tried_first() -> None:

@@ -257,6 +257,26 @@ def test_a_node_hangs_on_a_facet_whose_corners_are_all_in_patches():
         checked_mesh(points, cells, patches)
 
 
+@pytest.mark.parametrize("diagonal", [(0, 2), (1, 3)])
+def test_a_quad_on_two_triangles_is_refused(diagonal):
+    """Two wedges stand on a hexahedron and have all of its nodes."""
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    points = np.vstack([np.column_stack([square, np.full(4, z)]) for z in (0.0, 1.0, 2.0)])
+    one, other = diagonal
+    halves = [[one, (one + 1) % 4, other], [one, other, (other + 1) % 4]]
+    wedges = np.array([[*(np.array(half) + 4), *(np.array(half) + 8)] for half in halves])
+    cells = CellTable.from_arrays({"hexahedron": np.arange(8)[None], "wedge": wedges})
+    patches = {"bottom": Patch("moving", np.arange(4)), "top": Patch("fixed", np.arange(8, 12))}
+    says = r"the facet of nodes \[4, 5, 6, 7\] of a cell covers the facet of nodes .* \(1 such facet\)"
+    with pytest.raises(InvalidInput, match=says) as error:
+        checked_mesh(points, cells, patches)
+    assert "pyramids" in error.value.hint
+    checked_mesh(points, cells, patches | {"between": Patch("fixed", np.arange(4, 8))})  # two meshes that meet
+    edge = np.array([4, 5, 6])
+    with pytest.raises(InvalidInput, match="covers the facet"):
+        checked_mesh(points, cells, patches | {"between": Patch("fixed", edge)})
+
+
 def refined_half(dimension, n):
     """A cube of n cells a side, those at x < 1/2 split."""
     numbers: dict[tuple[float, ...], int] = {}

@@ -9,7 +9,8 @@ from mesh_motion_protocol.messages import Commit, Move
 
 from mesh_motion_server.session import listing
 from mesh_motion_server.session.journal.files import MANIFEST, read_ledger
-from mesh_motion_server.session.journal.mesh_store import has_its_length
+from mesh_motion_server.session.journal.filesystem import PosixFileSystem
+from mesh_motion_server.session.journal.mesh_store import verifies
 from mesh_motion_server.session.journal.recovery import read_chain, sum_up
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.transport import registry
@@ -153,10 +154,31 @@ def test_a_session_whose_file_was_cut_is_not_ready(five: SessionStore, name: str
     assert states == dict.fromkeys(OTHERS, "READY") | {SESSION: "FAILED"}
 
 
-def test_a_list_reads_heads_of_meshes_only(journal: Any) -> None:
+@pytest.mark.parametrize("name", ["mesh.bin", "slot-1"])
+def test_a_session_with_a_changed_byte_is_not_ready(five: SessionStore, name: str) -> None:
+    path = five.root / "sessions" / SESSION / name
+    content = bytearray(path.read_bytes())
+    content[-3] ^= 4
+    path.write_bytes(content)
+    states = {found.session: found.state for found in five.sessions()}
+    assert states == dict.fromkeys(OTHERS, "READY") | {SESSION: "FAILED"}
+
+
+def test_a_state_that_is_replaced_while_it_is_read_is_no_damage(five: SessionStore, reads: list[str]) -> None:
+    driver = resume_driver(driver_at_rest(five, "f" * 32), five)
+    folder = five.root / "sessions" / ("f" * 32)
+    listed = listing.Listing(PosixFileSystem())
+    before = read_ledger(folder, PosixFileSystem())
+    advance(driver, 2)  # into the same slot
+    listed._require_files(folder, before)
+    driver.host.close()
+
+
+def test_of_large_meshes_a_list_reads_heads_only(journal: Any) -> None:
     _, files, folder = journal
     before = files.read_bytes
-    assert has_its_length(folder / "mesh.bin", files)
+    mesh = folder / "mesh.bin"
+    assert verifies(mesh, files, b"", len(files.entries[mesh].cache) - 1)
     assert files.read_bytes - before < 200 < len(files.entries[folder / "mesh.bin"].cache)
 
 

@@ -15,10 +15,8 @@ from functools import partial
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from scipy.sparse import bsr_matrix
-from scipy.sparse.linalg import splu
 
-from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.correction.boundary_constraint import RegionConstraint
 from mesh_motion_server.numerics.correction.distortion import FLOOR, PNorm
 from mesh_motion_server.numerics.correction.free_region import FreeRegion, NodeAdjacency
@@ -27,6 +25,8 @@ from mesh_motion_server.numerics.correction.region_measure import RegionMeasure,
 from mesh_motion_server.numerics.stopwatch import check_time
 
 __all__ = ["Accuracy", "Descent", "newton"]
+
+Elimination = tuple[Integers, Integers, Integers]
 
 _ARMIJO, _HALVINGS = 1e-4, 25
 _UNTANGLING_CG = 0.05, 200  # rough steps do not untangle large meshes
@@ -102,6 +102,11 @@ def newton(
         Of the same region's last descent; its curvature is reused for light corners or cells.
     """
     accuracy = accuracy or Accuracy()
+    if solve is None:
+        most, rough = accuracy.direct_unknowns, (accuracy.cg_reduction, accuracy.cg_iterations)
+        if norm.epsilon > 0.0:
+            most, rough = _UNTANGLING_DIRECT, _UNTANGLING_CG
+        solve = partial(_solve, elimination=_elimination(points, region, constraint, most), rough=rough)
     measure = region_measure(region, norm, earlier)
     energy, weights = measure.mean(points)
     done = 0
@@ -109,11 +114,10 @@ def newton(
         check_time()
         gradient = measure.gradient(points, weights)
         hessian = measure.hessian(points, weights, refresh=accuracy.refresh, floor=accuracy.floor)
-        solver = solve or partial(_solve, accuracy=accuracy, untangling=norm.epsilon > 0.0)
         if constraint is None:
-            step = solver(region.adjacency, hessian, -gradient)
+            step = solve(region.adjacency, hessian, -gradient)
         else:
-            step = constraint.step(points, hessian, -gradient, solver)
+            step = constraint.step(points, hessian, -gradient, solve)
         slope = float(np.vdot(gradient, step))
         found = _line_search(points, measure, step, energy, slope, constraint)
         if found is None:
@@ -152,19 +156,26 @@ def _line_search(
     return None
 
 
-def _solve(adjacency: NodeAdjacency, hessian: Floats, right: Floats, accuracy: Accuracy, *, untangling: bool) -> Floats:
-    """The step (f, d) of H (b, d, d) dx = right (f, d)."""
-    if right.size <= (_UNTANGLING_DIRECT if untangling else accuracy.direct_unknowns):
-        matrix = bsr_matrix((hessian, adjacency.columns, adjacency.row_starts), shape=(right.size, right.size))
-        try:
-            factor = splu(
-                matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-            )
-            return np.asarray(factor.solve(right.ravel())).reshape(right.shape)
-        except RuntimeError:  # exactly singular: conjugate gradients stay in the range of H
-            pass
-    step = np.empty_like(right)
-    reduction, most = _UNTANGLING_CG if untangling else (accuracy.cg_reduction, accuracy.cg_iterations)
-    pattern = adjacency.row_starts, adjacency.columns
-    kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, reduction, most, step)
+def _elimination(
+    points: Floats, region: FreeRegion, constraint: RegionConstraint | None, most: int
+) -> Elimination | None:
+    """Order and pattern of the Newton systems' factor, None if they have more than ``most`` unknowns."""
+    adjacency, places = region.adjacency, points[: region.n_free]
+    if constraint is not None:
+        adjacency, places = constraint.links.adjacency, places[constraint.links.roots]
+    if places.size > most:
+        return None
+    found: Elimination = kernels.elimination(adjacency.row_starts, adjacency.columns, np.ascontiguousarray(places))
+    return found
+
+
+def _solve(
+    adjacency: NodeAdjacency, hessian: Floats, right: Floats, elimination: Elimination | None, rough: tuple[float, int]
+) -> Floats:
+    """The step (f, d) of H (b, d, d) dx = right (f, d); by conjugate gradients as ``rough`` as that if need be."""
+    step, pattern = np.empty_like(right), (adjacency.row_starts, adjacency.columns)
+    if elimination is not None and kernels.block_cholesky_solve(*pattern, hessian, *elimination, right, step):
+        return step
+    # of a singular matrix, too: conjugate gradients stay in its range
+    kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *rough, step)
     return step

@@ -19,7 +19,7 @@ T. Möller, B. Trumbore, "Fast, minimum storage ray/triangle intersection", J. G
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +28,7 @@ from scipy.spatial import cKDTree
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors, widened
 
-__all__ = ["BoundaryFacets", "crossing_place", "straddling_place", "touching_facets"]
+__all__ = ["BoundaryFacets", "NearFacets", "crossing_place", "near_facets", "straddling_place", "touching_facets"]
 
 
 #: Below this share of the product of lengths, the sign of an area or a volume is not certain …
@@ -73,9 +73,16 @@ class BoundaryFacets:
         return cls({name: nodes for name, nodes in chosen.items() if len(nodes)}, moves)
 
 
-def crossing_place(boundary: BoundaryFacets, points: Floats) -> Floats | None:
-    """A place (d,) where the boundary crosses itself with the nodes at ``points`` (n, d), None if there is none."""
-    for kind, edges, other, faces in _neighbours(boundary, points):
+NearFacets = Sequence[tuple[str, Integers, str, Integers]]
+"""Pairs of near facets of two kinds, (p, k) and (p, l), that share no node; one of the two moves."""
+
+
+def crossing_place(boundary: BoundaryFacets, points: Floats, near: NearFacets | None = None) -> Floats | None:
+    """A place (d,) where the boundary crosses itself with the nodes at ``points`` (n, d), None if there is none.
+
+    ``near`` are the :func:`near_facets`, if they are known.
+    """
+    for kind, edges, other, faces in near_facets(boundary, points) if near is None else near:
         found = _covers(points, edges, faces)
         for side in _SIDES[kind]:
             found |= _goes_through(points, edges[:, side], faces, other)
@@ -85,23 +92,23 @@ def crossing_place(boundary: BoundaryFacets, points: Floats) -> Floats | None:
     return None
 
 
-def straddling_place(boundary: BoundaryFacets, points: Floats) -> Floats | None:
+def straddling_place(boundary: BoundaryFacets, points: Floats, near: NearFacets | None = None) -> Floats | None:
     """As :func:`crossing_place`, for facets that cross in their nodes: a place where they do so however the moving
     nodes are shifted by next to nothing, together; None if a shift parts them, or if the crossing is not certain.
     """
-    place, shift = None, _SHIFT * float(np.ptp(points, axis=0).max())
-    for direction in np.vstack([_SHIFTS, -_SHIFTS])[:, : points.shape[1]] * shift:
-        place = crossing_place(boundary, points + np.where(boundary.moving[:, None], direction, 0.0))
+    place, near = None, near_facets(boundary, points) if near is None else near
+    for direction in np.vstack([_SHIFTS, -_SHIFTS])[:, : points.shape[1]] * _shift(points):
+        place = crossing_place(boundary, points + np.where(boundary.moving[:, None], direction, 0.0), near)
         if place is None:
             return None
     return place
 
 
-def touching_facets(boundary: BoundaryFacets, points: Floats) -> Integers:
+def touching_facets(boundary: BoundaryFacets, points: Floats, near: NearFacets | None = None) -> Integers:
     """Facets (f, w), as :class:`.smooth_pieces.Piece` has them, that touch another one, and one of the two moves."""
     width = 2 if points.shape[1] == 2 else 4
     rows = [np.empty((0, width), dtype=np.int64)]
-    for kind, edges, other, faces in _neighbours(boundary, points):
+    for kind, edges, other, faces in near_facets(boundary, points) if near is None else near:
         found = np.zeros(len(edges), dtype=bool)
         for side in _SIDES[kind]:
             found |= _goes_through(points, edges[:, side], faces, other, touches=True)
@@ -109,25 +116,30 @@ def touching_facets(boundary: BoundaryFacets, points: Floats) -> Integers:
     return np.asarray(np.unique(np.concatenate(rows), axis=0))
 
 
-def _neighbours(boundary: BoundaryFacets, points: Floats) -> Iterator[tuple[str, Integers, str, Integers]]:
-    """Pairs of near facets of two kinds, (p, k) and (p, l), that share no node; one of the two moves."""
-    moving = boundary.moving
+def near_facets(boundary: BoundaryFacets, points: Floats) -> NearFacets:
+    """The pairs of facets that may cross or touch with the nodes at ``points`` (n, d), or after a small shift."""
+    moving, found = boundary.moving, []
     for kind, nodes in boundary.nodes.items():
         for other, others in boundary.nodes.items():
-            for turned, (a, b) in enumerate(((nodes, others), (others, nodes))):  # a's moving facets with all of b
-                rows = np.flatnonzero(moving[a].any(axis=1))
-                first, second = _near(points, a[rows], b)
-                pair = (a[rows[first]], b[second])
-                edges, faces = pair[turned], pair[1 - turned]
-                apart = ~(edges[:, :, None] == faces[:, None, :]).any(axis=(1, 2))
-                yield kind, edges[apart], other, faces[apart]
+            rows = np.flatnonzero(moving[nodes].any(axis=1))
+            first, second = _near(points, nodes[rows], others)
+            ones, near = nodes[rows[first]], others[second]
+            apart = ~(ones[:, :, None] == near[:, None, :]).any(axis=(1, 2))
+            ones, near = ones[apart], near[apart]
+            found += [(kind, ones, other, near), (other, near, kind, ones)]  # edges of either through the other
+    return found
+
+
+def _shift(points: Floats) -> float:
+    """Length of a shift that is next to nothing."""
+    return _SHIFT * float(np.ptp(points, axis=0).max())
 
 
 def _near(points: Floats, ones: Integers, others: Integers) -> tuple[Integers, Integers]:
-    """Pairs (p,) of facets whose bounding circles or spheres, and boxes, intersect."""
+    """Pairs (p,) of facets whose bounding circles or spheres, and boxes, intersect, or nearly so."""
     centres, radii = _circles(points, ones)
     other_centres, other_radii = _circles(points, others)
-    margin = _OVERLAP * float(other_radii.max(initial=0.0))
+    margin = _OVERLAP * float(other_radii.max(initial=0.0)) + 2.0 * _shift(points)
     pairs = [np.empty((0, 2), dtype=np.int64)]
     classes = np.floor(np.log2(np.maximum(other_radii, np.finfo(float).tiny)))
     for size in np.unique(classes):

@@ -1,7 +1,8 @@
-"""Refuses nodes that hang: on a facet of a cell that does not have them.
+"""Refuses cells that do not fit: nodes that hang on a facet of a cell that does not have them, and quads on triangles.
 
-Interpolation moves such a node without its facet: a gap opens or cells overlap, and no cell is judged by it. Nodes in
-patches are spared: the sides of an interface of two meshes that do not match have given displacements.
+Interpolation moves a hanging node without its facet: a gap opens or cells overlap, and no cell is judged by it. So it
+is between a quad and two triangles as soon as the corners leave one plane. Nodes in patches are spared: the sides of an
+interface of two meshes that do not match have given displacements.
 """
 
 import mesh_motion_kernels as kernels
@@ -14,7 +15,7 @@ from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.points import padded
 
-__all__ = ["refuse_hanging_nodes"]
+__all__ = ["refuse_hanging_nodes", "refuse_split_facets"]
 
 #: As shares of the facet's radius: a node so near is on it; one so near to a corner is at the same place.
 _ON, _AT_A_CORNER = 1e-6, 1e-3
@@ -44,6 +45,39 @@ def refuse_hanging_nodes(points: Floats, cells: CellTable, floating: Integers) -
         code="INVALID_ARGUMENT.MESH",
         hint="split the larger cells, or make both sides patches if two meshes meet there that do not match",
         details={"node": node, "nodes": facet.tolist(), "count": count},
+    )
+
+
+def refuse_split_facets(cells: CellTable, floating: Integers) -> None:
+    """Refuse a mesh in which a quad of the boundary, with nodes in no patch (``floating``, (f,)), covers a triangle.
+
+    Raises
+    ------
+    InvalidInput
+        Names the first quad and the triangle.
+    """
+    facets = boundary_facets(cells)
+    if "quad" not in facets or "triangle" not in facets:
+        return
+    quads, triangles = facets["quad"], facets["triangle"]
+    quads = quads[np.isin(quads, floating).any(axis=1)]
+    if not len(quads):
+        return
+    of_quads = np.concatenate([np.sort(np.delete(quads, corner, axis=1), axis=1) for corner in range(4)])
+    rows = np.concatenate([of_quads, np.sort(triangles, axis=1)])
+    number = np.unique(rows, axis=0, return_inverse=True)[1].reshape(-1)
+    covering = np.isin(number[: len(of_quads)], number[len(of_quads) :])
+    if not covering.any():
+        return
+    split = np.unique(np.flatnonzero(covering) % len(quads))
+    quad = quads[split[0]]
+    triangle = triangles[np.isin(triangles, quad).all(axis=1)][0]
+    raise InvalidInput(
+        f"the facet of nodes {quad.tolist()} of a cell covers the facet of nodes {triangle.tolist()} of another one"
+        f" ({len(split)} such facet{'s' if len(split) > 1 else ''}); expected cells that share whole facets",
+        code="INVALID_ARGUMENT.MESH",
+        hint="put pyramids between hexahedra and tetrahedra, or make both sides patches if two meshes meet there",
+        details={"facet": quad.tolist(), "nodes": triangle.tolist(), "count": len(split)},
     )
 
 

@@ -20,12 +20,13 @@ __all__ = [
     "way_out",
 ]
 
-#: Steps of a bisection: accurate to 1/2⁵ ≈ 3 %.
-_HALVINGS = 5
+#: How accurate a bisection's fraction is: of a motion without a correction, and of a boundary, which is cheap to test.
+#: Its thousandths, which are rounded down, are why it is not 1/32 and 1/64.
+_COARSE, _FINE = 1 / 31, 1 / 60
 #: Where a correction is tried between the largest fraction that is valid without one and the largest possible one.
 _SHARES = (0.7, 0.3)
-#: Is tried before if the boundary alone forbids the whole motion: then no correction has been tried yet.
-_NEARLY = 0.9
+#: Is tried before, of the largest possible fraction: closer to it the correction takes many times as long.
+_NEARLY = 0.95
 _LEAST = 0.004
 #: A lower quality, which is the root of a size, is that of a cell whose size is only rounding, or close to it.
 _COLLAPSED = 1e-7
@@ -101,18 +102,23 @@ def largest_accepted(
     valid: Callable[[float], bool],
     possible: Callable[[float], bool],
     *,
+    whole: bool,
     certain: bool,
     corrected: bool = True,
 ) -> float:
     """The largest accepted fraction of a refused displacement among the few that are tried; 0 if none is accepted.
 
-    Corrections are expensive, so three fractions at most are tried between the largest one at which the motion is
-    ``valid`` without a correction and the largest ``possible`` one; then the one that is valid is the answer.
+    Corrections are expensive. If the boundary alone forbids the whole displacement, a fraction just below the largest
+    ``possible`` one is tried first: in most domains that is as far as a mesh can be moved, and the boundary is cheap to
+    test. Otherwise, or if that is refused, a few fractions are tried between the largest one at which the motion is
+    ``valid`` without a correction and the largest possible one; then the one that is valid is the answer.
 
     Parameters
     ----------
     accepts, valid, possible : callable
         Fraction → whether the motion is accepted; whether it is without a correction; whether a valid mesh may exist.
+    whole : bool
+        Whether the whole displacement is possible.
     certain : bool
         Whether a motion that is ``valid`` is accepted too, so that it need not be tried.
     corrected : bool
@@ -123,11 +129,16 @@ def largest_accepted(
     float
         A multiple of a thousandth: exactly the fraction that was tried, so three digits print it exactly.
     """
-    low = _bisected(valid, 1.0)
+    most = 1.0
+    if corrected and not whole:
+        most = _bisected(possible, 1.0, _FINE)
+        nearly = _thousandths(_NEARLY * most)
+        if nearly > 0.0 and accepts(nearly):
+            return nearly
+    low = _bisected(valid, most, _COARSE)
     if certain and not corrected:
         return low
-    most, shares = (1.0, _SHARES) if possible(1.0) else (_bisected(possible, 1.0), (_NEARLY, *_SHARES))
-    for fraction in (_thousandths(low + share * (most - low)) for share in shares):
+    for fraction in (_thousandths(low + share * (most - low)) for share in _SHARES):
         if fraction > low and accepts(fraction):
             return fraction
     if certain or (low > 0.0 and accepts(low)):
@@ -139,10 +150,10 @@ def largest_accepted(
     return 0.0
 
 
-def _bisected(holds: Callable[[float], bool], high: float) -> float:
+def _bisected(holds: Callable[[float], bool], high: float, accuracy: float) -> float:
     """The largest fraction found at which a condition holds that does not hold at ``high``; 0 if there is none."""
     low = 0.0
-    for _ in range(_HALVINGS):
+    while high - low > accuracy:
         middle = _thousandths(0.5 * (low + high))
         low, high = (middle, high) if holds(middle) else (low, middle)
     return low

@@ -125,20 +125,21 @@ def _crossings(probes: Floats, points: Floats, simplices: Integers) -> Integers:
     middle = points.mean(axis=0)
     probes, corners = (probes - middle) @ _TURN[:d, :d], ((points - middle) @ _TURN[:d, :d])[simplices]
     low, high = corners[:, :, 1:].min(axis=1), corners[:, :, 1:].max(axis=1)
-    found = np.zeros(len(probes), dtype=np.int64)
-    for number, probe in enumerate(probes):
-        hit = corners[((low <= probe[1:]) & (probe[1:] < high)).all(axis=1)]
+    found = []
+    for block in np.array_split(probes, max(1, -(-len(probes) * len(corners) // _MOST_PAIRS))):
+        places = block[:, None, 1:]
+        number, hit = np.nonzero(((low <= places) & (places < high)).all(axis=2))
         # the volume of a simplex and the probe has the sign of the side that the probe is on; with the simplex'
         # corners replaced by the direction of the ray one by one, it says whether the ray goes through it
-        edges = hit - probe
+        edges = corners[hit] - block[number, None]
         side = np.sign(np.linalg.det(edges))
         through = np.ones(len(hit), dtype=bool)
         for corner in range(d):
             replaced = edges.copy()
             replaced[:, corner] = np.eye(d)[0]
             through &= np.sign(np.linalg.det(replaced)) == side
-        found[number] = np.sum(side[through])
-    return found
+        found.append(np.bincount(number, np.where(through, side, 0.0), len(block)).astype(np.int64))
+    return np.concatenate(found)
 
 
 def _spread(some: Integers, weight: int) -> Integers:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.mesh.boundary_crossing import (
     BoundaryFacets,
     crossing_place,
+    near_facets,
     straddling_place,
     touching_facets,
 )
@@ -24,7 +26,19 @@ from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
 from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_server.numerics.motion.boundary_nesting import contact_place, misplaced_place
 
-__all__ = ["PossibleCrossing"]
+__all__ = ["NoMeshExists", "PossibleCrossing", "refuse_region"]
+
+
+class NoMeshExists(NumericalError):
+    """The boundary forbids every mesh: no correction, way or boundary layer finds one.
+
+    Attributes
+    ----------
+    looked_for : int
+        How many kinds of faults were looked for until this one was found; 0 for nodes that meet or pass.
+    """
+
+    looked_for = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,18 +99,30 @@ class PossibleCrossing:
 
         Raises
         ------
-        NumericalError
+        NoMeshExists
             With the best quality, the worst cells and the details of an earlier ``refusal``.
         """
         self.refuse_passing(points, targets, refusal)
+        moved = self._moved(points, targets)
+        self._refuse_meeting(moved, refusal)
+        for count, (fault, place) in enumerate(self._faults(moved), 1):
+            if place is not None:
+                near = ", ".join(f"{x:.4g}" for x in place)
+                certain = _no_mesh(f"{fault} near ({near})", refusal)
+                certain.looked_for = count
+                raise certain
+
+    def has_fault(self, points: Floats, targets: Floats, most: int) -> bool:
+        """Whether one of the first ``most`` kinds of faults is there: looking for all of them takes longer."""
+        faults = islice(self._faults(self._moved(points, targets)), most)
+        return any(place is not None for _, place in faults)
+
+    def _moved(self, points: Floats, targets: Floats) -> Floats:
+        """The mesh ``points`` (n, d) with its moving nodes at ``targets`` (k, d) and its sliding nodes as at rest."""
         moved = points.copy()
         moved[self.roles.sliding] = self.reference[self.roles.sliding]
         moved[self.roles.moving] = targets
-        self._refuse_meeting(moved, refusal)
-        for fault, place in self._faults(moved):
-            if place is not None:
-                near = ", ".join(f"{x:.4g}" for x in place)
-                raise _no_mesh(f"{fault} near ({near})", refusal)
+        return moved
 
     def _refuse_meeting(self, moved: Floats, refusal: NumericalError | None) -> None:
         """Refuse nodes of ``moved`` (n, d) that meet and have cells between them, unlike two sides of a thin solid."""
@@ -114,14 +140,15 @@ class PossibleCrossing:
 
     def _faults(self, moved: Floats) -> Iterator[tuple[str, Floats | None]]:
         """Each fault of a boundary with its nodes at ``moved`` (n, d), and a place (d,) that has it."""
-        yield "cross itself", crossing_place(self.facets, moved)
+        near = near_facets(self.facets, moved)
+        yield "cross itself", crossing_place(self.facets, moved, near)
         facets, reference = boundary_facets(self.cells), self.reference
         yield "turn inside out", overturned_place(facets, self.known, reference, moved)
         misplaced = misplaced_place(facets, self.known, self.roles.moving, reference, moved)
         yield "leave its side of another part", misplaced
         if not len(self.sides.pairs):  # sides that touch at rest would cross after a shift
-            yield "cross itself", straddling_place(self.facets, moved)
-        touching = touching_facets(self.facets, moved)
+            yield "cross itself", straddling_place(self.facets, moved, near)
+        touching = touching_facets(self.facets, moved, near)
         yield "touch or cross itself", contact_place(facets, touching, self.known, reference, moved)
         if len(self.roles.periodic):
             # periodic sides bend, and a body may pass beyond them; but a wall that stays is between them
@@ -129,6 +156,31 @@ class PossibleCrossing:
             known = self.known.copy()
             known[self.roles.periodic] = True
             yield "touch or cross itself", contact_place(facets, still, known, reference, moved)
+
+
+def refuse_region(
+    cells: CellTable, moving: Integers, held: Integers, positions: Floats, refusal: NumericalError
+) -> None:
+    """As :meth:`PossibleCrossing.refuse`, for facets that go through each other in a part of a mesh.
+
+    Parameters
+    ----------
+    cells : CellTable
+    moving, held : (k,), (h,) int64 arrays
+        Moving nodes; all nodes on patches. A facet of these between two cells, one of which is not in the part, must
+        go through nothing either.
+    positions : (n, d) array, mesh length unit
+
+    Raises
+    ------
+    NoMeshExists
+        With the best quality, the worst cells and the details of the ``refusal``.
+    """
+    facets = BoundaryFacets.build(boundary_facets(cells), moving, held, len(positions))
+    place = crossing_place(facets, positions)
+    if place is not None:
+        near = ", ".join(f"{x:.4g}" for x in place)
+        raise _no_mesh(f"cross itself near ({near})", refusal) from refusal
 
 
 def _on_planes(sliding: SlidingSurfaces | None, away: Integers) -> Integers:
@@ -139,10 +191,10 @@ def _on_planes(sliding: SlidingSurfaces | None, away: Integers) -> Integers:
     return np.setdiff1d(sliding.nodes, np.concatenate([away[:0], *others]))
 
 
-def _no_mesh(fault: str, refusal: NumericalError | None, details: Mapping[str, object] | None = None) -> NumericalError:
+def _no_mesh(fault: str, refusal: NumericalError | None, details: Mapping[str, object] | None = None) -> NoMeshExists:
     """The error for a boundary with this fault, with what an earlier refusal found."""
     known = refusal or NumericalError("")
-    return NumericalError(
+    return NoMeshExists(
         f"no valid mesh exists: the boundary would {fault}",
         best=known.best,
         cells=known.cells,

@@ -34,6 +34,7 @@ from mesh_motion_server.numerics.motion.acceptance import (
 from mesh_motion_server.numerics.motion.body_paths import Way, moving_bodies, straight_way, ways
 from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer, held_with
 from mesh_motion_server.numerics.motion.boundary_layer_fallback import LayerAttempts, fitting_layer, given_way
+from mesh_motion_server.numerics.motion.crossing import NoMeshExists
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.motion_found import Motion
 from mesh_motion_server.numerics.motion.motion_slope import DifferentiableMesh
@@ -60,7 +61,7 @@ _GOOD = 0.9
 #: slide in one coupling iteration and stay in the next one disturbs the flow.
 _WORSE = 0.02
 #: Corrections that look for a fraction of a refused motion go up to this quality: then the mesh is surely valid.
-_VALID = 0.01
+_VALID = 0.003
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +140,7 @@ class MotionModel(DifferentiableMesh):
             origin = committed[self.roles.moving]
             whole = boundary_displacement or BoundaryDisplacement(origin, targets - origin)
             try:
-                fraction = self._acceptable_fraction(step, whole)
+                fraction = self._acceptable_fraction(step, whole, refusal)
             except DeadlineExceeded:
                 fraction = None
             raise NumericalError(
@@ -163,7 +164,7 @@ class MotionModel(DifferentiableMesh):
                 return self._attempt(step)
             except NumericalError as error:
                 final = self.method.sub_steps == "never" or self.method.correction == "none"
-                if final or not _of_the_mesh(error):
+                if final or not _may_be_avoided(error):
                     raise
                 refusal = error
         watch = Stopwatch()
@@ -198,6 +199,8 @@ class MotionModel(DifferentiableMesh):
                 correction = self._correct(step, predicted, watch)
                 quality = self._judge(predicted, correction, watch)
                 motion = self._accept(predicted, correction, quality, watch)
+            except NoMeshExists:
+                raise
             except NumericalError as refusal:
                 attempts.refused(refusal)
             else:
@@ -210,7 +213,7 @@ class MotionModel(DifferentiableMesh):
         try:
             return self._smooth_attempt(step, smooth)
         except NumericalError as refusal:
-            if not _of_the_mesh(refusal):
+            if not _may_be_avoided(refusal):
                 raise
         motion = self.with_method(correction="optimised")._accept_or_lead(step)
         return replace(motion, warnings=[*motion.warnings, NOT_SMOOTH])
@@ -389,16 +392,16 @@ class MotionModel(DifferentiableMesh):
         """The question whether the targets (k, d) are in the unit of the mesh, where that is in doubt."""
         return other_unit(self.points, targets - self.points[self.roles.moving])
 
-    def _impossible(self, step: _Step, refusal: NumericalError | None = None) -> NumericalError | None:
+    def _impossible(self, step: _Step, refusal: NumericalError | None = None) -> NoMeshExists | None:
         """The refusal of a boundary that forbids every mesh, with the details of an earlier one; None of any other."""
         try:
             self.boundary.refuse(step.committed, step.targets, refusal)
-        except NumericalError as certain:
+        except NoMeshExists as certain:
             return certain
         return None
 
-    def _acceptable_fraction(self, step: _Step, whole: BoundaryDisplacement) -> float:
-        """A fraction of the ``whole`` displacement that is accepted."""
+    def _acceptable_fraction(self, step: _Step, whole: BoundaryDisplacement, refusal: NumericalError) -> float:
+        """A fraction of the ``whole`` displacement that is accepted, which has met with this refusal."""
 
         def accepts(model: MotionModel, fraction: float) -> bool:
             try:
@@ -419,13 +422,27 @@ class MotionModel(DifferentiableMesh):
         # a correction of one valid mesh leaves it as it is where it finds no better one
         certain = not method.refuse_below_threshold and self.standard_motion.layer is None
         certain = certain and method.sub_steps != "always" and self.method.correction != "smooth"
+        exists, kinds = not isinstance(refusal, NoMeshExists), getattr(refusal, "looked_for", 0)
+
+        def possible(fraction: float) -> bool:
+            targets = whole.at(fraction)
+            if kinds:  # the same fault, mostly; all are looked for where a motion is tried
+                return not self.boundary.has_fault(step.committed, targets, kinds)
+            return self._impossible(replace(step, targets=targets)) is None
+
         return largest_accepted(
             lambda fraction: accepts(direct, fraction),
             lambda fraction: accepts(plain, fraction),
-            lambda fraction: self._impossible(replace(step, targets=whole.at(fraction))) is None,
+            possible,
+            whole=exists,
             certain=certain,
             corrected=method.correction != "none",
         )
+
+
+def _may_be_avoided(refusal: NumericalError) -> bool:
+    """Whether another correction or way may find a mesh."""
+    return _of_the_mesh(refusal) and not isinstance(refusal, NoMeshExists)
 
 
 def _of_the_mesh(refusal: NumericalError) -> bool:

@@ -20,7 +20,7 @@ from mesh_motion_server.numerics.interpolation.support_radius import suggest_sup
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.coincidence import coincident_nodes
-from mesh_motion_server.numerics.mesh.hanging_nodes import refuse_hanging_nodes
+from mesh_motion_server.numerics.mesh.hanging_nodes import refuse_hanging_nodes, refuse_split_facets
 from mesh_motion_server.numerics.mesh.patch_check import (
     check_patches,
     nodes_behind_fixed,
@@ -82,14 +82,16 @@ def checked_mesh(points: Floats, cells: CellTable, patches: Mapping[str, Patch])
     InvalidInput
         ``.SHAPE`` for a wrong shape; ``.NONFINITE`` for a coordinate that is not finite; ``.MESH_DEGENERATE`` for node
         indices out of range, repeated nodes in a cell, inverted or flat cells, and facets of more than two cells;
-        ``.MESH`` for an extent outside the floating-point range, for hanging nodes and for patches (unknown role, no or
-        repeated nodes, no moving patch).
+        ``.MESH`` for an extent outside the floating-point range, for hanging nodes, for quads on triangles and for
+        patches (unknown role, no or repeated nodes, no moving patch).
     """
     listed, read = cells, checked_cells(points, cells)
     cells, sizes = read.cells, read.sizes
     check_patches(len(points), patches)
     boundary = _boundary_of(points, listed, read)
-    refuse_hanging_nodes(points, cells, nodes_in_no_patch(boundary, patches))
+    floating = nodes_in_no_patch(boundary, patches)
+    refuse_hanging_nodes(points, cells, floating)
+    refuse_split_facets(cells, floating)
     checked = np.union1d(boundary, np.concatenate([patch.nodes for patch in patches.values()]))
     pairs = coincident_nodes(points, checked)
     odd = [*read.warnings, *_coincident(pairs), *_orphans(len(points), cells)]

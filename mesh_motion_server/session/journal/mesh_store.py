@@ -26,7 +26,7 @@ from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.journal.filesystem import FileSystem, unreadable, write_all
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 
-__all__ = ["MESH", "has_its_length", "read_mesh", "write_mesh"]
+__all__ = ["MESH", "has_its_length", "read_mesh", "verifies", "write_mesh"]
 
 MESH = "mesh.bin"
 """The file's name in a session's folder."""
@@ -92,6 +92,24 @@ def read_mesh(path: Path, files: FileSystem, digest: bytes) -> list[PartitionMes
     end = _START + length
     reader = _Reader(data, end + -end % 8)
     return [_restore(described, reader) for described in msgpack.unpackb(data[_START:end])]
+
+
+def verifies(path: Path, files: FileSystem, digest: bytes, most: int) -> bool:
+    """Whether the file is the one that was written; one of more than ``most`` bytes: whether it :func:`has_its_length`.
+
+    Raises
+    ------
+    OSError
+        If the disk does not give it.
+    """
+    handle = files.open(path, writable=False)
+    try:
+        size = files.size(handle)
+        if size <= most:
+            return hashlib.sha256(files.read(handle, 0, size)).digest() == digest
+    finally:
+        files.close(handle)
+    return has_its_length(path, files)
 
 
 def has_its_length(path: Path, files: FileSystem) -> bool:
