@@ -4,7 +4,8 @@
 # TUTORIAL: perpendicular-flap, multiple-perpendicular-flaps or elastic-tube-3d.
 # PREFIX has preCICE and the adapter (build.sh). TUTORIALS names a folder with preCICE's tutorials; without it git
 # fetches those tried. MAX_TIME (5 s; of the tube 0.01), OUT (out/precice_flap), RANKS (1) of OpenFOAM, SUB_STEPS (1) of a
-# window and WRITE_INTERVAL (0.1) of the flaps, MOTION (server, or laplacian: the tutorial as it is), SOLID_PYTHON: one that has pyprecice.
+# window and WRITE_INTERVAL (0.1) of the flaps, CONTINUE (1: a further MAX_TIME from OpenFOAM's last written time, which is
+# where the solid ended), MOTION (server, or laplacian: the tutorial as it is), SOLID_PYTHON: one that has pyprecice.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 root=$(cd "$here/../.." && pwd)
@@ -12,9 +13,10 @@ tutorial=${2:-perpendicular-flap}
 prefix=$(cd "${1:?usage: ./run.sh PREFIX [TUTORIAL]}" && pwd)
 out=${OUT:-out/precice_flap}
 ranks=${RANKS:-1}
-rm -rf "$out"
+[ -n "${CONTINUE:-}" ] || rm -rf "$out"
 mkdir -p "$out"
 cd "$out"
+rm -rf server.ready precice-run
 if [ -z "${TUTORIALS:-}" ]; then
   git clone -q --depth 1 -b v202404.0 https://github.com/precice/tutorials tutorials
   TUTORIALS=tutorials
@@ -23,7 +25,7 @@ fi
 [ "${MOTION:-server}" != server ] || env -u OUT "$root/adapters/openfoam/Allwmake" >log.Allwmake
 export LD_LIBRARY_PATH=$prefix/lib:$LD_LIBRARY_PATH
 
-cp -r "$TUTORIALS/$tutorial/fluid-openfoam" fluid
+[ -n "${CONTINUE:-}" ] || cp -r "$TUTORIALS/$tutorial/fluid-openfoam" fluid
 case $tutorial in
 perpendicular-flap) patches='{ flap moving; "(inlet|outlet)" fixed; "(upper|lower)Wall" slip; }' solids=(Solid) ;;
 multiple-perpendicular-flaps)
@@ -32,7 +34,7 @@ multiple-perpendicular-flaps)
   ;;
 elastic-tube-3d)
   patches='{ interface moving; "auto[02]" fixed; }' solids=(Solid)
-  cp -r fluid/constant/polyMesh.orig fluid/constant/polyMesh
+  [ -d fluid/constant/polyMesh ] || cp -r fluid/constant/polyMesh.orig fluid/constant/polyMesh
   ;;
 *)
   echo "no tutorial $tutorial; see the head of $0" >&2
@@ -45,6 +47,7 @@ if [ "$tutorial" != elastic-tube-3d ]; then
   sed -i "s/^deltaT .*/deltaT $(awk "BEGIN { print 0.01 / ${SUB_STEPS:-1} }");/
     s/^writeInterval .*/writeInterval ${WRITE_INTERVAL:-0.1};/" fluid/system/controlDict
 fi
+[ -z "${CONTINUE:-}" ] || sed -i "s/^startFrom .*/startFrom latestTime;/" fluid/system/controlDict
 if [ "${MOTION:-server}" = server ]; then # all that the tutorial needs
   sed "s/^ *patches .*/    patches    $patches/" "$here/dynamicMeshDict" >fluid/constant/dynamicMeshDict
 fi
@@ -70,7 +73,7 @@ cd fluid
 solver=(pimpleFoam)
 if [ "$ranks" -gt 1 ]; then
   sed -i "s/^numberOfSubdomains .*/numberOfSubdomains $ranks;/; s/n  *(2 2 1)/n ($ranks 1 1)/" system/decomposeParDict
-  decomposePar >log.decomposePar
+  [ -n "${CONTINUE:-}" ] || decomposePar >log.decomposePar
   solver=(mpirun --allow-run-as-root --oversubscribe -np "$ranks" pimpleFoam -parallel)
 fi
 "${solver[@]}" >log.pimpleFoam 2>&1 || { tail -n 30 log.pimpleFoam; exit 1; }

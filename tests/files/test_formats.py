@@ -55,7 +55,7 @@ def test_every_format_says_the_same_and_comes_back_with_moved_nodes(tmp_path: Pa
         key: nodes.tolist() for key, nodes in PATCHES.items()
     }
     write_mesh(tmp_path / f"back_{name}", replace(after, points=mesh.points))  # nothing but coordinates has changed
-    if path.is_file() and not name.endswith(("h5", "h5.xdmf", ".xmf", "cgns", "med", "exo", ".e")):
+    if path.is_file() and not name.endswith(("h5", "h5.xdmf", ".xmf", "cgns", "med", "exo", ".e", ".npz")):
         assert (tmp_path / f"back_{name}").read_bytes().split() == path.read_bytes().split()
 
 

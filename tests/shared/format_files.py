@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from mesh_motion_server.files import MeshFile, write_mesh
 from mesh_motion_server.files.sides import ABAQUS, EXODUS
 from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
@@ -262,6 +263,96 @@ def elmer(path: Path) -> None:
     )
 
 
+def cgns(path: Path) -> None:
+    """As Pointwise writes it: one zone, sections of faces that boundary conditions name by their elements."""
+    pytest.importorskip("h5py")
+    from cgns_files import add_cells, add_node, new_cgns  # noqa: PLC0415 - it needs h5py
+
+    with new_cgns(path) as root:
+        base = add_node(root, "Base", "CGNSBase_t", np.array([3, 3]))
+        zone = add_node(base, "Zone", "Zone_t", np.array([[N**3], [len(CELLS)], [0]]))
+        add_node(zone, "ZoneType", "ZoneType_t", "Unstructured")
+        grid = add_node(zone, "GridCoordinates", "GridCoordinates_t")
+        for axis, values in zip("XYZ", POINTS.T, strict=True):
+            add_node(grid, f"Coordinate{axis}", "DataArray_t", np.ascontiguousarray(values))
+        outer = [face for face in FACES if face.patch]
+        add_cells(zone, {"hexahedron": CELLS, "quad": np.array([face.nodes for face in outer])})
+        conditions = add_node(zone, "ZoneBC", "ZoneBC_t")
+        for name in PATCHES:
+            rows_of = [[9 + k for k, face in enumerate(outer) if face.patch == name]]
+            bc = add_node(conditions, name, "BC_t", "BCWall")
+            add_node(bc, "PointList", "IndexArray_t", np.array(rows_of))
+            add_node(bc, "GridLocation", "GridLocation_t", "FaceCenter")
+
+
+def vtk(path: Path) -> None:
+    """As VTK writes it, with our arrays of the patches."""
+    marks = "".join(
+        f"patch_{name} 1 {N**3} int\n{rows(np.isin(np.arange(N**3), nodes).astype(int).reshape(-1, 1))}"
+        for name, nodes in PATCHES.items()
+    )
+    path.write_text(
+        f"# vtk DataFile Version 3.0\nbox\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS {N**3} double\n{rows(POINTS)}"
+        f"CELLS 8 72\n{rows([[8, *cell] for cell in CELLS.tolist()])}CELL_TYPES 8\n{rows([[12]] * 8)}"
+        f"POINT_DATA {N**3}\nFIELD FieldData 3\n{marks}"
+    )
+
+
+def own(path: Path) -> None:
+    """As this project writes it."""
+    write_mesh(path, MeshFile(POINTS, {"hexahedron": CELLS}, PATCHES, path))
+
+
+def su2(path: Path) -> None:
+    """As SU2 writes it."""
+    markers = "".join(
+        f"MARKER_TAG= {name}\nMARKER_ELEMS= {len(of)}\n{rows([[9, *face.nodes] for face in of])}"
+        for name in PATCHES
+        for of in [[face for face in FACES if face.patch == name]]
+    )
+    points = "".join(f"{line} {k}\n" for k, line in enumerate(rows(POINTS).splitlines()))
+    path.write_text(
+        f"NDIME= 3\nNELEM= 8\n{rows([[12, *cell, k] for k, cell in enumerate(CELLS.tolist())])}"
+        f"NPOIN= {N**3}\n{points}NMARK= 3\n{markers}"
+    )
+
+
+def gmsh(path: Path) -> None:
+    """As Gmsh writes version 2.2."""
+    outer = [face for face in FACES if face.patch]
+    names = list(PATCHES)
+    listed = [[3, 2, 1 + names.index(face.patch), 1, *(n + 1 for n in face.nodes)] for face in outer]
+    listed += [[5, 2, 9, 1, *(n + 1 for n in cell)] for cell in CELLS.tolist()]
+    elements = "".join(f"{k} {' '.join(map(str, row))}\n" for k, row in enumerate(listed, start=1))
+    physical = "".join(f'2 {k} "{name}"\n' for k, name in enumerate(names, start=1))
+    path.write_text(
+        f'$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n4\n{physical}3 9 "air"\n$EndPhysicalNames\n'
+        f"$Nodes\n{N**3}\n{rows(POINTS, first=1)}$EndNodes\n$Elements\n{len(listed)}\n{elements}$EndElements\n"
+    )
+
+
+def foam(path: Path) -> None:
+    """As OpenFOAM has it, a folder polyMesh."""
+    path.mkdir()
+    inner = sum(not face.patch for face in FACES)
+    begin = np.cumsum([inner, *(sum(face.patch == name for face in FACES) for name in PATCHES)])
+    patches = "".join(
+        f"{name} {{ type patch; nFaces {end - first}; startFace {first}; }}\n"
+        for name, first, end in zip(PATCHES, begin, begin[1:], strict=False)
+    )
+    points = "".join(f"({line})\n" for line in rows(POINTS).splitlines())
+    faces = "".join(f"4({' '.join(map(str, face.nodes))})\n" for face in FACES)
+    for name, kind, body in (
+        ("points", "vectorField", f"{N**3}\n(\n{points})\n"),
+        ("faces", "faceList", f"{len(FACES)}\n(\n{faces})\n"),
+        ("owner", "labelList", f"{len(FACES)}\n(\n{rows([[face.cells[0]] for face in FACES])})\n"),
+        ("neighbour", "labelList", f"{inner}\n(\n{rows([[face.cells[1]] for face in FACES[:inner]])})\n"),
+        ("boundary", "polyBoundaryMesh", f"3\n(\n{patches})\n"),
+    ):
+        head = f"FoamFile {{ version 2.0; format ascii; class {kind}; object {name}; }}\n"
+        (path / name).write_text(head + body)
+
+
 def universal(path: Path) -> None:
     """As Salome writes it: a group of faces, one of nodes, one of both kinds, and one of the cells."""
     nodes = "".join(
@@ -380,6 +471,13 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "box.inp": abaqus,
     "box.mdpa": kratos,
     "box_elmer": elmer,
+    "box.cgns": cgns,
+    "box.vtk": vtk,
+    "box.vtu": own,
+    "box.npz": own,
+    "box.su2": su2,
+    "box_gmsh.msh": gmsh,
+    "box_foam": foam,
     "box.unv": universal,
     "box.mesh": mfem,
     "box.mfem": mfem_by_axes,
