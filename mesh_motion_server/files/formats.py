@@ -11,10 +11,13 @@ from mesh_motion_server.files.gmsh import GMSH
 from mesh_motion_server.files.inp import ABAQUS_INP
 from mesh_motion_server.files.mdpa import KRATOS
 from mesh_motion_server.files.med import MED
+from mesh_motion_server.files.mfem import MFEM
 from mesh_motion_server.files.npz import NPZ
 from mesh_motion_server.files.openfoam.polymesh import FOAM_FILE, OPENFOAM
 from mesh_motion_server.files.su2 import SU2
+from mesh_motion_server.files.unv import UNV
 from mesh_motion_server.files.vtk import VTK, VTU
+from mesh_motion_server.files.xdmf import XDMF
 
 __all__ = ["FORMATS"]
 
@@ -22,6 +25,7 @@ _MESHED = "it has no cells of a volume: mesh the space around it, for example in
 _BY_GMSH = (
     "Gmsh reads it: gmsh FILE -save -format msh41 -o mesh.msh; pip install 'mesh-motion-server[mesh]' brings gmsh"
 )
+_BY_MFEM = "read are the versions 1.0, 1.2 and 1.3; MFEM refines, or writes for others: Mesh::PrintVTK"
 _BY_PARAVIEW = "ParaView reads it: File, Save Data, with the ending .vtu"
 
 
@@ -44,14 +48,15 @@ FORMATS: tuple[Format, ...] = (
     ABAQUS_INP,
     KRATOS,
     ELMER,
+    XDMF,
+    UNV,
+    MFEM,
     OPENFOAM,
     FOAM_FILE,
-    _named("a universal file (UNV)", (".unv",), rb"\A\s*-1\s+(15|151|164|781|2411|2412|2420)\s", _BY_GMSH),
     _named("a Nastran deck", (".bdf", ".nas"), rb"(?m)^(GRID\*?[ ,]|BEGIN BULK|CEND\b)", _BY_GMSH),
     _named("a Medit mesh", (".mesh", ".meshb"), rb"\A(\s|#.*\n)*MeshVersionFormatted", _BY_GMSH),
-    _named("an MFEM mesh", (".mesh", ".mfem"), rb"\AMFEM ", "MFEM writes it for others: Mesh::PrintVTK"),
+    _named("an MFEM mesh of another kind", (".mesh", ".mfem"), rb"\AMFEM ", _BY_MFEM),
     _named("a Netgen mesh", (".vol",), rb"\A\s*mesh3d", "Netgen writes it for Gmsh: File, Export Mesh, Gmsh2 Format"),
-    _named("an XDMF file", (".xdmf", ".xmf"), rb"<Xdmf\b", _BY_PARAVIEW),
     _named("an EnSight case", (".case",), rb"(?i)\A(\s|#.*\n)*FORMAT\s+type:\s*ensight", _BY_PARAVIEW),
     _named("a Tecplot file", (".plt", ".dat", ".tec"), rb"(?i)\A\s*(#!TDV|TITLE\s*=|VARIABLES\s*=)", _BY_PARAVIEW),
     _named("an AVS UCD file", (".inp", ".ucd"), rb"\A(\x07|(\s|#.*\n)*\d+(\s+\d+){4}\s*\n)", _BY_PARAVIEW),

@@ -30,7 +30,7 @@ from mesh_motion_server.files.vtk_xml import read_xml
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
-__all__ = ["NUMBERED_PATCH_ARRAYS", "PATCH_PREFIX", "VTK", "VTU"]
+__all__ = ["NUMBERED_PATCH_ARRAYS", "PATCH_PREFIX", "VTK", "VTU", "grids_as_mesh"]
 
 PATCH_PREFIX = "patch_"
 #: Arrays of numbers that name patches; the first one that is there counts. Behind it the program that writes it.
@@ -59,7 +59,7 @@ def _read_vtu(path: Path) -> MeshFile:
     InvalidInput
         For other XML files, damaged ones, and polygons or polyhedra.
     """
-    return _mesh(path, read_xml, sources(path) if path.suffix.lower() == ".pvtu" else [path])
+    return grids_as_mesh(path, read_xml, sources(path) if path.suffix.lower() == ".pvtu" else [path])
 
 
 def _read_vtk(path: Path) -> MeshFile:
@@ -70,11 +70,22 @@ def _read_vtk(path: Path) -> MeshFile:
     InvalidInput
         For surfaces, damaged files, and polygons or polyhedra.
     """
-    return _mesh(path, lambda file: [read_legacy(file.read_bytes()).grid()], [path])
+    return grids_as_mesh(path, lambda file: [read_legacy(file.read_bytes()).grid()], [path])
 
 
-def _mesh(path: Path, read: Callable[[Path], list[VtkGrid]], files: list[Path]) -> MeshFile:
-    """The mesh of all grids in the files."""
+def grids_as_mesh(path: Path, read: Callable[[Path], list[VtkGrid]], files: list[Path]) -> MeshFile:
+    """The mesh of all grids in the files.
+
+    Parameters
+    ----------
+    read : function (path)
+        The grids of one file.
+
+    Raises
+    ------
+    InvalidInput
+        If ``read`` raises anything but an OSError, for polygons and polyhedra, and pieces that do not fit together.
+    """
     grids, listed = [], []
     for file in files:
         try:

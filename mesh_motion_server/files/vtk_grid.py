@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 
-__all__ = ["VtkGrid", "structured_cells"]
+__all__ = ["KNOWN_TYPES", "VtkGrid", "structured_cells"]
 
 Arrays = dict[str, NDArray[np.generic]]
 
@@ -20,6 +20,8 @@ _HIGHER = {
     29: "hexahedron", 30: "quad", 31: "wedge", 32: "wedge", 33: "hexahedron", 34: "triangle", 35: "line", 37: "pyramid",
     68: "line", 69: "triangle", 70: "quad", 71: "tetra", 72: "hexahedron", 73: "wedge", 74: "pyramid",
 }  # fmt: skip
+#: Our type of VTK's type numbers whose corners come first.
+KNOWN_TYPES = _FIRST | _HIGHER
 _ALIGNED = {8: ("quad", [0, 1, 3, 2]), 11: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6])}  # pixel, voxel
 _BOX = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
 _VERTICES = (0, 1, 2)  # no cell, a vertex, several

@@ -145,3 +145,34 @@ def test_load_reads_what_the_server_reads(tmp_path):
         Mesh.load(tmp_path / "a.stl", {})
     with pytest.raises(InvalidInput, match="has no zones"):
         Mesh.load(path, ROLES, zone="1")
+
+
+@pytest.mark.parametrize(
+    ("package", "call"),
+    [
+        ("pyvista", WEDGES.to_pyvista),
+        ("gmsh", lambda: Mesh.from_gmsh(ROLES)),
+        ("matplotlib", WEDGES.plot),
+    ],
+)
+def test_a_package_that_is_missing_is_named_with_the_way_to_it(monkeypatch, package, call):
+    monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.setattr("mesh_motion_client.display.find_spec", lambda name: None)
+    with pytest.raises(InvalidInput, match=rf"this needs {package}, which cannot be .* \(pip install {package}\)"):
+        call()
+
+
+@pytest.mark.parametrize("read", [Mesh.from_pyvista, Mesh.from_meshio])
+def test_what_is_no_mesh_of_the_package_is_named(read):
+    with pytest.raises(InvalidInput, match=r"expected a .*, got str \(.*Mesh.load of a file"):
+        read("wing.vtu", ROLES)
+
+
+def test_a_missing_file_is_said_before_a_missing_package(tmp_path):
+    with pytest.raises(InvalidInput, match=r"no.su2: cannot be read: there is no such file$"):
+        Mesh.load(tmp_path / "no.su2", ROLES)
+
+
+def test_a_role_with_a_slip_of_the_pen():
+    with pytest.raises(InvalidInput, match=r"got 'movng' \(did you mean 'moving'\?\)"):
+        Patch("movng", [0])

@@ -9,7 +9,25 @@ from typing import Any
 
 import numpy as np
 import pytest
-from format_files import CELLS, PATCHES, POINTS, WRITERS, abaqus, elmer, exodus, exodus_hdf5, fluent, kratos, med
+from format_files import (
+    CELLS,
+    PATCHES,
+    POINTS,
+    WRITERS,
+    abaqus,
+    elmer,
+    exodus,
+    exodus_hdf5,
+    fluent,
+    kratos,
+    med,
+    mfem,
+    mfem_by_axes,
+    universal,
+    xdmf,
+    xdmf_binary,
+    xdmf_hdf5,
+)
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh, write_mesh
@@ -37,7 +55,7 @@ def test_every_format_says_the_same_and_comes_back_with_moved_nodes(tmp_path: Pa
         key: nodes.tolist() for key, nodes in PATCHES.items()
     }
     write_mesh(tmp_path / f"back_{name}", replace(after, points=mesh.points))  # nothing but coordinates has changed
-    if path.is_file() and not name.endswith(("h5", "cgns", "med", "exo", ".e")):
+    if path.is_file() and not name.endswith(("h5", "h5.xdmf", ".xmf", "cgns", "med", "exo", ".e", ".npz")):
         assert (tmp_path / f"back_{name}").read_bytes().split() == path.read_bytes().split()
 
 
@@ -106,12 +124,11 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
     ("name", "content", "message"),
     [
         ("m.msh", "solid x\n facet normal 0 0 1\n", r"a surface \(STL\), which is not read \(it has no cells"),
-        ("m.unv", "    -1\n  2411\n", r"a universal file \(UNV\), which is not read \(Gmsh reads it: gmsh FILE -save"),
+        ("m.meshb", "MeshVersionFormatted 2\n", r"a Medit mesh, which is not read \(Gmsh reads it: gmsh FILE -save"),
         ("m.bdf", "SOL 101\nCEND\nBEGIN BULK\n", r"a Nastran deck, which is not read"),
         ("m.mesh", "MeshVersionFormatted 2\n", "a Medit mesh, which is not read"),
-        ("m.mesh", "MFEM mesh v1.0\n", r"an MFEM mesh, which is not read \(MFEM writes it"),
+        ("m.mesh", "MFEM NURBS mesh v1.0\n", r"an MFEM mesh of another kind, which is not read \(read are .* MFEM ref"),
         ("m.vol", "mesh3d\ndimension\n3\n", r"a Netgen mesh, .*Export Mesh"),
-        ("m.xdmf", '<?xml version="1.0"?>\n<Xdmf Version="3.0">', r"an XDMF file, .*Save Data"),
         ("m.case", "FORMAT\ntype: ensight gold\n", "an EnSight case, which is not read"),
         ("m.dat", 'TITLE = "x"\n', "a Tecplot file, which is not read"),
         ("m.inp", "# made by x\n 4 1 0 0 0\n", "an AVS UCD file, which is not read"),
@@ -309,3 +326,201 @@ def test_abaqus_input_in_several_files(tmp_path: Path) -> None:
     ):
         deck.write_text(f"*INCLUDE, INPUT={name}\n")
         one_line(deck, reason)
+
+
+@pytest.mark.parametrize(
+    ("write", "old", "new", "message"),
+    [
+        (universal, "\n       101        94", "\n       101        97", "dataset 2412, line .*elements of type 97"),
+        (universal, "         8       101", "         8       999", "names element 999, which is not there"),
+        (universal, "2411\n         1 ", "2411\n         2 ", "node 2 appears twice"),
+        (universal, "wall\n", "wall\n\n", "group 'wall' has 0 entities, expected 5"),
+        (mfem, "\n1 5 0 ", "\n1 5 27 ", "row 0 of elements names vertex 27, but there are 27"),
+        (mfem, "\n1 5 0 ", "\n1 9 0 ", "row 0 of elements is of geometry 9"),
+        (mfem, "vertices\n27\n", "vertices\n28\n", "28 vertices with 3 coordinates: 81 numbers, expected 84"),
+        (mfem, "dimension", "dimensions", "it has no dimension"),
+        (mfem_by_axes, "H1_3D_P1", "L2_T1_3D_P1", "its nodes are of L2_T1_3D_P1; read are continuous ones"),
+        (xdmf, "Hexahedron", "Polygon", "a topology of type polygon"),
+        (xdmf, 'Dimensions="8 8"', 'Dimensions="9 8"', "an item of 64 numbers, but Dimensions '9 8'"),
+        (xdmf, "Grid/Geometry)", "Grid/Geo)", "the reference .* leads to nothing that is known"),
+        (xdmf_hdf5, ":/Mesh/cells", ":/Mesh/no", "object 'no' doesn't exist"),
+        (xdmf_binary, "m.bin", "n.bin", "there is no .*n.bin, which has its numbers"),
+    ],
+)
+def test_unv_mfem_and_xdmf_that_do_not_fit(
+    tmp_path: Path, write: Callable[[Path], None], old: str, new: str, message: str
+) -> None:
+    write(tmp_path / "m.txt")
+    text = (tmp_path / "m.txt").read_text()
+    assert old in text
+    (tmp_path / "m.txt").write_text(text.replace(old, new, 1))
+    one_line(tmp_path / "m.txt", message)
+
+
+def test_gmsh_writes_universal_files_with_its_groups(tmp_path: Path) -> None:
+    """A peer: the mesh of Gmsh's own file, of first and of second order, and Gmsh reads what is written back."""
+    gmsh = pytest.importorskip("gmsh", exc_type=OSError)
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 2.0)
+        gmsh.option.setNumber("Mesh.MeshSizeMin", 1.0)
+        gmsh.model.addPhysicalGroup(2, [1, 2], name="wall")
+        gmsh.model.addPhysicalGroup(2, [3], name="outlet")
+        gmsh.model.addPhysicalGroup(3, [1], name="fluid")
+        gmsh.model.mesh.generate(3)
+        for order in (1, 2):
+            gmsh.model.mesh.setOrder(order)
+            for suffix in ("msh", "unv"):
+                gmsh.write(str(tmp_path / f"{order}.{suffix}"))
+            ours, other = read_mesh(tmp_path / f"{order}.unv"), read_mesh(tmp_path / f"{order}.msh")
+            np.testing.assert_allclose(ours.points, other.points, atol=1e-15)
+            np.testing.assert_array_equal(ours.cells["tetra"], other.cells["tetra"])
+            for name, nodes in other.patches.items():
+                np.testing.assert_array_equal(ours.patches[name], nodes)
+            assert ours.notes == other.notes
+            write_mesh(tmp_path / "moved.unv", replace(ours, points=ours.points * [2.0, 3.0, -1 / 3]))
+            model = gmsh.model.getCurrent()
+            gmsh.open(str(tmp_path / "moved.unv"))
+            _, points, _ = gmsh.model.mesh.getNodes()
+            np.testing.assert_array_equal(
+                np.unique(points.reshape(-1, 3), axis=0), np.unique(ours.points * [2.0, 3.0, -1 / 3], axis=0)
+            )
+            gmsh.model.remove()
+            gmsh.model.setCurrent(model)
+    finally:
+        gmsh.finalize()
+
+
+def test_nodes_of_single_precision_come_back_in_double(tmp_path: Path) -> None:
+    """Dataset 15 has six digits; a beam has a line of its own before its nodes."""
+    (tmp_path / "m.unv").write_text(
+        "    -1\n    15\n"
+        + "".join(
+            f"{k:10}{0:10}{0:10}{1:10}" + "".join(f"{v:13.5E}" for v in (*xy, 0.0)) + "\n"
+            for k, xy in enumerate([(0, 0), (1, 0), (1, 1), (0, 1)], start=5)
+        )
+        + "    -1\n    -1\n  2412\n         1        44         1         1         7         4\n"
+        "         5         6         7         8\n"
+        "         2        21         1         1         7         2\n         0         1         1\n"
+        "         5         6\n    -1\n    -1\n  2477\n"
+        "         1         0         0         0         0         0         0         1\nlow\n"
+        "         8         2         0         0\n    -1\n"
+    )
+    mesh = read_mesh(tmp_path / "m.unv")
+    assert {name: nodes.tolist() for name, nodes in mesh.patches.items()} == {"low": [0, 1]}
+    write_mesh(tmp_path / "moved.unv", replace(mesh, points=mesh.points / 3))
+    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.unv").points, mesh.points / 3)
+
+
+def test_curved_meshes_of_mfem_have_their_patches_between_vertices(tmp_path: Path) -> None:
+    """A bar of two quadrilaterals of third order: MFEM counts an edge where an element names it first."""
+    corners = np.array([[0.0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]])
+    quads = [(0, 1, 4, 3), (1, 2, 5, 4)]
+    edges = list(dict.fromkeys(tuple(sorted((q[k], q[(k + 1) % 4]))) for q in quads for k in range(4)))
+    between = [corners[a] + (corners[b] - corners[a]) * t for a, b in edges for t in (1 / 3, 2 / 3)]
+    inside = [corners[q[0]] + [x, y] for q in quads for y in (1 / 3, 2 / 3) for x in (1 / 3, 2 / 3)]
+    points = np.array([*corners, *between, *inside])
+    (tmp_path / "m.mesh").write_text(
+        "MFEM mesh v1.0\n\ndimension\n2\n"
+        "elements\n2\n1 3 0 1 4 3\n2 3 1 2 5 4\nboundary\n3\n5 1 0 1\n5 1 2 1\n6 1 5 4\n"
+        "vertices\n6\n\nnodes\nFiniteElementSpace\nFiniteElementCollection: H1_2D_P3\nVDim: 2\nOrdering: 1\n\n"
+        + "".join(f"{x!r} {y!r}\n" for x, y in points.tolist())
+    )
+    mesh = read_mesh(tmp_path / "m.mesh")
+    np.testing.assert_array_equal(mesh.points, points)
+    np.testing.assert_array_equal(mesh.patches["5"], np.flatnonzero(points[:, 1] == 0.0))
+    np.testing.assert_array_equal(mesh.patches["6"], np.flatnonzero((points[:, 1] == 1.0) & (points[:, 0] >= 1.0)))
+    assert "by their corners" in mesh.notes[0]
+    write_mesh(tmp_path / "moved.mesh", replace(mesh, points=points / 3))
+    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.mesh").points, points / 3)
+    text = (tmp_path / "m.mesh").read_text()
+    (tmp_path / "m.mesh").write_text(text.replace("6 1 5 4", "6 1 5 3"))
+    one_line(tmp_path / "m.mesh", "row 2 of boundary is on no element")
+
+
+@pytest.mark.parametrize("form", ["XML", "HDF", "Binary"])
+def test_meshio_writes_mixed_topologies_of_xdmf(tmp_path: Path, form: str) -> None:
+    """A peer: cells of two kinds and the edges of their boundary in one list, patches by numbers."""
+    meshio = pytest.importorskip("meshio")
+    points = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1], [2, 0.5]])
+    cells = [("line", [[0, 1], [1, 4]]), ("quad", [[0, 1, 2, 3]]), ("triangle", [[1, 4, 2]])]
+    data = {"gmsh:physical": [np.array([3, 4]), np.array([9]), np.array([9])], "T": [np.zeros(2), [1.0], [2.0]]}
+    meshio.write(tmp_path / "m.xdmf", meshio.Mesh(points, cells, cell_data=data), data_format=form)
+    mesh = read_mesh(tmp_path / "m.xdmf")
+    np.testing.assert_array_equal(mesh.points, points)
+    assert {name: nodes.tolist() for name, nodes in mesh.cells.items()} == {
+        "quad": [[0, 1, 2, 3]],
+        "triangle": [[1, 4, 2]],
+    }
+    assert {name: nodes.tolist() for name, nodes in mesh.patches.items()} == {"3": [0, 1], "4": [1, 4]}
+    other = tmp_path / "other"
+    other.mkdir()
+    write_mesh(other / "moved.xdmf", replace(mesh, points=points / 3))
+    np.testing.assert_array_equal(read_mesh(other / "moved.xdmf").points, points / 3)
+    if form != "Binary":  # of which meshio does not look in the folder of the file
+        np.testing.assert_array_equal(meshio.read(other / "moved.xdmf").points[:, :2], points / 3)
+    np.testing.assert_array_equal(read_mesh(tmp_path / "m.xdmf").points, points)  # the first file's numbers stay
+
+
+def test_tags_of_fenics_are_patches_and_a_series_is_one_mesh(tmp_path: Path) -> None:
+    """As dolfinx writes it: tags in a grid of their own, without a type of number; steps that include the mesh."""
+    tags = (
+        '<Attribute Name="f" AttributeType="Scalar" Center="Cell">'
+        '<DataItem Dimensions="2 1" Format="XML">3\n7</DataItem>'
+    )
+    cells = (
+        '<Topology TopologyType="Quadrilateral" NodesPerElement="4"><DataItem Dimensions="1 4" NumberType="Int" '
+        'Format="XML">0 1 2 3</DataItem></Topology><Geometry GeometryType="XY"><DataItem Dimensions="4 2" '
+        'Format="XML">0 0 1 0 1 1 0 1</DataItem></Geometry>'
+    )
+    step = (
+        '<Grid Name="u" GridType="Uniform"><xi:include xpointer="xpointer(/Xdmf/Domain/Grid[@GridType='
+        "'Uniform'][1]/*[self::Topology or self::Geometry])\"/>"
+        '<Attribute Name="u" AttributeType="Scalar" Center="Node"><DataItem Dimensions="4 1" Format="HDF">'
+        "none.h5:/u</DataItem></Attribute></Grid>"
+    )
+    text = (
+        '<Xdmf Version="3.0" xmlns:xi="http://www.w3.org/2001/XInclude"><Domain>'
+        f'<Grid Name="mesh" GridType="Uniform">{cells}</Grid><Grid Name="tags" GridType="Uniform">'
+        '<xi:include xpointer="xpointer(/Xdmf/Domain/Grid/Geometry)"/><Topology TopologyType="PolyLine" '
+        'NodesPerElement="2"><DataItem Dimensions="2 2" NumberType="Int" Format="XML">0 1 2 3</DataItem></Topology>'
+        f'{tags}</Attribute></Grid><Grid GridType="Collection" CollectionType="Temporal">{step}{step}</Grid>'
+        "</Domain></Xdmf>"
+    )
+    (tmp_path / "m.xdmf").write_text(text)
+    mesh = read_mesh(tmp_path / "m.xdmf")
+    assert {name: nodes.tolist() for name, nodes in mesh.cells.items()} == {"quad": [[0, 1, 2, 3]]}
+    assert {name: nodes.tolist() for name, nodes in mesh.patches.items()} == {"3": [0, 1], "7": [2, 3]}
+
+
+@pytest.mark.parametrize("kind", ["3DSMesh", "3DRectMesh", "3DCoRectMesh"])
+def test_structured_grids_of_xdmf(tmp_path: Path, kind: str) -> None:
+    """Dimensions and points run with x fastest, as VTK's."""
+    lines = [np.array([0.0, 1.0]), np.array([0.0, 0.5, 1.0]), np.array([0.0, 2.0, 4.0, 6.0])]  # z, y, x
+    z, y, x = (of.ravel() for of in np.meshgrid(*lines, indexing="ij"))
+    points = np.column_stack([x, y, z])
+    numbers = {
+        "3DSMesh": ("XYZ", [points]),
+        "3DRectMesh": ("VXVYVZ", lines[::-1]),
+        "3DCoRectMesh": ("ORIGIN_DXDYDZ", [np.zeros(3), np.array([1.0, 0.5, 2.0])]),
+    }
+    geometry, arrays = numbers[kind]
+    items = "".join(
+        f'<DataItem Dimensions="{" ".join(map(str, of.shape))}">{" ".join(map(str, of.ravel().tolist()))}</DataItem>'
+        for of in arrays
+    )
+    (tmp_path / "m.xmf").write_text(
+        f'<Xdmf Version="2.0"><Domain><Grid><Topology TopologyType="{kind}" Dimensions="2 3 4"/>'
+        f'<Geometry GeometryType="{geometry}">{items}</Geometry></Grid></Domain></Xdmf>'
+    )
+    mesh = read_mesh(tmp_path / "m.xmf")
+    np.testing.assert_array_equal(mesh.points, points)
+    assert mesh.n_cells == 6
+    (block,) = oriented(mesh.points, mesh.cell_table).cells
+    np.testing.assert_array_equal(block.nodes, mesh.cells["hexahedron"])  # none is mirrored
+    if kind != "3DSMesh":
+        with pytest.raises(InvalidInput, match="a grid without a list of points"):
+            write_mesh(tmp_path / "moved.xmf", mesh)

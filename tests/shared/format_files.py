@@ -4,11 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from mesh_motion_server.files import MeshFile, write_mesh
 from mesh_motion_server.files.sides import ABAQUS, EXODUS
 from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
@@ -261,6 +263,203 @@ def elmer(path: Path) -> None:
     )
 
 
+def cgns(path: Path) -> None:
+    """As Pointwise writes it: one zone, sections of faces that boundary conditions name by their elements."""
+    pytest.importorskip("h5py")
+    from cgns_files import add_cells, add_node, new_cgns  # noqa: PLC0415 - it needs h5py
+
+    with new_cgns(path) as root:
+        base = add_node(root, "Base", "CGNSBase_t", np.array([3, 3]))
+        zone = add_node(base, "Zone", "Zone_t", np.array([[N**3], [len(CELLS)], [0]]))
+        add_node(zone, "ZoneType", "ZoneType_t", "Unstructured")
+        grid = add_node(zone, "GridCoordinates", "GridCoordinates_t")
+        for axis, values in zip("XYZ", POINTS.T, strict=True):
+            add_node(grid, f"Coordinate{axis}", "DataArray_t", np.ascontiguousarray(values))
+        outer = [face for face in FACES if face.patch]
+        add_cells(zone, {"hexahedron": CELLS, "quad": np.array([face.nodes for face in outer])})
+        conditions = add_node(zone, "ZoneBC", "ZoneBC_t")
+        for name in PATCHES:
+            rows_of = [[9 + k for k, face in enumerate(outer) if face.patch == name]]
+            bc = add_node(conditions, name, "BC_t", "BCWall")
+            add_node(bc, "PointList", "IndexArray_t", np.array(rows_of))
+            add_node(bc, "GridLocation", "GridLocation_t", "FaceCenter")
+
+
+def vtk(path: Path) -> None:
+    """As VTK writes it, with our arrays of the patches."""
+    marks = "".join(
+        f"patch_{name} 1 {N**3} int\n{rows(np.isin(np.arange(N**3), nodes).astype(int).reshape(-1, 1))}"
+        for name, nodes in PATCHES.items()
+    )
+    path.write_text(
+        f"# vtk DataFile Version 3.0\nbox\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS {N**3} double\n{rows(POINTS)}"
+        f"CELLS 8 72\n{rows([[8, *cell] for cell in CELLS.tolist()])}CELL_TYPES 8\n{rows([[12]] * 8)}"
+        f"POINT_DATA {N**3}\nFIELD FieldData 3\n{marks}"
+    )
+
+
+def own(path: Path) -> None:
+    """As this project writes it."""
+    write_mesh(path, MeshFile(POINTS, {"hexahedron": CELLS}, PATCHES, path))
+
+
+def su2(path: Path) -> None:
+    """As SU2 writes it."""
+    markers = "".join(
+        f"MARKER_TAG= {name}\nMARKER_ELEMS= {len(of)}\n{rows([[9, *face.nodes] for face in of])}"
+        for name in PATCHES
+        for of in [[face for face in FACES if face.patch == name]]
+    )
+    points = "".join(f"{line} {k}\n" for k, line in enumerate(rows(POINTS).splitlines()))
+    path.write_text(
+        f"NDIME= 3\nNELEM= 8\n{rows([[12, *cell, k] for k, cell in enumerate(CELLS.tolist())])}"
+        f"NPOIN= {N**3}\n{points}NMARK= 3\n{markers}"
+    )
+
+
+def gmsh(path: Path) -> None:
+    """As Gmsh writes version 2.2."""
+    outer = [face for face in FACES if face.patch]
+    names = list(PATCHES)
+    listed = [[3, 2, 1 + names.index(face.patch), 1, *(n + 1 for n in face.nodes)] for face in outer]
+    listed += [[5, 2, 9, 1, *(n + 1 for n in cell)] for cell in CELLS.tolist()]
+    elements = "".join(f"{k} {' '.join(map(str, row))}\n" for k, row in enumerate(listed, start=1))
+    physical = "".join(f'2 {k} "{name}"\n' for k, name in enumerate(names, start=1))
+    path.write_text(
+        f'$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n4\n{physical}3 9 "air"\n$EndPhysicalNames\n'
+        f"$Nodes\n{N**3}\n{rows(POINTS, first=1)}$EndNodes\n$Elements\n{len(listed)}\n{elements}$EndElements\n"
+    )
+
+
+def foam(path: Path) -> None:
+    """As OpenFOAM has it, a folder polyMesh."""
+    path.mkdir()
+    inner = sum(not face.patch for face in FACES)
+    begin = np.cumsum([inner, *(sum(face.patch == name for face in FACES) for name in PATCHES)])
+    patches = "".join(
+        f"{name} {{ type patch; nFaces {end - first}; startFace {first}; }}\n"
+        for name, first, end in zip(PATCHES, begin, begin[1:], strict=False)
+    )
+    points = "".join(f"({line})\n" for line in rows(POINTS).splitlines())
+    faces = "".join(f"4({' '.join(map(str, face.nodes))})\n" for face in FACES)
+    for name, kind, body in (
+        ("points", "vectorField", f"{N**3}\n(\n{points})\n"),
+        ("faces", "faceList", f"{len(FACES)}\n(\n{faces})\n"),
+        ("owner", "labelList", f"{len(FACES)}\n(\n{rows([[face.cells[0]] for face in FACES])})\n"),
+        ("neighbour", "labelList", f"{inner}\n(\n{rows([[face.cells[1]] for face in FACES[:inner]])})\n"),
+        ("boundary", "polyBoundaryMesh", f"3\n(\n{patches})\n"),
+    ):
+        head = f"FoamFile {{ version 2.0; format ascii; class {kind}; object {name}; }}\n"
+        (path / name).write_text(head + body)
+
+
+def universal(path: Path) -> None:
+    """As Salome writes it: a group of faces, one of nodes, one of both kinds, and one of the cells."""
+    nodes = "".join(
+        f"{k:10}{1:10}{1:10}{11:10}\n" + "".join(f"{v:25.16E}".replace("E", "D") for v in xyz) + "\n"
+        for k, xyz in enumerate(POINTS.tolist(), start=1)
+    )
+    outer = [face for face in FACES if face.patch]
+    listed = [(94, face.nodes) for face in outer] + [(115, cell) for cell in CELLS.tolist()]
+    elements = "".join(
+        "".join(f"{v:10}" for v in (number, code, 2, 1, 7, len(own)))
+        + "\n"
+        + "".join(f"{v + 1:10}" for v in own)
+        + "\n"
+        for number, (code, own) in enumerate(listed, start=101)
+    )
+    groups = {"fluid": [(8, 101 + len(outer) + k) for k in range(len(CELLS))]}
+    for name, of in PATCHES.items():
+        faces = [(8, number) for number, face in enumerate(outer, start=101) if face.patch == name]
+        groups[name] = [(7, node + 1) for node in of.tolist()] if name == "sides" else faces
+    groups["wall"].append((7, int(PATCHES["wall"][0]) + 1))
+    text = ""
+    for number, (name, members) in enumerate(groups.items(), start=1):
+        text += "".join(f"{v:10}" for v in (number, 0, 0, 0, 0, 0, 0, len(members))) + f"\n{name}\n"
+        rows = [members[k : k + 2] for k in range(0, len(members), 2)]
+        text += "".join("".join(f"{kind:10}{tag:10}{0:10}{0:10}" for kind, tag in row) + "\n" for row in rows)
+    parts = ((151, "box\n"), (164, "         1  SI: Meter (newton)         2\n"), (2411, nodes), (2412, elements))
+    path.write_text("".join(f"    -1\n{number:6}\n{body}    -1\n" for number, body in (*parts, (2467, text))))
+
+
+def mfem(path: Path) -> None:
+    """As MFEM writes version 1.3: the patches are sets of attributes, one with a name without quotes."""
+    outer = [face for face in FACES if face.patch]
+    numbers = {"far": 4, "sides": 2, "wall": 7}
+    cells = rows([[1, 5, *cell] for cell in CELLS.tolist()])
+    boundary = rows([[numbers[face.patch], 3, *face.nodes] for face in outer])
+    path.write_text(
+        "MFEM mesh v1.3\n\n#\n# MFEM Geometry Types: CUBE = 5\n#\n\ndimension\n3\n\n"
+        f'elements\n8\n{cells}\nattribute_sets\n1\n"air"\n1\n1\n\nboundary\n{len(outer)}\n{boundary}\n'
+        'bdr_attribute_sets\n3\n"far"\n1\n4\n"sides"\n1\n2\nwall\n1\n7\n\n'
+        f"vertices\n{N**3}\n3\n{rows(POINTS)}\nmfem_mesh_end\n"
+    )
+
+
+def mfem_by_axes(path: Path) -> None:
+    """The same with nodes of order 1, all x before all y."""
+    mfem(path)
+    head = path.read_text().partition("3\n" + rows(POINTS))[0]
+    space = "FiniteElementSpace\nFiniteElementCollection: H1_3D_P1\nVDim: 3\nOrdering: 0\n"
+    path.write_text(f"{head}\nnodes\n{space}\n{rows(POINTS.T.reshape(-1, 1))}\nmfem_mesh_end\n")
+
+
+def _xdmf(path: Path, item: Callable[[str, NDArray[Any]], str]) -> None:
+    """As FEniCS writes a mesh and, on its points, a grid of the boundary; the arrays of this one have our names."""
+    outer = [face for face in FACES if face.patch]
+    marks = "".join(
+        f'<Attribute Name="patch_{name}" Center="Cell">{item(name, mark)}</Attribute>\n'
+        for name in PATCHES
+        for mark in [np.array([face.patch == name for face in outer]).astype(np.int32)]
+    )
+    path.write_text(
+        '<?xml version="1.0"?>\n<!DOCTYPE Xdmf SYSTEM "Xdmf.dtd" []>\n'
+        '<Xdmf Version="3.0" xmlns:xi="http://www.w3.org/2001/XInclude">\n<Domain>\n'
+        f'<Grid Name="box" GridType="Uniform">\n<Topology TopologyType="Hexahedron">{item("cells", CELLS)}</Topology>\n'
+        f'<Geometry GeometryType="XYZ">{item("points", POINTS)}</Geometry>\n</Grid>\n'
+        '<Grid Name="sides" GridType="Uniform">\n<xi:include xpointer="xpointer(/Xdmf/Domain/Grid/Geometry)"/>\n'
+        f'<Topology TopologyType="Quadrilateral">{item("faces", np.array([face.nodes for face in outer]))}</Topology>\n'
+        f"{marks}</Grid>\n</Domain>\n</Xdmf>\n"
+    )
+
+
+def _item(values: NDArray[Any], form: str, text: str, more: str = "") -> str:
+    kind = f'NumberType="{"Float" if values.dtype.kind == "f" else "Int"}" Precision="{values.dtype.itemsize}"'
+    size = " ".join(map(str, values.shape))
+    return f'<DataItem Dimensions="{size}" {kind} Format="{form}"{more}>{text}</DataItem>'
+
+
+def xdmf(path: Path) -> None:
+    """All numbers in the XML."""
+    _xdmf(path, lambda _, values: _item(values, "XML", "\n" + rows(values.reshape(len(values), -1))))
+
+
+def xdmf_hdf5(path: Path) -> None:
+    """The numbers in HDF5."""
+    h5py = pytest.importorskip("h5py")
+
+    with h5py.File(path.with_suffix(".h5"), "w") as file:
+
+        def item(name: str, values: NDArray[Any]) -> str:
+            file[f"Mesh/{name}"] = values
+            return _item(values, "HDF", f"{path.stem}.h5:/Mesh/{name}")
+
+        _xdmf(path, item)
+
+
+def xdmf_binary(path: Path) -> None:
+    """The numbers in a raw file, one after the other."""
+    raw = bytearray()
+
+    def item(_: str, values: NDArray[Any]) -> str:
+        place = len(raw)
+        raw.extend(values.astype(values.dtype.newbyteorder(">")).tobytes())
+        return _item(values, "Binary", f"{path.stem}.bin", f' Seek="{place}" Endian="Big"')
+
+    _xdmf(path, item)
+    path.with_suffix(".bin").write_bytes(raw)
+
+
 #: {file: writer}; every file holds POINTS, CELLS and PATCHES.
 WRITERS: dict[str, Callable[[Path], None]] = {
     "box.msh": fluent,
@@ -272,4 +471,17 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "box.inp": abaqus,
     "box.mdpa": kratos,
     "box_elmer": elmer,
+    "box.cgns": cgns,
+    "box.vtk": vtk,
+    "box.vtu": own,
+    "box.npz": own,
+    "box.su2": su2,
+    "box_gmsh.msh": gmsh,
+    "box_foam": foam,
+    "box.unv": universal,
+    "box.mesh": mfem,
+    "box.mfem": mfem_by_axes,
+    "box.xdmf": xdmf,
+    "box_h5.xdmf": xdmf_hdf5,
+    "box.xmf": xdmf_binary,
 }

@@ -506,7 +506,6 @@ void Foam::remoteMeshMotion::solve()
 {
     beginMove();
     pointDisplacement_.correctBoundaryConditions();
-    patches_.checkFixed(pointDisplacement_);
 
     label nMoving = 0;
     const int64_t* moving = session_->movingNodes(nMoving);

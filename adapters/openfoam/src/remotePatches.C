@@ -271,13 +271,16 @@ Foam::tmp<Foam::vectorField> Foam::remotePatches::moved
             }
         }
     }
+    boolList held(displacement.size(), true);
     forAll(highest, pointi)
     {
         if (highest[pointi].x() < lowest[pointi].x())
         {
             highest[pointi] = Zero;
+            continue;
         }
-        else if (cmptMax(highest[pointi] - lowest[pointi]) > 1e-7*extent)
+        held[pointi] = false;
+        if (cmptMax(highest[pointi] - lowest[pointi]) > 1e-7*extent)
         {
             FatalErrorInFunction
                 << "point " << pointi << " lies on moving patches that move it "
@@ -287,11 +290,16 @@ Foam::tmp<Foam::vectorField> Foam::remotePatches::moved
                 << exit(FatalError);
         }
     }
+    checkFixed(displacement, held);
     return thighest;
 }
 
 
-void Foam::remotePatches::checkFixed(const pointVectorField& displacement) const
+void Foam::remotePatches::checkFixed
+(
+    const pointVectorField& displacement,
+    const boolList& held
+) const
 {
     const label n = nPhysical(displacement);
     for (label patchi = 0; patchi < n; ++patchi)
@@ -301,7 +309,15 @@ void Foam::remotePatches::checkFixed(const pointVectorField& displacement) const
         {
             const vectorField& value =
                 refCast<const valuePointPatchField<vector>>(pf);
-            const scalar most = value.empty() ? 0 : max(mag(value));
+            const labelList& points = pf.patch().meshPoints();
+            scalar most = 0;
+            forAll(value, i)
+            {
+                if (held[points[i]])
+                {
+                    most = max(most, mag(value[i]));
+                }
+            }
             if (most > 0)
             {
                 FatalErrorInFunction

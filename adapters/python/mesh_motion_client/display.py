@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_client.exchange import optional_package
+
 if TYPE_CHECKING:
     from mesh_motion_client.mesh import Mesh
 
@@ -83,6 +85,7 @@ def draw(mesh: Mesh, points: Floats, title: str, worst: Sequence[Mapping[str, An
     places = np.array([cell["centre"] for cell in worst[:_MARKED]]).reshape(-1, mesh.dimension)
     if mesh.dimension == 3 and find_spec("pyvista"):
         return _with_pyvista(points, facets, far, places, title)
+    optional_package("matplotlib")
     return import_module("mesh_motion_client.picture").picture(points, facets, far, places, title)
 
 
@@ -108,7 +111,7 @@ def _boundary(mesh: Mesh) -> list[NDArray[np.integer]]:
 
 
 def _with_pyvista(points: Floats, facets: list[Any], far: Floats, places: Floats, title: str) -> Any:
-    pyvista = import_module("pyvista")
+    pyvista = optional_package("pyvista")
     surface = pyvista.PolyData(points, np.concatenate([np.r_[len(facet), facet] for facet in facets]))
     surface.cell_data["moved by"] = far
     plotter = pyvista.Plotter()

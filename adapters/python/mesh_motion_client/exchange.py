@@ -22,7 +22,7 @@ from mesh_motion_client.errors import InvalidInput, meant
 if TYPE_CHECKING:
     from mesh_motion_client.mesh import Mesh
 
-__all__ = ["Content", "from_file", "from_gmsh", "from_meshio", "from_pyvista", "to_pyvista"]
+__all__ = ["Content", "from_file", "from_gmsh", "from_meshio", "from_pyvista", "optional_package", "to_pyvista"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.integer]
@@ -48,6 +48,16 @@ class Content(NamedTuple):
     patches: dict[str, NDArray[Any]]
 
 
+def optional_package(name: str) -> Any:
+    """A package that the client does not require; InvalidInput with the way to it if it cannot be imported."""
+    try:
+        return import_module(name)
+    except (ImportError, OSError) as error:  # Gmsh's wheel needs libraries of the system
+        raise InvalidInput(
+            f"this needs {name}, which cannot be imported: {error}", hint=f"pip install {name}"
+        ) from error
+
+
 # --- PyVista ---------------------------------------------------------------------------------------------------------
 
 
@@ -57,7 +67,7 @@ def to_pyvista(mesh: Mesh, points: Floats) -> Any:
     rows = [np.insert(nodes, 0, nodes.shape[1], axis=1).ravel() for nodes in mesh.cells.values()]
     in_space = np.zeros((len(points), 3))
     in_space[:, : points.shape[1]] = points
-    grid = import_module("pyvista").UnstructuredGrid(np.concatenate(rows), np.concatenate(types), in_space)
+    grid = optional_package("pyvista").UnstructuredGrid(np.concatenate(rows), np.concatenate(types), in_space)
     for name, patch in mesh.patches.items():
         marks = np.zeros(len(points), dtype=np.uint8)
         marks[patch.nodes] = 1
@@ -67,6 +77,11 @@ def to_pyvista(mesh: Mesh, points: Floats) -> Any:
 
 def from_pyvista(dataset: Any, wanted: Iterable[str]) -> Content:
     """The content of a dataset; the patch ``name`` is where its point array ``name`` or ``patch_<name>`` is not 0."""
+    if not hasattr(dataset, "cast_to_unstructured_grid"):
+        raise InvalidInput(
+            f"expected a dataset of PyVista, got {type(dataset).__name__}",
+            hint="pyvista.read(…), or Mesh.load of a file",
+        )
     grid = dataset.cast_to_unstructured_grid()
     names = {number: name for name, (_, number, _) in _TYPES.items()}
     cells = {names.get(int(kind), f"VTK's type {kind}"): nodes for kind, nodes in grid.cells_dict.items()}
@@ -80,6 +95,10 @@ def from_pyvista(dataset: Any, wanted: Iterable[str]) -> Content:
 
 def from_meshio(mesh: Any, wanted: Iterable[str]) -> Content:
     """The content of a ``meshio.Mesh``; a patch is a set of points or cells, or a named physical group of Gmsh."""
+    if not all(hasattr(mesh, name) for name in ("points", "cells", "point_sets", "cell_sets", "field_data")):
+        raise InvalidInput(
+            f"expected a meshio.Mesh, got {type(mesh).__name__}", hint="meshio.read(…), or Mesh.load of a file"
+        )
     blocks: dict[str, list[Ints]] = {}
     for block in mesh.cells:
         if block.type != "vertex":
@@ -104,7 +123,7 @@ def from_gmsh() -> Content:
 
     Nodes are in the order of their tags. A group without a name has its number.
     """
-    gmsh = import_module("gmsh")
+    gmsh = optional_package("gmsh")
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     order = np.argsort(tags)
     tags, points = np.asarray(tags)[order], np.reshape(coordinates, (-1, 3))[order]
@@ -132,6 +151,8 @@ def from_gmsh() -> Content:
 
 def from_file(path: str | os.PathLike[str], zone: str) -> Content:
     """The content of a mesh file, by the readers of the server's package; ``zone`` as for ``Mesh.load``."""
+    if not Path(path).exists():
+        raise InvalidInput(f"{os.fspath(path)}: cannot be read: there is no such file")
     try:
         # not in every environment of a client
         from mesh_motion_server.errors import InvalidInput as Unusable  # noqa: PLC0415

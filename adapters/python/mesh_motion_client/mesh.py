@@ -54,7 +54,7 @@ class Patch:
         if not isinstance(self.role, str) or self.role not in ROLES:
             raise InvalidInput(
                 f"a patch's role must be one of {', '.join(ROLES)}, got {_short(self.role)}",
-                hint="Patch(role, nodes)",
+                hint=meant(str(self.role), ROLES) or "Patch(role, nodes)",
             )
         object.__setattr__(self, "nodes", _indices(self.nodes, "a patch's nodes").reshape(-1))
 

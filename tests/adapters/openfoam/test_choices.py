@@ -96,6 +96,37 @@ def test_two_moving_patches_agree_where_they_meet(make_case, gap, words):
         np.testing.assert_allclose(moved[both, 1] - start[both, 1], float(gap), rtol=1e-5)
 
 
+@pytest.mark.parametrize("elsewhere", ["0", "1e-9"])
+def test_a_fixed_patch_may_have_what_a_moving_one_gives_their_common_points(make_case, elsewhere):
+    """A coupling's checkpoint copies it there; any other point of a fixed patch must stay."""
+    case = make_case(steps=2)
+    no_flow(case)
+    case.run("blockMesh")
+    faces = case.faces()
+    walls = list(dict.fromkeys(point for i in case.patch("walls") for point in faces[i]))
+    common = np.isin(walls, points_of(case, "inlet"))
+    assert 0 < common.sum() < len(walls)
+    values = " ".join(f"(0 {'1e-3' if there else elsewhere} 0)" for there in common)
+    still = "{ type fixedValue; value uniform (0 0 0); }"
+    change(
+        case,
+        "0/pointDisplacement",
+        (f'"(inlet|outlet)" {still}', f"inlet {{ type fixedValue; value uniform (0 1e-3 0); }} outlet {still}"),
+        (
+            "walls            { type slip; }",
+            f"walls {{ type fixedValue; value nonuniform List<vector> {len(walls)}({values}); }}",
+        ),
+    )
+    change(case, "constant/dynamicMeshDict", ("inlet   fixed;", "inlet moving;"), ("walls   slip;", "walls fixed;"))
+    said = case.run("moveDynamicMesh", expect=int(elsewhere != "0"))
+    if elsewhere != "0":
+        assert "patch walls has the role fixed, but pointDisplacement moves it by 1e-09" in said
+        return
+    start, moved = case.numbers("constant/polyMesh/points", 3), case.points("0.1")
+    expected = np.outer(np.where(common, 1e-3, 0.0), [0.0, 1.0, 0.0])
+    np.testing.assert_allclose(moved[walls] - start[walls], expected, rtol=0, atol=1e-12)
+
+
 def test_polygons_in_the_plane(make_case):
     case = make_case(steps=2)
     no_flow(case)
