@@ -437,8 +437,6 @@ typedef struct {
 } array_rule;
 
 #define MOST_FIELDS 9
-/* of vectors in one reply: products of sizes stay within 64 bits */
-#define MOST_COLUMNS 65536
 typedef struct {
     const char *type;
     field_rule fields[MOST_FIELDS];
@@ -489,8 +487,8 @@ static const reply_rule RULES[] = {
       {"faces", MMI_MAP, -1, 1, 0},
       FIELD_SUMS},
      {{"displacement", 'f', 3, 0}, {"enrichment_points", 'f', 3, 0}, FIELD_ARRAYS}},
-    {"TANGENT_FOUND", {INTEGER("step"), INTEGER("iteration")}, {{"velocity", 'f', MOST_COLUMNS, 0}}},
-    {"COTANGENT_FOUND", {INTEGER("step"), INTEGER("iteration")}, {{"weights", 'f', MOST_COLUMNS, 0}}},
+    {"TANGENT_FOUND", {INTEGER("step"), INTEGER("iteration")}, {{"velocity", 'f', MMI_MOST_COLUMNS, 0}}},
+    {"COTANGENT_FOUND", {INTEGER("step"), INTEGER("iteration")}, {{"weights", 'f', MMI_MOST_COLUMNS, 0}}},
     {"JUDGED",
      {INTEGER("step"),
       LIST("questions", MMI_MAP),
