@@ -32,6 +32,9 @@ _WAITED_FOR = ("OPEN", "RESUME", "CLOSE", "LEASE_END", "STOP", "BREAK", "HEAL")
 #: What may be asked of a worker that has ended: it is still in its state, and knows its epoch, but serves nobody.
 _ASKED_OF_THE_ENDED = ("", "epoch", "step", "reference", "discard")
 
+#: After these TANGENT and COTANGENT are played, which change nothing: no draw, so the lives are those without them.
+_DIFFERENTIATED = ("MOVE", "COMMIT", "ROLLBACK", "JOIN")
+
 
 class Played:
     """A server, a session on it, and its model.
@@ -84,6 +87,8 @@ class Played:
             done = getattr(self, f"_on_{action.operation.lower()}", self._on_request)(action)
             self._settle()
             self._compare_standing()
+            if done and action.operation in _DIFFERENTIATED:
+                self._differentiate()
         except Exception as error:
             error.add_note(f"(at {action}; the model is in {self.model.state or 'no process'}, step {self.model.step})")
             raise
@@ -261,6 +266,29 @@ class Played:
         self._on_heal(Action("HEAL"))
         self.server.crash()
         self._resume = None
+
+    # --- derivatives -------------------------------------------------------------------------------------------------
+
+    def _differentiate(self) -> None:
+        """TANGENT and COTANGENT by all partitions: each other's transpose, and nothing stands otherwise."""
+        model = self.model
+        idle = model.worker == "alive" and model.state in ("READY", "TRIAL") and not model.waiting
+        if not idle or self.is_disconnected():
+            return
+        before, touched = self._standing(), len(self.server.files.operations)
+        sums = [self._derivative(kind) for kind in (wire.Tangent, wire.Cotangent)]
+        require(abs(sums[0] - sums[1]) < 1e-9 * (1.0 + abs(sums[0])), f"w · J v is {sums[0]}, Jᵀ w · v {sums[1]}")
+        require(self._standing() == before, "a derivative has changed the session")
+        require(touched == len(self.server.files.operations), "a derivative has changed a file")
+
+    def _derivative(self, kind: Any) -> float:
+        """The sum of what is found times what the other one is given."""
+        asked = [self._ranks.derivative(kind, p, self.model) for p in range(self.partitions)]
+        replies = dict(reply for each in asked for reply in self._data(each, None))
+        found = [decode(replies[self._ranks.peer(p)]) for p in range(len(replies))]
+        types = {reply.type for reply in found}
+        require(len(found) == self.partitions and types == {f"{kind.type}_FOUND"}, f"{kind.type} was answered {found}")
+        return self._ranks.paired(found)
 
     # --- requests to the data endpoint -------------------------------------------------------------------------------
 

@@ -121,6 +121,46 @@ class Ranks:
         peer = b"elsewhere" if twist == "unjoined" or user != "owner" else self.peer(p)
         return Asked(kind, user, peer, message, wrong, far=twist == "far")
 
+    def derivative(self, kind: Any, partition: int, model: SessionModel) -> Asked:
+        """TANGENT or COTANGENT of a partition, where the session is; by a client of its own, which counts by itself."""
+        self._others += 1
+        what = "trial" if model.state == "TRIAL" else "committed"
+        given = (
+            {"velocity": self._velocity(partition)} if kind is wire.Tangent else {"weights": self._weights(partition)}
+        )
+        address = {"session": model.session, "epoch": model.epoch, "partition": partition}
+        message = kind(client=bytes([partition + 100]) * 16, sequence=self._others, what=what, **address, **given)
+        return Asked(message.type, "owner", self.peer(partition), message)
+
+    def paired(self, found: list[Any]) -> float:
+        """Σ w · (J v), or Σ (Jᵀ w) · v, of the replies of all partitions in their order.
+
+        The weights that partitions give to a node are added, so all of their nodes count; but a moving node once.
+        """
+        if found[0].type == "TANGENT_FOUND":
+            return float(sum(np.sum(self._weights(p) * reply.velocity) for p, reply in enumerate(found)))
+        once = {
+            int(node): float(weights @ velocity)
+            for p, reply in enumerate(found)
+            for node, weights, velocity in zip(self._moving(p), reply.weights, self._velocity(p), strict=True)
+        }
+        return sum(once.values())
+
+    def _moving(self, partition: int) -> NDArray[np.int64]:
+        """(k,) global numbers of the moving nodes."""
+        mesh = self._meshes[partition]
+        return mesh.global_ids[np.sort(mesh.patches["left"].nodes)]
+
+    def _velocity(self, partition: int) -> NDArray[np.float64]:
+        """(k, 2), the same from every partition."""
+        node = self._moving(partition)
+        return np.stack([np.cos(node), np.sin(3.0 * node)], axis=1)
+
+    def _weights(self, partition: int) -> NDArray[np.float64]:
+        """(n, 2), of each partition its own."""
+        points = self._meshes[partition].points
+        return np.stack([np.sin(partition + 5.0 * points[:, 1]), points[:, 0] - partition], axis=1)
+
     def _next_sequence(self, user: str, partition: int) -> int:
         if user != "owner":
             self._others += 1

@@ -23,7 +23,7 @@ def test_the_reduced_system_is_that_of_the_dense_matrices() -> None:
     blocks[adjacency.row_starts[:-1]] += 20.0 * np.eye(d)
 
     links = LinkedUnknowns.build(adjacency, representatives)
-    hessian, sums = links.reduce(matrices, blocks, right)
+    hessian, sums = links.reduce(matrices, blocks), links.gather(matrices, right)
 
     m = np.zeros((f * d, len(links.roots) * d))
     for i in range(f):

@@ -43,7 +43,7 @@ def protection(tmp_path: Path) -> Iterator[Protection]:
         yield allow_everybody_listed(tmp_path)
 
 
-#: No client of these sessions judges; and derivatives change nothing.
+#: No client of these sessions judges; and derivatives, which change nothing, are played after other requests.
 NOT_PLAYED = {"JUDGE", "CORRECT", "TANGENT", "COTANGENT"}
 
 

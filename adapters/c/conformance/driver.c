@@ -101,6 +101,24 @@ static void points(driver *run)
     }
 }
 
+static void tangent(driver *run)
+{
+    const double velocity[] = {0.25, 0.125, 0.25, 0.125};
+    double answer[8];
+    if (mm_tangent(run->session, 1, 2, velocity, 4, answer) == MM_OK) {
+        print_numbers("velocity", answer, 8);
+    }
+}
+
+static void cotangent(driver *run)
+{
+    const double weights[] = {0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 1};
+    double answer[4];
+    if (mm_cotangent(run->session, 1, 4, weights, 2, answer) == MM_OK) {
+        print_numbers("weights", answer, 4);
+    }
+}
+
 static void hello(driver *run)
 {
     if (mm_connect(run->context, run->endpoint) == MM_OK) {
@@ -118,6 +136,10 @@ static void call(driver *run, const char *verb)
         return; /* an earlier verb has reported that there is none */
     } else if (strcmp(verb, "move") == 0 || strcmp(verb, "move-reference") == 0) {
         move(run, strcmp(verb, "move") == 0 ? MM_SINCE_COMMITTED : MM_SINCE_REFERENCE);
+    } else if (strcmp(verb, "tangent") == 0) {
+        tangent(run);
+    } else if (strcmp(verb, "cotangent") == 0) {
+        cotangent(run);
     } else if (strcmp(verb, "commit") == 0) {
         commit(run);
     } else if (strcmp(verb, "rollback") == 0) {

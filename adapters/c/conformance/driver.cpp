@@ -75,6 +75,17 @@ private:
             return ", \"iteration\": " + std::to_string(session.iteration())
                    + ", \"displacement\": " + list(View<const double>(answer));
         }
+        if (verb == "tangent") {
+            const std::vector<double> velocity = {0.25, 0.125, 0.25, 0.125};
+            session.tangent(velocity, answer);
+            return ", \"velocity\": " + list(View<const double>(answer));
+        }
+        if (verb == "cotangent") {
+            const std::vector<double> weights = {0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 1};
+            answer.resize(4);
+            session.cotangent(weights, answer);
+            return ", \"weights\": " + list(View<const double>(answer));
+        }
         if (verb == "commit") {
             session.commit();
             return ", \"step\": " + std::to_string(session.step())

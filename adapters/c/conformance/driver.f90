@@ -61,6 +61,8 @@ contains
       case ("open"); call open_session()
       case ("move"); call move(mm_since_committed)
       case ("move-reference"); call move(mm_since_reference)
+      case ("tangent"); call tangent()
+      case ("cotangent"); call cotangent()
       case ("commit")
          call session%commit()
          line = line//', "step": '//decimal(int(session%step()))//', "digest": '//session%json(mm_committed, "digest")
@@ -108,6 +110,24 @@ contains
       answer = 0
       call session%fetch(answer)
       line = line//', "points": '//list(reshape(answer, [8]))
+   end subroutine
+
+   subroutine tangent()
+      real(real64) :: velocity(2, 2), answer(2, 4)
+      velocity(1, :) = 0.25_real64
+      velocity(2, :) = 0.125_real64
+      answer = 0
+      call session%tangent(velocity, answer)
+      line = line//', "velocity": '//list(reshape(answer, [8]))
+   end subroutine
+
+   subroutine cotangent()
+      real(real64) :: weights(2, 1, 4), answer(2, 1, 2)
+      integer :: i
+      weights = reshape([(i/8._real64, i=1, 8)], [2, 1, 4])
+      answer = 0
+      call session%cotangent(weights, answer)
+      line = line//', "weights": '//list(reshape(answer, [4]))
    end subroutine
 
    ! By a new session object, as another program would.

@@ -88,6 +88,9 @@ module mesh_motion
       procedure :: compute_limit => session_compute_limit
       procedure :: final_step => session_final_step
       procedure :: move => session_move
+      procedure, private :: tangent_one, tangent_all, cotangent_one, cotangent_all
+      generic :: tangent => tangent_one, tangent_all
+      generic :: cotangent => cotangent_one, cotangent_all
       procedure :: commit => session_commit
       procedure :: rollback => session_rollback
       procedure :: fetch => session_fetch
@@ -342,6 +345,22 @@ module mesh_motion
          real(c_double), intent(in) :: displacement(*)
          real(c_double), intent(inout) :: answer(*)
          integer(c_int) :: c_move
+      end function
+      function c_tangent(session, vectors, moving, velocity, nodes, answer) bind(c, name="mm_tangent")
+         import :: c_ptr, c_int, c_size_t, c_double
+         type(c_ptr), value :: session
+         integer(c_size_t), value :: vectors, moving, nodes
+         real(c_double), intent(in) :: velocity(*)
+         real(c_double), intent(inout) :: answer(*)
+         integer(c_int) :: c_tangent
+      end function
+      function c_cotangent(session, vectors, nodes, weights, moving, answer) bind(c, name="mm_cotangent")
+         import :: c_ptr, c_int, c_size_t, c_double
+         type(c_ptr), value :: session
+         integer(c_size_t), value :: vectors, nodes, moving
+         real(c_double), intent(in) :: weights(*)
+         real(c_double), intent(inout) :: answer(*)
+         integer(c_int) :: c_cotangent
       end function
       function c_commit(session) bind(c, name="mm_commit")
          import :: c_ptr, c_int
@@ -887,6 +906,54 @@ contains
       if (present(frame)) since = frame
       ignored = c_move(self%handle, since, rows_of(self, displacement), displacement, rows_of(self, answer), answer)
    end subroutine
+
+   ! Velocities (dimension, moving nodes) in, those of all nodes (dimension, nodes) out; several vectors at once:
+   ! (dimension, vectors, …). At the open trial, or at the committed state; nothing changes.
+   subroutine tangent_one(self, velocity, answer)
+      class(mm_session), intent(inout) :: self
+      real(c_double), intent(in), contiguous :: velocity(:, :)
+      real(c_double), intent(inout), contiguous :: answer(:, :)
+      integer(c_int) :: ignored
+      ignored = c_tangent(self%handle, 1_c_size_t, rows_of(self, velocity), velocity, rows_of(self, answer), answer)
+   end subroutine
+
+   subroutine tangent_all(self, velocity, answer)
+      class(mm_session), intent(inout) :: self
+      real(c_double), intent(in), contiguous :: velocity(:, :, :)
+      real(c_double), intent(inout), contiguous :: answer(:, :, :)
+      integer(c_int) :: ignored
+      ignored = c_tangent(self%handle, size(velocity, 2, c_size_t), rows_of_all(self, velocity, size(velocity, 2)), &
+                          velocity, rows_of_all(self, answer, size(velocity, 2)), answer)
+   end subroutine
+
+   ! Weights (dimension, nodes) in, the derivative of an objective by the positions of all nodes; that by the positions
+   ! of the moving nodes (dimension, moving nodes) out.
+   subroutine cotangent_one(self, weights, answer)
+      class(mm_session), intent(inout) :: self
+      real(c_double), intent(in), contiguous :: weights(:, :)
+      real(c_double), intent(inout), contiguous :: answer(:, :)
+      integer(c_int) :: ignored
+      ignored = c_cotangent(self%handle, 1_c_size_t, rows_of(self, weights), weights, rows_of(self, answer), answer)
+   end subroutine
+
+   subroutine cotangent_all(self, weights, answer)
+      class(mm_session), intent(inout) :: self
+      real(c_double), intent(in), contiguous :: weights(:, :, :)
+      real(c_double), intent(inout), contiguous :: answer(:, :, :)
+      integer(c_int) :: ignored
+      ignored = c_cotangent(self%handle, size(weights, 2, c_size_t), rows_of_all(self, weights, size(weights, 2)), &
+                            weights, rows_of_all(self, answer, size(weights, 2)), answer)
+   end subroutine
+
+   ! The same of so many vectors.
+   function rows_of_all(self, array, vectors) result(rows)
+      type(mm_session), intent(in) :: self
+      real(c_double), intent(in) :: array(:, :, :)
+      integer, intent(in) :: vectors
+      integer(c_size_t) :: rows
+      rows = size(array, 3, c_size_t)
+      if (size(array, 1) /= c_dimension(self%handle) .or. size(array, 2) /= vectors) rows = huge(rows)
+   end function
 
    ! Rows as the C library counts them; an array of another dimension has a number that it refuses.
    function rows_of(self, array) result(rows)

@@ -178,6 +178,15 @@ typedef enum { MM_KEEP, MM_DISCARD } mm_outcome;
  * FAILED_PRECONDITION.QUALITY: there is no acceptable mesh; the session is as before. */
 MM_API mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const double *displacement, size_t nodes,
                          double *answer);
+/* The derivative of the motion by the positions of the moving nodes, at the open trial, or at the committed state if
+ * there is none (SPEC.md, section 24). Both change nothing. `vectors` at once: a row has mm_dimension numbers of the
+ * first one, then those of the next. MM_FAILED_PRECONDITION: the method or this mesh has no derivative.
+ * Velocities of the moving nodes in, velocities of all nodes out: */
+MM_API mm_result mm_tangent(mm_session *session, size_t vectors, size_t moving, const double *velocity, size_t nodes,
+                            double *answer);
+/* Weights of all nodes in, the derivative of an objective by their positions; weights of the moving nodes out. */
+MM_API mm_result mm_cotangent(mm_session *session, size_t vectors, size_t nodes, const double *weights, size_t moving,
+                              double *answer);
 /* What mm_moved reports in addition to the quality, from now on: "" or "faces", the mesh as a finite-volume code sees
  * it (SPEC.md, section 15). It takes time: set it for the move that is committed, then set "" again. */
 MM_API mm_result mm_set_report(mm_session *session, const char *report);

@@ -264,6 +264,20 @@ public:
         check(mm_move(get(), frame, displacement.size() / columns(), displacement.data(), answer.size() / columns(),
                       answer.data()));
     }
+    /// Velocities of the moving nodes in, of all nodes out; a row has dimension() numbers of each of the vectors.
+    void tangent(View<const double> velocity, View<double> answer, std::size_t vectors = 1)
+    {
+        const std::size_t row = columns() * vectors;
+        require(row && velocity.size() % row == 0 && answer.size() % row == 0, "tangent: rows of all vectors");
+        check(mm_tangent(get(), vectors, velocity.size() / row, velocity.data(), answer.size() / row, answer.data()));
+    }
+    /// Weights of all nodes in, of the moving nodes out: the derivative of an objective by their positions.
+    void cotangent(View<const double> weights, View<double> answer, std::size_t vectors = 1)
+    {
+        const std::size_t row = columns() * vectors;
+        require(row && weights.size() % row == 0 && answer.size() % row == 0, "cotangent: rows of all vectors");
+        check(mm_cotangent(get(), vectors, weights.size() / row, weights.data(), answer.size() / row, answer.data()));
+    }
     Session &report(const std::string &what) { return check(mm_set_report(get(), what.c_str())); }
     Session &compute_limit(double seconds) { return check(mm_set_compute_limit(get(), seconds)); }
     Session &final_step(std::int64_t step) { return check(mm_set_final_step(get(), step)); }

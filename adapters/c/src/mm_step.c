@@ -7,15 +7,23 @@
 #include <stdlib.h>
 #include <string.h>
 
-static outcome check_move(mm_session *session, size_t moving, const double *displacement, size_t nodes,
-                          const double *to)
+static outcome check_built(mm_session *session)
 {
-    mm_context *context = session->context;
     if (mmi_check_joined(session) != DONE) {
         return FAILED;
     }
     if (!session->dimension || !session->moving) {
-        return mmi_fail(context, "FAILED_PRECONDITION.STATE", "mm_build first", "the session is not built");
+        return mmi_fail(session->context, "FAILED_PRECONDITION.STATE", "mm_build first", "the session is not built");
+    }
+    return DONE;
+}
+
+static outcome check_move(mm_session *session, size_t moving, const double *displacement, size_t nodes,
+                          const double *to)
+{
+    mm_context *context = session->context;
+    if (check_built(session) != DONE) {
+        return FAILED;
     }
     if (moving != session->moving_count || (session->nodes && nodes != session->nodes)) {
         return mmi_fail(context, "INVALID_ARGUMENT.SHAPE", "mm_moving_nodes and mm_node_count tell them",
@@ -30,13 +38,15 @@ static outcome check_move(mm_session *session, size_t moving, const double *disp
     return mmi_check_rows(context, &rows, moving + 1, "the displacement");
 }
 
-/* Copy the rows for all nodes of the partition from a reply into the caller's array. */
-static outcome take_rows(mm_session *session, const answer *from, const char *name, size_t nodes, double *to)
+/* Copy the rows for nodes of the partition, `vectors` in each, from a reply into the caller's array. */
+static outcome take_rows(mm_session *session, const answer *from, const char *name, size_t nodes, size_t vectors,
+                         double *to)
 {
     const mmi_array *array = mmi_find_array(&from->reply, name);
-    if (array->rows != nodes || array->columns != (size_t)session->dimension) {
-        return mmi_fail(session->context, "INTERNAL", "", "the server's %s must have shape (%zu, %d), got (%zu, %zu)",
-                        name, nodes, session->dimension, array->rows, array->columns);
+    size_t columns = vectors * (size_t)session->dimension;
+    if (array->rows != nodes || array->columns != columns) {
+        return mmi_fail(session->context, "INTERNAL", "", "the server's %s must have shape (%zu, %zu), got (%zu, %zu)",
+                        name, nodes, columns, array->rows, array->columns);
     }
     mmi_take_numbers(to, from, array);
     return DONE;
@@ -97,7 +107,7 @@ mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const doub
     }
     outcome how = mmi_deliver(session, &move, session->context->compute_timeout, &moved);
     if (how == DONE && !session->evaluates) {
-        how = take_rows(session, &moved, "displacement", nodes, to);
+        how = take_rows(session, &moved, "displacement", nodes, 1, to);
     }
     if (how == DONE) {
         how = take_enrichment(session, &moved);
@@ -118,6 +128,66 @@ mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const doub
         }
     }
     mmi_free_answer(&moved);
+    return session->context->error;
+}
+
+static outcome check_vectors(mm_session *session, size_t vectors, size_t moving, size_t nodes, const void *given,
+                             const void *to)
+{
+    mm_context *context = session->context;
+    if (check_built(session) != DONE) {
+        return FAILED;
+    }
+    if (moving != session->moving_count || nodes != session->nodes) {
+        return mmi_fail(context, "INVALID_ARGUMENT.SHAPE", "mm_moving_nodes and mm_node_count tell them",
+                        "there are %zu moving nodes of %zu, got %zu of %zu", session->moving_count, session->nodes,
+                        moving, nodes);
+    }
+    if (!vectors || vectors > MMI_MOST_COLUMNS / (size_t)session->dimension || !given || !to) {
+        return mmi_fail(context, "INVALID_ARGUMENT", "",
+                        "vectors and answer must be there, and 1 to %zu of them, got %zu",
+                        MMI_MOST_COLUMNS / (size_t)session->dimension, vectors);
+    }
+    return DONE;
+}
+
+/* Send (given_rows, vectors * dimension) numbers, take (rows, vectors * dimension). Nothing changes. */
+static outcome differentiate(mm_session *session, request *ask, block given, const char *answered, size_t rows,
+                             size_t vectors, double *to)
+{
+    answer found = {0};
+    given.is_float = 1;
+    ask->arrays[0] = given;
+    mmi_add_text(ask, "what", session->has_trial ? "trial" : "committed");
+    outcome how = mmi_deliver(session, ask, session->context->compute_timeout, &found);
+    if (how == DONE) {
+        how = take_rows(session, &found, answered, rows, vectors, to);
+    }
+    mmi_free_answer(&found);
+    return how;
+}
+
+mm_result mm_tangent(mm_session *session, size_t vectors, size_t moving, const double *velocity, size_t nodes,
+                     double *to)
+{
+    BEGIN_SESSION(session);
+    if (check_vectors(session, vectors, moving, nodes, velocity, to) == DONE) {
+        block rows = mmi_make_block("velocity", velocity, moving, vectors * (size_t)session->dimension, 8);
+        request ask = mmi_session_request(session, "TANGENT", "TANGENT_FOUND");
+        differentiate(session, &ask, rows, "velocity", nodes, vectors, to);
+    }
+    return session->context->error;
+}
+
+mm_result mm_cotangent(mm_session *session, size_t vectors, size_t nodes, const double *weights, size_t moving,
+                       double *to)
+{
+    BEGIN_SESSION(session);
+    if (check_vectors(session, vectors, moving, nodes, weights, to) == DONE) {
+        block rows = mmi_make_block("weights", weights, nodes, vectors * (size_t)session->dimension, 8);
+        request ask = mmi_session_request(session, "COTANGENT", "COTANGENT_FOUND");
+        differentiate(session, &ask, rows, "weights", moving, vectors, to);
+    }
     return session->context->error;
 }
 
@@ -200,7 +270,7 @@ mm_result mm_fetch(mm_session *session, mm_frame which, size_t nodes, double *po
         if (session->evaluates) {
             mmi_take_points(session, &fetched, points);
         } else {
-            take_rows(session, &fetched, "points", nodes, points);
+            take_rows(session, &fetched, "points", nodes, 1, points);
         }
     }
     mmi_free_answer(&fetched);

@@ -436,9 +436,7 @@ typedef struct {
     int optional;
 } array_rule;
 
-#define MOST_FIELDS 10
-/* of vectors in one reply: products of sizes stay within 64 bits */
-#define MOST_COLUMNS 65536
+#define MOST_FIELDS 11
 typedef struct {
     const char *type;
     field_rule fields[MOST_FIELDS];
@@ -490,8 +488,8 @@ static const reply_rule RULES[] = {
       FIELD_SUMS},
      {{"displacement", 'f', 3, 0}, {"velocity", 'f', 3, 1}, {"swept", 'f', 0, 1}, {"enrichment_points", 'f', 3, 0},
       FIELD_ARRAYS}},
-    {"TANGENT_FOUND", {INTEGER("step"), INTEGER("iteration")}, {{"velocity", 'f', MOST_COLUMNS, 0}}},
-    {"COTANGENT_FOUND", {INTEGER("step"), INTEGER("iteration")}, {{"weights", 'f', MOST_COLUMNS, 0}}},
+    {"TANGENT_FOUND", {INTEGER("step"), INTEGER("iteration")}, {{"velocity", 'f', MMI_MOST_COLUMNS, 0}}},
+    {"COTANGENT_FOUND", {INTEGER("step"), INTEGER("iteration")}, {{"weights", 'f', MMI_MOST_COLUMNS, 0}}},
     {"JUDGED",
      {INTEGER("step"),
       LIST("questions", MMI_MAP),

@@ -19,6 +19,7 @@
 #define MMI_CONTAINER_ITEMS 256u
 #define MMI_CHUNK_BYTES 16777216u
 #define MMI_CLIENT_BYTES 16u
+#define MMI_MOST_COLUMNS 65536 /* of the vectors of one message: products of sizes stay within 64 bits */
 #define MMI_MOST_ARRAYS 7 /* of one reply, MOVED */
 
 /* --- writing ----------------------------------------------------------------------------------------------------- */

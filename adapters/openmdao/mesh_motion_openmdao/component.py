@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 import openmdao.api as om
-from mesh_motion_client import QualityRefused, Session
+from mesh_motion_client import InvalidInput, QualityRefused, Session
+from mesh_motion_client.motion_function import MotionFunction
 
 __all__ = ["MeshMotion"]
 
@@ -47,14 +48,15 @@ class MeshMotion(om.ExplicitComponent):
             If the session's method has no derivatives.
         """
         session: Session = self.options["session"]
-        if session.derivatives is False:
-            raise ValueError("the session's method has no derivatives: see docs/derivatives.md for the keys")
+        try:
+            self._motion = MotionFunction(session)
+        except InvalidInput as error:
+            raise ValueError(str(error)) from error
         name = self.options["discipline"]
         self._surface, self._volume = f"x_{name}", f"{name}_vol_coords"
         self._rest = session.points("reference")
         self.add_input(self._surface, val=self._rest[session.moving_nodes].ravel())
         self.add_output(self._volume, val=self._rest.ravel())
-        self._at: np.ndarray[Any, Any] | None = None
 
     def compute(self, inputs: Any, outputs: Any, *_: Any) -> None:
         """Move the mesh.
@@ -64,27 +66,23 @@ class MeshMotion(om.ExplicitComponent):
         openmdao.api.AnalysisError
             If no acceptable mesh is found.
         """
-        outputs[self._volume] = (self._rest + self._moved(inputs[self._surface]).displacement).ravel()
+        try:
+            moved = self._motion.value(self._displacement(inputs))
+        except QualityRefused as refused:
+            raise om.AnalysisError(str(refused)) from refused
+        outputs[self._volume] = (self._rest + moved).ravel()
 
     def compute_jacvec_product(self, inputs: Any, d_inputs: Any, d_outputs: Any, mode: str, *_: Any) -> None:
         """J v in mode ``"fwd"``, Jᵀ w in mode ``"rev"``."""
         if self._surface not in d_inputs or self._volume not in d_outputs:
             return
-        self._moved(inputs[self._surface])
-        session, d = self.options["session"], self._rest.shape[1]
+        at, d = self._displacement(inputs), self._rest.shape[1]
         if mode == "fwd":
-            d_outputs[self._volume] += session.tangent(d_inputs[self._surface].reshape(-1, d)).ravel()
+            d_outputs[self._volume] += self._motion.tangent(at, d_inputs[self._surface].reshape(-1, d)).ravel()
         else:
-            d_inputs[self._surface] += session.cotangent(d_outputs[self._volume].reshape(-1, d)).ravel()
+            d_inputs[self._surface] += self._motion.cotangent(at, d_outputs[self._volume].reshape(-1, d)).ravel()
 
-    def _moved(self, surface: np.ndarray[Any, Any]) -> Any:
-        """The trial for the surface's coordinates; that of the last call, if they are the same."""
-        if self._at is None or not np.array_equal(surface, self._at):
-            session, self._at = self.options["session"], None
-            rest = self._rest[session.moving_nodes]
-            try:
-                self._trial = session.move(surface.reshape(rest.shape) - rest)
-            except QualityRefused as refused:
-                raise om.AnalysisError(str(refused)) from refused
-            self._at = surface.copy()
-        return self._trial
+    def _displacement(self, inputs: Any) -> np.ndarray[Any, Any]:
+        """(k, d) of the moving nodes."""
+        rest = self._rest[self.options["session"].moving_nodes]
+        return np.asarray(inputs[self._surface].reshape(rest.shape) - rest)

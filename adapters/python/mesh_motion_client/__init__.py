@@ -23,11 +23,13 @@ In a notebook: the objects describe themselves, ``mesh.plot()``, ``moved.plot()`
 With an event loop the same calls are awaited: :mod:`.aio`. Meshes come from files (``Mesh.load``), from Gmsh, meshio
 and PyVista (``Mesh.from_gmsh()``, …), and go to PyVista (``moved.to_pyvista()``).
 
+As a differentiable function of PyTorch and JAX: ``mesh_motion_client.torch``, ``mesh_motion_client.jax``.
+
 Without MPI, the workers of a Dask cluster are the ranks of a session: :mod:`.dask_ranks`.
 
-Modules, from the outside in: :mod:`.aio`, :mod:`.server`, :mod:`.session`, :mod:`.moved`, :mod:`.committed`,
-:mod:`.mesh`, :mod:`.exchange`, :mod:`.display`, :mod:`.settings`, :mod:`.quality`, :mod:`.credentials`,
-:mod:`.control`, :mod:`.connection`, :mod:`.keys`, :mod:`.embedded`, :mod:`.errors`.
+Modules, from the outside in: :mod:`.aio`, :mod:`.server`, :mod:`.motion_function`, :mod:`.session`, :mod:`.moved`,
+:mod:`.committed`, :mod:`.mesh`, :mod:`.exchange`, :mod:`.display`, :mod:`.settings`, :mod:`.quality`,
+:mod:`.credentials`, :mod:`.control`, :mod:`.connection`, :mod:`.keys`, :mod:`.embedded`, :mod:`.errors`.
 """
 
 from mesh_motion_protocol import __version__ as __version__

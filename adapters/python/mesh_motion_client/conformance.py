@@ -25,6 +25,8 @@ _MESH = Mesh(
     {"triangle": np.array([[0, 1, 2], [0, 2, 3]])},
     {"left": Patch("moving", np.array([0, 3])), "right": Patch("fixed", np.array([1, 2]))},
 )
+#: For the verbs tangent and cotangent.
+_VELOCITY, _WEIGHTS = np.tile([0.25, 0.125], (2, 1)), np.arange(1, 9).reshape(4, 2) / 8
 
 Result = dict[str, Any]
 
@@ -86,6 +88,8 @@ class Driver:
             "commit": self._commit,
             "rollback": self._rollback,
             "status": lambda: {key: getattr(self.session.status(), key) for key in ("state", "step")},
+            "tangent": lambda: {"velocity": self.session.tangent(_VELOCITY).ravel().tolist()},
+            "cotangent": lambda: {"weights": self.session.cotangent(_WEIGHTS).ravel().tolist()},
             "points": lambda: {"points": self.session.points().ravel().tolist()},
             "close": lambda: self._close("keep"),
             "discard": lambda: self._close("discard"),

@@ -12,6 +12,7 @@ void bind_correction(nanobind::module_& m) {
     bind(m, "add_corners", add_corners);
     bind(m, "add_linked_blocks", add_linked_blocks);
     bind(m, "assemble_corners", assemble_corners);
+    bind(m, "block_cholesky", block_cholesky);
     bind(m, "block_cholesky_solve", block_cholesky_solve);
     bind(m, "block_conjugate_gradients", block_conjugate_gradients);
     bind(m, "block_product", block_product);

@@ -112,13 +112,12 @@ struct Factor {
     static constexpr Index size = d * d;
     Vector<const Index> starts;
     Vector<const std::int32_t> rows;
-    std::vector<double> diagonal, below;
+    double *diagonal, *below;
 
     bool compute(Vector<const Index> row_starts, Vector<const std::int32_t> columns, Cube<const double> blocks,
                  Vector<const std::int32_t> order, const std::vector<std::int32_t>& place) {
         const Index n = order.size();
-        diagonal.assign(n * size, 0.0);
-        below.resize(rows.size() * size);
+        std::fill_n(diagonal, n * size, 0.0);
         std::vector<double> column(n * size);
         std::vector<Index> at(n);                        // of each column, the entry in the row that comes next
         std::vector<std::int32_t> first(n, -1), next(n);  // lists of the columns whose next row this is
@@ -194,6 +193,22 @@ std::vector<std::int32_t> places_in(Vector<const std::int32_t> order) {
     return place;
 }
 
+/// The places in the order of elimination, where the factor's arrays fit each other.
+std::vector<std::int32_t> require_factor(Vector<const std::int32_t> order, Vector<const Index> starts,
+                                         Vector<const std::int32_t> rows, Cube<const double> diagonal,
+                                         Cube<const double> below, Index d) {
+    const Index n = order.size();
+    require(starts.size() == n + 1, "starts: expected one more than order");
+    require_starts(starts, rows.size(), "starts: expected to ascend up to all rows");
+    require_below(rows, n, "rows: expected numbers of nodes");
+    require_below(order, n, "order: expected numbers of nodes");
+    require(diagonal.shape() == std::array{n, d, d}, "diagonal: expected shape (f, d, d)");
+    require(below.shape() == std::array{rows.size(), d, d}, "below: expected shape (r, d, d)");
+    std::vector<std::int32_t> place = places_in(order);
+    require(std::find(place.begin(), place.end(), -1) == place.end(), "order: expected every node once");
+    return place;
+}
+
 }  // namespace
 
 std::tuple<Owned<std::int32_t, 1>, Owned<Index, 1>, Owned<std::int32_t, 1>> elimination(
@@ -231,30 +246,33 @@ std::tuple<Owned<std::int32_t, 1>, Owned<Index, 1>, Owned<std::int32_t, 1>> elim
     return {owned(std::vector(order)), owned(std::move(starts)), owned(std::move(rows))};
 }
 
-bool block_cholesky_solve(Vector<const Index> row_starts, Vector<const std::int32_t> columns,
-                          Cube<const double> blocks, Vector<const std::int32_t> order, Vector<const Index> starts,
-                          Vector<const std::int32_t> rows, Matrix<const double> right, Matrix<double> x) {
-    const Index n = right.shape(0), d = right.shape(1);
-    require(row_starts.size() == n + 1 && order.size() == n && starts.size() == n + 1,
-            "row_starts, order, starts: expected one, none and one more than right's rows");
+bool block_cholesky(Vector<const Index> row_starts, Vector<const std::int32_t> columns, Cube<const double> blocks,
+                    Vector<const std::int32_t> order, Vector<const Index> starts, Vector<const std::int32_t> rows,
+                    Cube<double> diagonal, Cube<double> below) {
+    const Index n = order.size(), d = blocks.shape(1);
+    require(row_starts.size() == n + 1, "row_starts: expected one more than order");
     require_system(row_starts, columns);
     require(blocks.shape() == std::array{columns.size(), d, d}, "blocks: expected shape (b, d, d)");
-    require(x.shape() == right.shape(), "x: expected right's shape");
-    require_starts(starts, rows.size(), "starts: expected to ascend up to all rows");
-    require_below(rows, n, "rows: expected numbers of nodes");
-    require_below(order, n, "order: expected numbers of nodes");
-    const std::vector<std::int32_t> place = places_in(order);
-    require(std::find(place.begin(), place.end(), -1) == place.end(), "order: expected every node once");
+    const std::vector<std::int32_t> place = require_factor(order, starts, rows, diagonal, below, d);
     return with_dimension(d, [&](auto dimension) {
-        Factor<dimension> factor{starts, rows, {}, {}};
-        if (!factor.compute(row_starts, columns, blocks, order, place)) return false;
+        return Factor<dimension>{starts, rows, diagonal.data(), below.data()}.compute(row_starts, columns, blocks, order,
+                                                                                     place);
+    });
+}
+
+void block_cholesky_solve(Vector<const std::int32_t> order, Vector<const Index> starts, Vector<const std::int32_t> rows,
+                          Cube<double> diagonal, Cube<double> below, Matrix<const double> right, Matrix<double> x) {
+    const Index n = right.shape(0), d = right.shape(1);
+    require(order.size() == n, "order: expected one for each row of right");
+    require(x.shape() == right.shape(), "x: expected right's shape");
+    require_factor(order, starts, rows, diagonal, below, d);
+    with_dimension(d, [&](auto dimension) {
         std::vector<double> y(n * d);
         for (Index i = 0; i < n; ++i)
             for (Index c = 0; c < d; ++c) y[i * d + c] = right(order[i], c);
-        factor.solve(y);
+        Factor<dimension>{starts, rows, diagonal.data(), below.data()}.solve(y);
         for (Index i = 0; i < n; ++i)
             for (Index c = 0; c < d; ++c) x(order[i], c) = y[i * d + c];
-        return true;
     });
 }
 

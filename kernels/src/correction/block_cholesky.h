@@ -15,9 +15,14 @@ namespace mesh_motion {
 std::tuple<Owned<std::int32_t, 1>, Owned<Index, 1>, Owned<std::int32_t, 1>> elimination(
     Vector<const Index> row_starts, Vector<const std::int32_t> columns, Matrix<const double> places);
 
-/// x (f, d) of H x = right (f, d) with H's blocks (b, d, d); false, and x as it is, unless H is positive definite.
-bool block_cholesky_solve(Vector<const Index> row_starts, Vector<const std::int32_t> columns,
-                          Cube<const double> blocks, Vector<const std::int32_t> order, Vector<const Index> starts,
-                          Vector<const std::int32_t> rows, Matrix<const double> right, Matrix<double> x);
+/// The factor of H with the blocks (b, d, d): ``diagonal`` (f, d, d) and ``below`` (r, d, d) in the pattern of
+/// elimination(); false unless H is positive definite.
+bool block_cholesky(Vector<const Index> row_starts, Vector<const std::int32_t> columns, Cube<const double> blocks,
+                    Vector<const std::int32_t> order, Vector<const Index> starts, Vector<const std::int32_t> rows,
+                    Cube<double> diagonal, Cube<double> below);
+
+/// x (f, d) of H x = right (f, d) with H's factor.
+void block_cholesky_solve(Vector<const std::int32_t> order, Vector<const Index> starts, Vector<const std::int32_t> rows,
+                          Cube<double> diagonal, Cube<double> below, Matrix<const double> right, Matrix<double> x);
 
 }  // namespace mesh_motion

@@ -141,16 +141,21 @@ class RegionConstraint:
         right : (f, d) array
             −g.
         """
+        matrices = self.matrices(points)
+        blocks = self.links.reduce(matrices, hessian)
+        return self.links.expand(matrices, solve(self.links.adjacency, blocks, self.links.gather(matrices, right)))
+
+    def matrices(self, points: Floats) -> Floats:
+        """(f, d, d) M of the free nodes' links, with local positions (l, d)."""
         d = points.shape[1]
-        matrices = np.broadcast_to(np.eye(d), (len(right), d, d)).copy()
+        matrices = np.broadcast_to(np.eye(d), (len(self.links.targets), d, d)).copy()
         if self.sliding is not None:
             rows = self.local[self.sliding.nodes]
             matrices[rows] = self.sliding.tangents(points[rows])
         if self.orbits is not None:
             own = self.orbits.rotations @ self.orbits.projectors
             matrices[self.local[self.orbits.members]] = own @ matrices[self.local[self.orbits.roots]]
-        blocks, reduced = self.links.reduce(matrices, hessian, right)
-        return self.links.expand(matrices, solve(self.links.adjacency, blocks, reduced))
+        return matrices
 
     def retract(self, points: Floats, trial: Floats) -> Floats | None:
         """The trial points (l, d) put back onto the surfaces, images alike; None if a facet turned over."""

@@ -61,8 +61,8 @@ class LinkedUnknowns:
         rows = np.repeat(np.arange(len(targets)), np.diff(adjacency.row_starts))
         return cls(targets, roots, reduced, rows, adjacency.columns.astype(np.int64), slots)
 
-    def reduce(self, matrices: Floats, blocks: Floats, right: Floats) -> tuple[Floats, Floats]:
-        """Blocks (b', d, d) and right side (r, d) of the representatives.
+    def reduce(self, matrices: Floats, blocks: Floats) -> Floats:
+        """Blocks (b', d, d) of the representatives' Hessian.
 
         Parameters
         ----------
@@ -70,17 +70,20 @@ class LinkedUnknowns:
             M; an orthogonal projector for a representative.
         blocks : (b, d, d) array
             H, in the pattern that the links were built from.
-        right : (f, d) array
         """
         hessian = np.zeros((len(self.adjacency.columns), *blocks.shape[1:]))
-        sums = np.zeros((len(self.roots), right.shape[1]))
         kernels.add_linked_blocks(self.rows, self.columns, self.slots, matrices, blocks, hessian)
-        np.add.at(sums, self.targets, np.einsum("fji,fj->fi", matrices, right))
         diagonal = self.adjacency.row_starts[:-1]
         stiffness = np.trace(hessian[diagonal], axis1=1, axis2=2)
         stiffness[stiffness <= 0.0] = 1.0
-        hessian[diagonal] += stiffness[:, None, None] * (np.eye(right.shape[1]) - matrices[self.roots])
-        return hessian, sums
+        hessian[diagonal] += stiffness[:, None, None] * (np.eye(blocks.shape[1]) - matrices[self.roots])
+        return hessian
+
+    def gather(self, matrices: Floats, right: Floats) -> Floats:
+        """(r, d) the representatives' right side from that (f, d) of the free nodes."""
+        sums = np.zeros((len(self.roots), right.shape[1]))
+        np.add.at(sums, self.targets, np.einsum("fji,fj->fi", matrices, right))
+        return sums
 
     def expand(self, matrices: Floats, step: Floats) -> Floats:
         """Steps (f, d) of the free nodes from those (r, d) of their representatives."""

@@ -332,7 +332,7 @@ class SmoothMotion:
         for kind in (True, False) if exact else (False,):
             gradient, hessian = self.model(points, rest, region, distortion, exact=kind)
             try:
-                step = region.step(points, hessian, -gradient, accuracy)
+                step = region.solver(points, hessian, accuracy)(-gradient)
             except ArithmeticError:
                 if not kind:
                     raise

@@ -5,8 +5,9 @@ The function that is minimised is in :mod:`.smooth_motion`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import mesh_motion_kernels as kernels
 import numpy as np
@@ -78,34 +79,51 @@ class SmoothRegion:
         penalty[self.free.adjacency.row_starts[:-1]] += self.mass / sigma[self.free.free]
         return replace(self, penalty=PENALTY * penalty)
 
-    def step(self, points: Floats, hessian: Floats, right: Floats, accuracy: float = _EXACT) -> Floats:
-        """The step (f, d) of H (b, d, d) dx = right (f, d) that nodes at local positions (l, d) can take.
+    def solver(self, points: Floats, hessian: Floats, accuracy: float = _EXACT) -> Callable[[Floats], Floats]:
+        """The steps (f, d) of H (b, d, d) dx = right (f, d) that nodes at local positions (l, d) can take.
 
-        Conjugate gradients stop where the residual is below ``accuracy`` times ``right``.
+        H is factorized once, for as many right sides as are given to the function that is returned. Conjugate gradients
+        stop where the residual is below ``accuracy`` times the right side.
 
         Raises
         ------
         ArithmeticError
             If H is factorized and not positive definite.
         """
-        solve = partial(self._solved, accuracy=accuracy)
         if self.constraint is None:
-            return solve(self.free.adjacency, hessian, right)
-        return self.constraint.step(points, hessian, right, solve)
+            return self._system(self.free.adjacency, hessian, accuracy)
+        links, matrices = self.constraint.links, self.constraint.matrices(points)
+        solve = self._system(links.adjacency, links.reduce(matrices, hessian), accuracy)
+        return lambda right: links.expand(matrices, solve(links.gather(matrices, right)))
 
     @property
     def is_factorized(self) -> bool:
         """Whether steps are exact."""
         return self.elimination is not None
 
-    def _solved(self, adjacency: NodeAdjacency, hessian: Floats, right: Floats, *, accuracy: float) -> Floats:
-        step, pattern = np.empty_like(right), (adjacency.row_starts, adjacency.columns)
+    def _system(self, adjacency: NodeAdjacency, hessian: Floats, accuracy: float) -> Callable[[Floats], Floats]:
+        pattern = adjacency.row_starts, adjacency.columns
         if self.elimination is None:
             until = accuracy, _CG_ITERATIONS
-            kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *until, step)
-        elif not kernels.block_cholesky_solve(*pattern, hessian, *self.elimination, right, step):
+
+            def iterate(right: Floats) -> Floats:
+                step = np.empty_like(right)
+                kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *until, step)
+                return step
+
+            return iterate
+        shape = hessian.shape[1:]
+        factor = np.empty((len(pattern[0]) - 1, *shape)), np.empty((len(self.elimination[2]), *shape))
+        if not kernels.block_cholesky(*pattern, hessian, *self.elimination, *factor):
             raise ArithmeticError("the matrix is not positive definite")
-        return step
+        elimination = self.elimination
+
+        def substitute(right: Floats) -> Floats:
+            step = np.empty_like(right)
+            kernels.block_cholesky_solve(*elimination, *factor, right, step)
+            return step
+
+        return substitute
 
     def admitted(self, points: Floats) -> Floats:
         """The local positions (l, d) put back onto walls, images alike: rounding does not add up."""

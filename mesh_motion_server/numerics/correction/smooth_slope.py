@@ -11,7 +11,7 @@ activation σ depends on the plain mesh, so no correction is frozen.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -122,8 +122,13 @@ class SmoothSlope:
 
     def _solved(self, right: Floats) -> Floats:
         """H⁻¹ of (f, d) in the directions that nodes can take."""
+        return self._solver(np.ascontiguousarray(right))
+
+    @cached_property
+    def _solver(self) -> Callable[[Floats], Floats]:
+        """The Hessian's factor, for every vector."""
         try:
-            return self._required.step(self._local, self._model[1], np.ascontiguousarray(right))
+            return self._required.solver(self._local, self._model[1])
         except ArithmeticError as error:
             raise not_at_minimum() from error
 

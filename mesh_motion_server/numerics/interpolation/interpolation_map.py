@@ -117,7 +117,8 @@ class _TwoScales:
             left[system.level.members] += _solved(system, of_level)
         mean = np.zeros((len(made.control_points), weights.shape[1]))
         mean[made.plan.distinct] = left
-        of_coarse = self._coarse_transposed(self.places, weights) - self._coarse_transposed(self._distinct, left)
+        at = np.concatenate([self.places, self._distinct])
+        of_coarse = self._coarse_transposed(at, np.concatenate([weights, -left]))
         mean[made.plan.coarse] += made.coarse.solve(of_coarse).weights  # of a compact basis: a symmetric matrix
         return made.averaged(mean)  # a symmetric map
 

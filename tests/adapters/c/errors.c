@@ -121,6 +121,22 @@ int main(int count, char **arguments)
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_OK && mm_iteration(session) == 1);
     EXPECT(mm_report_count(mm_moved(session), "faces") == 0);
     EXPECT(mm_commit(session) == MM_OK && mm_step(session) == 1);
+
+    /* derivatives of two vectors: the left side has the velocities, the right one rests */
+    double two[] = {1, 2, 3, 4, 5, 6, 7, 8}, all[16], back[8];
+    EXPECT(mm_tangent(session, 2, 2, two, 4, all) == MM_OK);
+    EXPECT(memcmp(all, two, 4 * sizeof *two) == 0 && memcmp(all + 12, two + 4, 4 * sizeof *two) == 0);
+    EXPECT(fabs(all[4]) + fabs(all[7]) + fabs(all[8]) + fabs(all[11]) == 0);
+    EXPECT(mm_cotangent(session, 2, 4, all, 2, back) == MM_OK && memcmp(back, two, sizeof two) == 0);
+    EXPECT(mm_tangent(session, 1, 4, two, 4, all) == MM_INVALID_ARGUMENT);
+    EXPECT(mm_error_is(server, "INVALID_ARGUMENT.SHAPE"));
+    mm_clear_error(server);
+    EXPECT(mm_cotangent(session, 0, 4, all, 2, back) == MM_INVALID_ARGUMENT);
+    mm_clear_error(server);
+    two[3] = NAN;
+    EXPECT(mm_tangent(session, 2, 2, two, 4, all) == MM_INVALID_ARGUMENT);
+    EXPECT(mm_error_is(server, "INVALID_ARGUMENT.NONFINITE"));
+    mm_clear_error(server);
     EXPECT(mm_rollback(session) == MM_OK && mm_status(session) == MM_OK && strcmp(mm_state(session), "READY") == 0);
     EXPECT(is_listed(server, mm_id(session)) && !is_listed(server, "00000000000000000000000000000000"));
     EXPECT(mm_list(server, "ffffffffffffffffffffffffffffffff") == MM_OK);

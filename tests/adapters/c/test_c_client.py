@@ -48,6 +48,7 @@ def test_every_scenario_in_every_language(compiler, tools):
     [
         ("is_kept(request) && before->number", "0", "10.1-MOVE-repeated-by-the-caller"),
         ("how == FAILED && session->has_trial &&", "0 &&", "11.4-worker-died-before-COMMIT-was-executed"),
+        ('session->has_trial ? "trial" : "committed"', '"committed"', "24.2-derivatives-at-the-trial"),
         ("got->reply.sequence == request->sequence\n", "got->reply.sequence\n", "4-replies-to-others-come-first"),
         ("mmi_integer_field(probed, \"epoch\") <= session->epoch", "1", "11.3-fenced-while-the-connection-was-broken"),
     ],

@@ -2,7 +2,7 @@
 
 They are looked for in the Pythons that NGSOLVE_PYTHON and DOLFINX_PYTHON name, in this one, and in Debian's, whose own
 pyzmq and msgpack are then the client's. The pages: examples/ngsolve_flap/README.md, examples/dolfinx_channel/README.md,
-examples/su2_airfoil/README.md.
+examples/su2_airfoil/README.md, examples/stokes_drag/README.md, examples/aerofoil_ffd/README.md.
 """
 
 import functools
@@ -99,3 +99,29 @@ def test_su2_gets_files_that_differ_in_coordinates_alone(run, tmp_path):
     other = (tmp_path / "naca0012.su2").read_text().splitlines(), (tmp_path / "pitched_12.su2").read_text().splitlines()
     changed = sum(a != b for a, b in zip(*other, strict=True))
     assert 0 < changed <= len(before.points)
+
+
+@pytest.mark.nightly
+def test_the_body_of_least_drag_is_found(run):
+    """The drag of the circle is known exactly; the angle of the tip is at most that of a constant shear stress."""
+    lines = run("stokes_drag/least_drag.py", "--iterations", 6, modules=("skfem", "scipy", "matplotlib"))
+    exact, difference = numbers(lines[:2], "derivative"), numbers(lines[:2], "differences")
+    np.testing.assert_allclose(exact, difference, rtol=1e-6)
+    assert numbers(lines[2:3], "circle")[0] == pytest.approx(4.0 * np.pi / (np.log(10.0) - 99.0 / 101.0), rel=1e-4)
+    assert numbers(lines[3:9], "drag")[-1] == pytest.approx(8.74, abs=5e-3)
+    assert numbers(lines[-2:-1], "area")[0] == pytest.approx(1.0, abs=1e-3)
+    assert 75.0 < numbers(lines[-2:-1], "tip")[0] < 102.5
+
+
+def test_the_parameters_of_an_aerofoil_are_found_from_its_grid(run, tmp_path):
+    """By Gauss and Newton, which is this fast with exact derivatives only."""
+    picture = tmp_path / "grid.png"
+    lines = run("aerofoil_ffd/morph_aerofoil.py", "--picture", picture, modules=("scipy", "matplotlib"))
+    assert numbers([lines[1].replace(",", "")], "differences")[0] < 1e-6
+    assert numbers(lines[1:2], "against columns")[0] < 1e-9
+    farthest = numbers(lines[3:8], "farthest node")
+    assert farthest[0] > 0.1
+    assert farthest[1] < 1e-4
+    assert farthest[2] < 1e-9
+    assert numbers(lines[-1:], "found to")[0] < 1e-8
+    assert picture.stat().st_size > 20_000

@@ -13,8 +13,8 @@ POINTS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 TRIANGLES = np.array([[0, 1, 2], [0, 2, 3]], dtype="<i8")
 LEFT, RIGHT = np.array([0, 3], dtype="<i8"), np.array([1, 2], dtype="<i8")
 
-VERBS = ("hello", "open", "move", "move-reference", "commit", "rollback", "status", "points", "resume", "close",
-         "discard", "again")  # fmt: skip
+VERBS = ("hello", "open", "move", "move-reference", "tangent", "cotangent", "commit", "rollback", "status", "points",
+         "resume", "close", "discard", "again")  # fmt: skip
 
 
 def displacement_of(rows: Array) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import struct
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -138,6 +139,19 @@ class ScriptedSession:
             "seconds": dict.fromkeys(("solve", "predict", "correct", "displace", "total"), 0.001),
         }  # fmt: skip
         return Reply("MOVED", fields, {"displacement": displacement, "enrichment_points": np.empty((0, 2))})
+
+    def _tangent(self, request: Message) -> Reply:
+        return self._found(request, "velocity", displacement_of)
+
+    def _cotangent(self, request: Message) -> Reply:
+        return self._found(request, "weights", lambda weights: weights[LEFT])
+
+    def _found(self, request: Message, name: str, linear: Callable[[Array], Array]) -> Reply:
+        """The derivative of a motion of the left side alone."""
+        if request.fields["what"] == "trial" and self._trial is None:
+            return error("ABORTED.TRIAL_LOST" if self._lost_trial else "FAILED_PRECONDITION.STATE", self.state)
+        fields = {"step": self.step, "iteration": self.iteration}
+        return Reply(f"{request.kind}_FOUND", fields, {name: linear(request.arrays[name])})
 
     def _commit(self, _: Message) -> Reply:
         self._before.append(self.points)

@@ -1,0 +1,152 @@
+"""The motion as a function: the right trial for each argument, and PyTorch's own check of its derivatives."""
+
+import importlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mesh_motion_client import InvalidInput, Mesh, Patch, QualityRefused, connect
+from mesh_motion_client.motion_function import MotionFunction
+from page_story import ROOT, blocks_of
+
+SIDE = 7
+
+
+def square():
+    side = np.linspace(0.0, 1.0, SIDE)
+    points = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
+    number = np.arange(len(points)).reshape(SIDE, SIDE)
+    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    walls = np.setdiff1d(np.concatenate([number[-1], number[:, 0], number[:, -1]]), number[0])
+    return Mesh(points, {"quad": quads}, {"left": Patch("moving", number[0]), "walls": Patch("fixed", walls)})
+
+
+def bulge(size):
+    y = np.linspace(0.0, 1.0, SIDE)
+    return np.stack([size * np.sin(np.pi * y), 0.2 * size * np.sin(2.0 * np.pi * y)], axis=1)
+
+
+@pytest.fixture(scope="module")
+def session():
+    with connect() as server, server.open(square()) as opened:
+        yield opened
+
+
+@pytest.fixture
+def torch():
+    return pytest.importorskip("torch", reason="PyTorch is not installed")
+
+
+@pytest.fixture
+def torch_motion(torch, session):
+    return importlib.import_module("mesh_motion_client.torch").Motion(session)
+
+
+def test_a_derivative_belongs_to_its_argument(session):
+    motion, w = MotionFunction(session), np.random.default_rng(1).standard_normal((SIDE * SIDE, 2))
+    small, large = bulge(0.1), bulge(0.5)
+    at_small = motion.cotangent(small, w)
+    at_large = motion.cotangent(large, w)
+    assert np.abs(at_large - at_small).max() > 1e-2
+    assert motion.cotangent(small, w).tobytes() == at_small.tobytes()
+    session.move(bulge(0.3))  # by someone else
+    assert motion.cotangent(small, w).tobytes() == at_small.tobytes()
+    session.rollback()
+    assert motion.tangent(small, small).tobytes() == session.move(small).tangent(small).tobytes()
+
+
+def test_the_same_argument_is_moved_once(session):
+    motion = MotionFunction(session)
+    motion.value(bulge(0.2))
+    iteration = session.iteration
+    motion.value(bulge(0.2))
+    motion.tangent(bulge(0.2), bulge(1.0))
+    assert session.iteration == iteration
+
+
+def test_an_argument_that_is_changed_in_place_is_another(session):
+    motion, argument = MotionFunction(session), bulge(0.2)
+    before = motion.value(argument)
+    argument[:] = bulge(0.3)
+    assert (motion.value(argument) != before).any()
+
+
+def test_a_refused_argument_leaves_no_trial_behind(session):
+    motion = MotionFunction(session)
+    before = motion.value(bulge(0.2))
+    with pytest.raises(QualityRefused):
+        motion.value(bulge(2.0))
+    assert motion.value(bulge(0.2)).tobytes() == before.tobytes()
+
+
+def test_a_method_without_derivatives_is_refused():
+    with (
+        connect() as server,
+        server.open(square(), {"correction": "optimised"}) as opened,
+        pytest.raises(InvalidInput, match="has no derivatives"),
+    ):
+        MotionFunction(opened)
+
+
+@pytest.mark.filterwarnings("ignore:`torch.jit.script`:DeprecationWarning")
+@pytest.mark.parametrize("size", [0.1, 0.5], ids=["as interpolated", "corrected"])
+def test_pytorch_finds_the_derivatives_right(torch, torch_motion, session, size):
+    at = torch.tensor(bulge(size), requires_grad=True)
+    corrected = session.move(bulge(size)).correction["method"] == "smooth"
+    assert corrected == (size == 0.5)
+    assert torch.autograd.gradcheck(
+        torch_motion,
+        at,
+        eps=1e-5,
+        atol=1e-5,
+        rtol=1e-5,
+        check_forward_ad=True,
+        check_undefined_grad=False,
+        check_batched_grad=False,
+    )
+
+
+def test_pytorch_goes_back_through_two_motions(torch, torch_motion):
+    """The second has replaced the trial of the first."""
+    motion, points = torch_motion, torch.tensor(square().points)
+    size = torch.tensor(0.1, dtype=torch.float64, requires_grad=True)
+    shape = torch.tensor(bulge(1.0))
+
+    def objective(size):
+        return ((points + motion(size * shape)) ** 2).sum() * (motion(2.0 * size * shape)[:, 0]).sum()
+
+    (gradient,) = torch.autograd.grad(objective(size), size)
+    h = 1e-5
+    difference = (objective(size + h) - objective(size - h)) / (2.0 * h)
+    assert gradient.item() == pytest.approx(difference.item(), rel=1e-7)
+
+
+def test_pytorch_hands_on_what_the_server_says(torch, torch_motion):
+    motion = torch_motion
+    with pytest.raises(InvalidInput, match=r"expected torch.float64, got torch.float32"):
+        motion(torch.zeros(SIDE, 2))
+    with pytest.raises(QualityRefused, match="no valid mesh"):
+        motion(torch.tensor(bulge(2.0)))
+    at = torch.tensor(bulge(0.1), requires_grad=True)
+    (gradient,) = torch.autograd.grad(motion(at).square().sum(), at, create_graph=True)
+    with pytest.raises(RuntimeError, match="once_differentiable"):
+        gradient.sum().backward()
+
+
+def test_the_page_is_as_it_says(torch, capsys):
+    page = (ROOT / "docs/derivatives.md").read_text(encoding="utf-8")
+    exec("\n".join(block.text for block in blocks_of(page) if block.language == "python"), {})
+    assert capsys.readouterr().out == "(441, 2) (21, 2)\nTrue\ntensor(True)\n"
+
+
+@pytest.mark.nightly
+def test_jax_finds_the_derivatives_right():
+    """In a process of its own: its threads and its switch to double precision stay there."""
+    pytest.importorskip("jax", reason="JAX is not installed")
+    checks = Path(__file__).with_name("run_jax.py")
+    here = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, checks], capture_output=True, text=True, check=False, env=here)
+    assert (done.returncode, done.stdout.split()) == (0, ["checked:", "6"]), done.stdout + done.stderr
