@@ -6,6 +6,7 @@ order for any number of threads.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,6 +25,9 @@ __all__ = ["CellAdjacency", "FreeRegion", "NodeAdjacency", "free_region", "grow"
 _DIAGONALS = np.array([[0, 6], [1, 7], [2, 4], [3, 5]])  # of a hexahedron
 _LEAST_AGGREGATE = 64  # nodes
 _AGGREGATES = {1: 800, 2: 800, 3: 200}  # at most, by dimension: their factorization takes a few per cent of a step
+
+
+Elimination = tuple[Integers, Integers, Integers]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +58,25 @@ class NodeAdjacency:
         n_free, most = len(self.row_starts) - 1, _AGGREGATES[self.slots.shape[1] - 1]
         size = max(_LEAST_AGGREGATE, math.ceil(n_free / most))
         return np.asarray(kernels.node_aggregates(self.row_starts, self.columns, size))
+
+    def elimination(self, places: Floats) -> Elimination:
+        """In which order the nodes at places (f, d) are eliminated, and the pattern of the Hessian's factor."""
+        found: Elimination = kernels.elimination(self.row_starts, self.columns, np.ascontiguousarray(places))
+        return found
+
+    def factorized(self, hessian: Floats, elimination: Elimination) -> Callable[[Floats], Floats] | None:
+        """What solves H (b, d, d) x = right (f, d) for x (f, d); None if H is not positive definite."""
+        shape = hessian.shape[1:]
+        factor = np.empty((len(self.row_starts) - 1, *shape)), np.empty((len(elimination[2]), *shape))
+        if not kernels.block_cholesky(self.row_starts, self.columns, hessian, *elimination, *factor):
+            return None
+
+        def substitute(right: Floats) -> Floats:
+            x = np.empty_like(right)
+            kernels.block_cholesky_solve(*elimination, *factor, right, x)
+            return x
+
+        return substitute
 
     def gather(self, corner_values: Floats) -> Floats:
         """Sum the corners' shares (c, d + 1, d) at the free nodes: (f, d)."""

@@ -16,17 +16,15 @@ from functools import partial
 import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.correction.boundary_constraint import RegionConstraint
 from mesh_motion_server.numerics.correction.distortion import FLOOR, PNorm
-from mesh_motion_server.numerics.correction.free_region import FreeRegion, NodeAdjacency
+from mesh_motion_server.numerics.correction.free_region import Elimination, FreeRegion, NodeAdjacency
 from mesh_motion_server.numerics.correction.linked_unknowns import StepSolver
 from mesh_motion_server.numerics.correction.region_measure import RegionMeasure, region_measure
 from mesh_motion_server.numerics.stopwatch import check_time
 
 __all__ = ["Accuracy", "Descent", "newton"]
-
-Elimination = tuple[Integers, Integers, Integers]
 
 _ARMIJO, _HALVINGS = 1e-4, 25
 _UNTANGLING_CG = 0.05, 200  # rough steps do not untangle large meshes
@@ -165,17 +163,17 @@ def _elimination(
         adjacency, places = constraint.links.adjacency, places[constraint.links.roots]
     if places.size > most:
         return None
-    found: Elimination = kernels.elimination(adjacency.row_starts, adjacency.columns, np.ascontiguousarray(places))
-    return found
+    return adjacency.elimination(places)
 
 
 def _solve(
     adjacency: NodeAdjacency, hessian: Floats, right: Floats, elimination: Elimination | None, rough: tuple[float, int]
 ) -> Floats:
     """The step (f, d) of H (b, d, d) dx = right (f, d); by conjugate gradients as ``rough`` as that if need be."""
-    step, pattern = np.empty_like(right), (adjacency.row_starts, adjacency.columns)
-    if elimination is not None and kernels.block_cholesky_solve(*pattern, hessian, *elimination, right, step):
-        return step
+    solve = None if elimination is None else adjacency.factorized(hessian, elimination)
+    if solve is not None:
+        return solve(right)
     # of a singular matrix, too: conjugate gradients stay in its range
+    step, pattern = np.empty_like(right), (adjacency.row_starts, adjacency.columns)
     kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *rough, step)
     return step

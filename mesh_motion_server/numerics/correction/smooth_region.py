@@ -13,10 +13,10 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.correction.boundary_constraint import RegionConstraint
 from mesh_motion_server.numerics.correction.distortion import CornerSimplices
-from mesh_motion_server.numerics.correction.free_region import FreeRegion, NodeAdjacency
+from mesh_motion_server.numerics.correction.free_region import Elimination, FreeRegion, NodeAdjacency
 
 __all__ = ["SmoothRegion"]
 
@@ -48,7 +48,7 @@ class SmoothRegion:
 
     free: FreeRegion
     constraint: RegionConstraint | None
-    elimination: tuple[Integers, Integers, Integers] | None
+    elimination: Elimination | None
     weights: Floats
     gradient: Floats
     mass: Floats
@@ -70,7 +70,7 @@ class SmoothRegion:
         if constraint is not None:
             unknowns, places = constraint.links.adjacency, places[constraint.links.roots]
         direct = places.size <= _DIRECT_UNKNOWNS[d]
-        elimination = kernels.elimination(unknowns.row_starts, unknowns.columns, places) if direct else None
+        elimination = unknowns.elimination(places) if direct else None
         return cls(free, constraint, elimination, weights, gradient, mass)
 
     def with_activation(self, sigma: Floats) -> SmoothRegion:
@@ -102,9 +102,8 @@ class SmoothRegion:
         return self.elimination is not None
 
     def _system(self, adjacency: NodeAdjacency, hessian: Floats, accuracy: float) -> Callable[[Floats], Floats]:
-        pattern = adjacency.row_starts, adjacency.columns
         if self.elimination is None:
-            until = accuracy, _CG_ITERATIONS
+            pattern, until = (adjacency.row_starts, adjacency.columns), (accuracy, _CG_ITERATIONS)
 
             def iterate(right: Floats) -> Floats:
                 step = np.empty_like(right)
@@ -112,18 +111,10 @@ class SmoothRegion:
                 return step
 
             return iterate
-        shape = hessian.shape[1:]
-        factor = np.empty((len(pattern[0]) - 1, *shape)), np.empty((len(self.elimination[2]), *shape))
-        if not kernels.block_cholesky(*pattern, hessian, *self.elimination, *factor):
+        solve = adjacency.factorized(hessian, self.elimination)
+        if solve is None:
             raise ArithmeticError("the matrix is not positive definite")
-        elimination = self.elimination
-
-        def substitute(right: Floats) -> Floats:
-            step = np.empty_like(right)
-            kernels.block_cholesky_solve(*elimination, *factor, right, step)
-            return step
-
-        return substitute
+        return solve
 
     def admitted(self, points: Floats) -> Floats:
         """The local positions (l, d) put back onto walls, images alike: rounding does not add up."""
