@@ -503,7 +503,8 @@ def test_tags_of_fenics_are_patches_and_a_series_is_one_mesh(tmp_path: Path) -> 
         '<Xdmf Version="3.0" xmlns:xi="http://www.w3.org/2001/XInclude"><Domain>'
         f'<Grid Name="mesh" GridType="Uniform">{cells}{part}</Grid><Grid Name="tags" GridType="Uniform">'
         '<xi:include xpointer="xpointer(/Xdmf/Domain/Grid/Geometry)"/><Topology TopologyType="PolyLine" '
-        'NodesPerElement="2"><DataItem Dimensions="2 2" NumberType="Int" Format="XML">0 1 2 3</DataItem></Topology>'
+        'NodesPerElement="2" BaseOffset="1"><DataItem Dimensions="2 2" NumberType="Int" Format="XML">1 2 3 4</DataItem>'
+        "</Topology>"
         f'{tags}</Attribute></Grid><Grid GridType="Collection" CollectionType="Temporal">{step}{step}</Grid>'
         "</Domain></Xdmf>"
     )
@@ -536,6 +537,8 @@ def test_structured_grids_of_xdmf(tmp_path: Path, kind: str) -> None:
     mesh = read_mesh(tmp_path / "m.xmf")
     np.testing.assert_array_equal(mesh.points, points)
     assert mesh.n_cells == 6
+    corners = mesh.points[mesh.cells["hexahedron"]]
+    np.testing.assert_array_equal(np.ptp(corners, axis=1), np.broadcast_to([2.0, 0.5, 1.0], (6, 3)))
     (block,) = oriented(mesh.points, mesh.cell_table).cells
     np.testing.assert_array_equal(block.nodes, mesh.cells["hexahedron"])  # none is mirrored
     if kind != "3DSMesh":
