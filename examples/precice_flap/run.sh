@@ -72,7 +72,7 @@ cd fluid
 [ -d constant/polyMesh ] || blockMesh >log.blockMesh
 solver=(pimpleFoam)
 if [ "$ranks" -gt 1 ]; then
-  sed -i "s/^numberOfSubdomains .*/numberOfSubdomains $ranks;/; s/n  *(2 2 1)/n ($ranks 1 1)/" system/decomposeParDict
+  sed -i "s/^numberOfSubdomains .*/numberOfSubdomains $ranks;/; s/\bn[[:space:]]*([0-9 ]*)/n ($ranks 1 1)/" system/decomposeParDict
   [ -n "${CONTINUE:-}" ] || decomposePar >log.decomposePar
   solver=(mpirun --allow-run-as-root --oversubscribe -np "$ranks" pimpleFoam -parallel)
 fi

@@ -114,8 +114,8 @@ class _File:
         items = self.children(parent, "DataItem")
         if len(items) <= number:
             raise ValueError(f"{parent.tag} {parent.get('Name', '')!r} has {len(items)} items, expected {number + 1}")
-        kind = items[number].get("ItemType", items[number].get("Type", "Uniform"))
-        if kind.lower() != "uniform":
+        kind = _item_type(items[number])
+        if kind != "uniform":
             raise ValueError(f"{parent.tag} {parent.get('Name', '')!r}: items of type {kind} are not read")
         return items[number]
 
@@ -158,6 +158,10 @@ class _File:
             raise ValueError(f"{text}: expected an array of numbers")
         check_unpacked(place, data.id.get_storage_size(), data.nbytes)
         return np.asarray(data[()])
+
+
+def _item_type(item: ElementTree.Element) -> str:
+    return item.get("ItemType", item.get("Type", "Uniform")).lower()
 
 
 def _dtype(item: ElementTree.Element) -> str:
@@ -241,10 +245,11 @@ def _grid(file: _File, geometry: ElementTree.Element, grid: ElementTree.Element)
     topology = _one(file, grid, "Topology")
     structured = _STRUCTURED.fullmatch(_kind(topology))
     if structured:
-        text = topology.get("Dimensions", topology.get("NumberOfElements", ""))
-        code, nodes = structured_cells([int(word) for word in reversed(text.split())])
+        counts = [int(word) for word in topology.get("Dimensions", topology.get("NumberOfElements", "")).split()]
+        check_unpacked(file.path, file.packed, 64 * int(np.prod(counts, dtype=np.float64)))
+        code, nodes = structured_cells(counts[::-1])
         types, sizes, nodes = np.full(len(nodes), code), np.full(len(nodes), nodes.shape[1]), nodes.ravel()
-        points = _structured_points(file, geometry, [int(word) for word in text.split()])
+        points = _structured_points(file, geometry, counts)
     else:
         types, sizes, nodes = _cells(file, topology)
         points = _points(file, geometry)
@@ -260,9 +265,11 @@ def _grid(file: _File, geometry: ElementTree.Element, grid: ElementTree.Element)
 
 
 def _array(file: _File, attribute: ElementTree.Element, count: int, *, on_cells: bool) -> NDArray[Any]:
-    """The numbers of one node or cell a row, where they can name patches; of results, which may be large, zeros."""
-    name, scalar = attribute.get("Name", ""), attribute.get("AttributeType", "Scalar").lower() == "scalar"
-    if not scalar or not (on_cells or name.startswith(PATCH_PREFIX) or name in NUMBERED_PATCH_ARRAYS):
+    """The numbers of one node or cell a row, where they can name patches; of results, large or computed, zeros."""
+    name, items = attribute.get("Name", ""), file.children(attribute, "DataItem")
+    scalar = attribute.get("AttributeType", "Scalar").lower() == "scalar"
+    kept = on_cells and bool(items) and _item_type(items[0]) == "uniform"
+    if not scalar or not (kept or name.startswith(PATCH_PREFIX) or name in NUMBERED_PATCH_ARRAYS):
         return np.broadcast_to(0.0, count)
     return _whole(file.values(file.item(attribute)).reshape(count))
 
@@ -467,12 +474,9 @@ def _copies(file: _File, items: list[ElementTree.Element], target: Path) -> dict
             file.beside(name)
             names[name] = f"{target.stem}{f'_{len(names)}' if names else ''}{Path(name).suffix}"
     for name, new in names.items():
-        other = (
-            next((one for one in names if one != name and file.beside(one).samefile(target.parent / new)), None)
-            if ((target.parent / new).exists())
-            else None
-        )
-        if other is not None:
+        place = target.parent / new
+        other = next((one for one in names if place.exists() and one != name and file.beside(one).samefile(place)), "")
+        if other:
             raise InvalidInput(
                 f"{target}: the copy of {name} would replace {other}", hint="take another name or folder"
             )

@@ -344,6 +344,18 @@ def test_abaqus_input_in_several_files(tmp_path: Path) -> None:
         (xdmf, 'Dimensions="8 8"', 'Dimensions="9 8"', "an item of 64 numbers, but Dimensions '9 8'"),
         (xdmf, "Grid/Geometry)", "Grid/Geo)", "the reference .* leads to nothing that is known"),
         (xdmf_hdf5, ":/Mesh/cells", ":/Mesh/no", "object 'no' doesn't exist"),
+        (
+            xdmf,
+            'TopologyType="Hexahedron"',
+            'TopologyType="3DCoRectMesh" Dimensions="2000 2000 2000"',
+            "bytes that hold",
+        ),
+        (
+            xdmf,
+            "<Grid ",
+            '<Grid ItemType="x" Reference="/Xdmf/Domain/Grid[@Reference]"/><Grid ',
+            "leads to nothing|no Geometry",
+        ),
         (xdmf_binary, "m.bin", "n.bin", "there is no .*n.bin, which has its numbers"),
     ],
 )
@@ -476,6 +488,11 @@ def test_tags_of_fenics_are_patches_and_a_series_is_one_mesh(tmp_path: Path) -> 
         'Format="XML">0 1 2 3</DataItem></Topology><Geometry GeometryType="XY"><DataItem Dimensions="4 2" '
         'Format="XML">0 0 1 0 1 1 0 1</DataItem></Geometry>'
     )
+    part = (
+        '<Attribute Name="part" Center="Cell"><DataItem ItemType="HyperSlab" Dimensions="1"/></Attribute>'
+        '<Attribute Name="stress" AttributeType="Tensor" Center="Cell"><DataItem Format="HDF" Dimensions="1 9">'
+        "none.h5:/s</DataItem></Attribute>"
+    )
     step = (
         '<Grid Name="u" GridType="Uniform"><xi:include xpointer="xpointer(/Xdmf/Domain/Grid[@GridType='
         "'Uniform'][1]/*[self::Topology or self::Geometry])\"/>"
@@ -484,9 +501,10 @@ def test_tags_of_fenics_are_patches_and_a_series_is_one_mesh(tmp_path: Path) -> 
     )
     text = (
         '<Xdmf Version="3.0" xmlns:xi="http://www.w3.org/2001/XInclude"><Domain>'
-        f'<Grid Name="mesh" GridType="Uniform">{cells}</Grid><Grid Name="tags" GridType="Uniform">'
+        f'<Grid Name="mesh" GridType="Uniform">{cells}{part}</Grid><Grid Name="tags" GridType="Uniform">'
         '<xi:include xpointer="xpointer(/Xdmf/Domain/Grid/Geometry)"/><Topology TopologyType="PolyLine" '
-        'NodesPerElement="2"><DataItem Dimensions="2 2" NumberType="Int" Format="XML">0 1 2 3</DataItem></Topology>'
+        'NodesPerElement="2" BaseOffset="1"><DataItem Dimensions="2 2" NumberType="Int" Format="XML">1 2 3 4</DataItem>'
+        "</Topology>"
         f'{tags}</Attribute></Grid><Grid GridType="Collection" CollectionType="Temporal">{step}{step}</Grid>'
         "</Domain></Xdmf>"
     )
@@ -519,8 +537,22 @@ def test_structured_grids_of_xdmf(tmp_path: Path, kind: str) -> None:
     mesh = read_mesh(tmp_path / "m.xmf")
     np.testing.assert_array_equal(mesh.points, points)
     assert mesh.n_cells == 6
+    corners = mesh.points[mesh.cells["hexahedron"]]
+    np.testing.assert_array_equal(np.ptp(corners, axis=1), np.broadcast_to([2.0, 0.5, 1.0], (6, 3)))
     (block,) = oriented(mesh.points, mesh.cell_table).cells
     np.testing.assert_array_equal(block.nodes, mesh.cells["hexahedron"])  # none is mirrored
     if kind != "3DSMesh":
         with pytest.raises(InvalidInput, match="a grid without a list of points"):
             write_mesh(tmp_path / "moved.xmf", mesh)
+
+
+def test_a_copy_of_xdmf_never_replaces_numbers_of_the_first_file(tmp_path: Path) -> None:
+    xdmf_hdf5(tmp_path / "m.xdmf")
+    mesh = read_mesh(tmp_path / "m.xdmf")
+    (tmp_path / "other.h5").write_bytes((tmp_path / "m.h5").read_bytes())
+    text = (tmp_path / "m.xdmf").read_text()
+    (tmp_path / "m.xdmf").write_text(text.replace("m.h5:/Mesh/faces", "other.h5:/Mesh/faces"))
+    with pytest.raises(InvalidInput, match=r"the copy of m.h5 would replace other.h5"):
+        write_mesh(tmp_path / "other.xdmf", mesh)
+    write_mesh(tmp_path / "m.xdmf", replace(mesh, points=mesh.points / 3))  # in its own place
+    np.testing.assert_array_equal(read_mesh(tmp_path / "m.xdmf").points, mesh.points / 3)

@@ -75,7 +75,7 @@ def test_the_program_of_its_page_moves_a_mesh_where_the_server_is_not_installed(
 
 def test_what_needs_the_server_s_package_says_so(client_alone: Callable) -> None:
     mesh = "m.Mesh([[0.0], [1.0]], {'line': [[0, 1]]}, {'a': m.Patch('moving', [0, 1])})"
-    for call in ("m.connect()", f"Volume({mesh})", "m.Mesh.load('mesh.su2', {})"):
+    for call in ("m.connect()", f"Volume({mesh})", "m.Mesh.load(m.__file__, {})"):
         program = f"import mesh_motion_client as m; from mesh_motion_client.volume import Volume; {call}"
         last = client_alone("python", "-c", program).stderr.splitlines()[-1]
         assert "pip install 'mesh-motion-server[server]'" in last, last

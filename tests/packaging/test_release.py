@@ -37,6 +37,8 @@ def ready(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("CHANGELOG.md", "## Unreleased", f"## Unreleased\n\n## {VERSION} - 2026-01-31"),
     ):
         replace(root / name, pattern, text)
+    for fragment in {*(root / "changes").glob("*.md")} - {root / "changes" / "README.md"}:
+        fragment.unlink()  # as the release does with those of today
     git(root, "commit", "-qam", "A release")
     return root
 
