@@ -83,6 +83,7 @@ def rows(evidence: Evidence) -> list[Row]:
         *_growth(evidence),
         *_iterations(evidence),
         *_corrections(evidence, factor),
+        *_derivatives(evidence),
         *_start(evidence, factor),
         *_wire(evidence),
         *_memory(evidence),
@@ -223,6 +224,21 @@ def _corrections(evidence: Evidence, factor: float) -> Iterator[Row]:
         note = f" (reached {cost.minimum:.3f})" if cost else ""
         way = "to the maximum" if to == "max" else f"to {to}"
         yield _seconds(f"{mesh}: correction {way}", asked, factor, cost.seconds if cost else None, note)
+
+
+def _derivatives(evidence: Evidence) -> Iterator[Row]:
+    """Jᵀ w over the step that led there, the preparation for the first vector included."""
+    threads = evidence.results.threads
+    for mesh in ("M3", "M4"):
+        cost = evidence.derivatives.get(mesh)
+        for name, prefix, asked in ((" with a correction", "", 1.0), (" without", "plain_", 0.5)):
+            step, prepared, one = (
+                of_threads(getattr(cost, prefix + part), threads) if cost else 1.0
+                for part in ("step", "prepared", "cotangent")
+            )
+            note = f" ({one / step:.2g} for each further vector)"
+            share = (prepared + one) / step if cost else None
+            yield _most(f"{mesh}: Jᵀ w, of a step{name}", asked, share, "", note)
 
 
 def _start(evidence: Evidence, factor: float) -> Iterator[Row]:

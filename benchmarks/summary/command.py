@@ -15,6 +15,7 @@ from typing import Any
 from benchmarks.correction.cases import CASES as CORRECTIONS
 from benchmarks.correction.cases import standard_file, standard_positions
 from benchmarks.correction.cost import Cost
+from benchmarks.derivatives import DerivativeCost
 from benchmarks.fresh import measured_in_fresh_process
 from benchmarks.peers.comparison import compare
 from benchmarks.peers.meshes import load_or_build
@@ -98,6 +99,10 @@ def _correction(run: _Run, job: Job) -> None:
     run.evidence.costs[job.name] = Cost(**found)
 
 
+def _derivative(run: _Run, job: Job) -> None:
+    run.evidence.derivatives[job.name] = DerivativeCost.read(run.measured("derivatives", job))
+
+
 def _peer(run: _Run, job: Job) -> None:
     run.evidence.outcomes += compare(
         [job.name], [job.system], run.out, threads=run.threads, repeat=1, meshes=run.meshes
@@ -109,6 +114,7 @@ _JOBS: dict[str, Callable[[_Run, Job], None]] = {
     "wire": _wire,
     "truth": _truth,
     "correction": _correction,
+    "derivative": _derivative,
     "peer": _peer,
     "start": _start,
 }

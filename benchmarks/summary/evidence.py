@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from benchmarks.correction.cost import Cost
+from benchmarks.derivatives import DerivativeCost
 from benchmarks.peers.comparison import Outcome
 from benchmarks.scale.results import Results
 from benchmarks.scale.truth import Truth
@@ -26,6 +27,8 @@ class Evidence:
         Of the large motion with all boundary nodes as centres, by case of :mod:`benchmarks.scale`.
     costs : dict
         Of :mod:`benchmarks.correction`, by case.
+    derivatives : dict
+        Of :mod:`benchmarks.derivatives`, by mesh.
     outcomes : list of Outcome
         Of :mod:`benchmarks.peers`.
     left_out : list of str
@@ -35,6 +38,7 @@ class Evidence:
     results: Results
     truths: dict[str, Truth] = field(default_factory=dict)
     costs: dict[str, Cost] = field(default_factory=dict)
+    derivatives: dict[str, DerivativeCost] = field(default_factory=dict)
     outcomes: list[Outcome] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
 
@@ -58,6 +62,7 @@ class Evidence:
             "scale": asdict(self.results),
             "truth": {name: asdict(found) for name, found in self.truths.items()},
             "correction": {name: asdict(cost) for name, cost in self.costs.items()},
+            "derivatives": {name: asdict(cost) for name, cost in self.derivatives.items()},
             "peers": [outcome.as_dict() for outcome in self.outcomes],
             "left_out": self.left_out,
         }

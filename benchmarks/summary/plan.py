@@ -16,10 +16,10 @@ class Job:
 
     Attributes
     ----------
-    kind : {"library", "wire", "truth", "correction", "peer", "start"}
+    kind : {"library", "wire", "truth", "correction", "derivative", "peer", "start"}
     name : str
         A case of :mod:`benchmarks.scale` (the first three kinds), of :mod:`benchmarks.correction` or of
-        :mod:`benchmarks.peers`; the mesh that :mod:`benchmarks.start` opens.
+        :mod:`benchmarks.peers`; the mesh that :mod:`benchmarks.start` opens, or :mod:`benchmarks.derivatives` moves.
     seconds : float
         About what it takes.
     system : str
@@ -78,6 +78,8 @@ _FULL = [
     *_truths(M3=8, M4=45, M2=5, M7=15),
     *_peers("M3-T3-1", dense_rbf=12, ours_plain=7, ours=8, openfoam_converged=9, kratos_laplacian=8),
     *_corrections(M3_0p28=10, M4_0p25=35, M3_max=20, M2_max=20),
+    Job("derivative", "M3", 8),
+    Job("derivative", "M4", 40),
     *_wire("steady", M2=25, M7=40),
     *_peers("M2-T1-1", dense_rbf=8, ours_plain=7, ours=8, openfoam_converged=15, kratos_laplacian=15),
     *_peers("M4-T3-1", ours_plain=20, kratos_laplacian=90),

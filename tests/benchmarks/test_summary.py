@@ -9,6 +9,7 @@ from scale_figures import FIGURES
 
 from benchmarks.correction.cases import CASES as CORRECTIONS
 from benchmarks.correction.cost import Cost
+from benchmarks.derivatives import DerivativeCost
 from benchmarks.fresh import measured_in_fresh_process
 from benchmarks.page import README
 from benchmarks.peers.comparison import CASES as PEERS
@@ -123,6 +124,18 @@ def test_starting_is_measured_as_a_user_meets_it(evidence: Evidence, tmp_path: P
     assert row(evidence, "a small session").measured == f"{found.worker_bytes / 1e6:.3g} MB"
 
 
+def test_derivatives_are_compared_with_the_step_that_led_there(evidence: Evidence, tmp_path: Path) -> None:
+    assert row(evidence, "M3: Jᵀ w, of a step with").met is None
+    found = DerivativeCost.read(measured_in_fresh_process("derivatives", 2, "M1", str(tmp_path), "1"))
+    assert found.freed > 0
+    step = Seconds(2.0, 2.0)
+    evidence.derivatives["M3"] = replace(found, step=step, prepared=Seconds(0.5, 0.5), cotangent=Seconds(1.0, 1.0))
+    shown = row(evidence, "M3: Jᵀ w, of a step with a correction")
+    assert (shown.met, shown.measured) == (True, "0.75 (0.5 for each further vector)")
+    evidence.derivatives["M3"] = replace(found, plain_step=step, plain_prepared=step, plain_cotangent=step)
+    assert row(evidence, "M3: Jᵀ w, of a step without").met is False
+
+
 def test_the_fastest_other_system_counts(evidence: Evidence) -> None:
     assert row(evidence, "M3: times faster than the fastest").met is None
     evidence.outcomes += [
@@ -167,6 +180,7 @@ def test_the_pages_have_their_blocks() -> None:
 @pytest.mark.parametrize("plan", PLANS)
 def test_plans_name_what_exists(plan: str) -> None:
     known = {"library": SCALE, "wire": SCALE, "truth": SCALE, "correction": CORRECTIONS, "peer": PEERS, "start": MESHES}
+    known["derivative"] = MESHES
     jobs = PLANS[plan]
     for job in jobs:
         assert job.name in known[job.kind], job.text

@@ -6,15 +6,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
-from periodic_meshes import periodic_box
+from periodic_meshes import periodic_box, sector, turn
 from sliding_meshes import Mesh, duct
 
 from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.correction.smooth_slope import SmoothSlope
 from mesh_motion_server.numerics.decomposition import nearest_rotation, nearest_rotation_slope
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.interpolation_map import interpolation_map
+from mesh_motion_server.numerics.interpolation.periodic_interpolant import PeriodicLevels, periodic_factorization_of
 from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScalePlan
 from mesh_motion_server.numerics.mesh import wall_lines
+from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.motion import MotionModel
@@ -47,6 +50,11 @@ def velocity(x: np.ndarray) -> np.ndarray:
     return found / np.abs(found).max()
 
 
+def one_slides(mesh: Mesh) -> Mesh:
+    points, cells, patches = mesh
+    return points, cells, patches | {"z0": Patch("slip", patches["z0"].nodes)}
+
+
 CASES: dict[str, tuple[Callable[[], Mesh], dict[str, object]]] = {
     **{f"smooth {kind}": (lambda kind=kind: block(kind), {}) for kind in CELL_KINDS},
     "plain": (lambda: block("quad"), PLAIN),
@@ -58,6 +66,11 @@ CASES: dict[str, tuple[Callable[[], Mesh], dict[str, object]]] = {
     "slip walls": (lambda: duct("quad"), {}),
     "slip walls in space": (lambda: duct("hexahedron", 5), {}),
     "slip walls with a layer": (lambda: duct("quad", 10), PLAIN | {"boundary_layer_thickness": 0.11}),
+    "periodic": (lambda: periodic_box("quad"), {}),
+    "periodic both ways, oblique, in space": (lambda: periodic_box("tetra", 5, axes="yz", shear=0.3), {}),
+    "a sector": (lambda: sector("quad + triangle"), {}),
+    "a sector in space": (lambda: sector("hexahedron", 5), {}),
+    "a sector with a wall that slides": (lambda: one_slides(sector("hexahedron", 5)), PLAIN),
     "spline on a grid": (lambda: block("quad", 300), PLAIN),
     "spline on a grid in space": (lambda: block("hexahedron", 15), PLAIN),
 }
@@ -149,7 +162,7 @@ def test_a_method_that_has_none_is_refused_by_its_key(choices: dict[str, object]
 @pytest.mark.parametrize(
     ("make", "what"),
     [
-        (lambda: periodic_box("quad"), "periodic patches"),
+        (lambda: periodic_box("quad", axes="xy"), "are periodic"),
         (lambda: duct("quad", bend=0.6), "curved"),
         (lambda: _all_slip(duct("quad")), "no node is fixed"),
     ],
@@ -205,6 +218,25 @@ def test_the_slope_of_a_nearest_rotation(d: int) -> None:
     found = np.einsum("mabce,mce->mab", nearest_rotation_slope(at), change)
     exact = (nearest_rotation(at + h * change) - nearest_rotation(at - h * change)) / (2.0 * h)
     np.testing.assert_allclose(found, exact, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_periodic_levels_have_a_transpose(turned: bool) -> None:
+    """Points so close to each other or to an image that narrower levels take them."""
+    numbers = np.random.default_rng(5)
+    points = numbers.random((60, 2)) + np.array([1.0, 0.0])
+    points[50:] = points[:10] + 1e-4
+    period = Transform(turn(6, 2), np.zeros(2)) if turned else Transform(np.eye(2), np.array([0.0, 1.0]))
+    box = np.array([[0.0, 0.0], [2.0, 2.0]])
+    made = periodic_factorization_of(points, (period,), box, Method(support_radius=2.0), FactorCache(1 << 24))
+    assert isinstance(made, PeriodicLevels)
+    places = numbers.random((100, 2)) * 2.0
+    whole = interpolation_map(made, places)
+    v, w = numbers.standard_normal(points.shape), numbers.standard_normal(places.shape)
+    forth, back = whole.apply(v), whole.transpose(w)
+    found = made.solve(v)
+    np.testing.assert_allclose(forth, evaluation.displacement(found, places), atol=1e-9 * np.abs(forth).max())
+    assert abs(np.sum(w * forth) - np.sum(back * v)) < 1e-10 * (np.abs(w * forth).sum() + np.abs(back * v).sum())
 
 
 @pytest.mark.parametrize("gridded", [False, True])

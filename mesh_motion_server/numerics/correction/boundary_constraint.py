@@ -153,8 +153,7 @@ class RegionConstraint:
             rows = self.local[self.sliding.nodes]
             matrices[rows] = self.sliding.tangents(points[rows])
         if self.orbits is not None:
-            own = self.orbits.rotations @ self.orbits.projectors
-            matrices[self.local[self.orbits.members]] = own @ matrices[self.local[self.orbits.roots]]
+            matrices[self.local[self.orbits.members]] = self.orbits.matrices @ matrices[self.local[self.orbits.roots]]
         return matrices
 
     def retract(self, points: Floats, trial: Floats) -> Floats | None:

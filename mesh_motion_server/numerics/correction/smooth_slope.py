@@ -161,7 +161,7 @@ class SmoothSlope:
         """(f, d) derivative of K (y − p) by each free node's own σ."""
         region = self._required
         free = region.free.free
-        by_sigma = -PENALTY * region.mass / self._sigma[-1][free] ** 2
+        by_sigma = -PENALTY * region.mass / self._sigma[-1][self.motion.alike[free]] ** 2
         return np.asarray(by_sigma[:, None] * (self.points[free] - self.plain[free]))
 
     @cached_property

@@ -19,6 +19,7 @@ from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.factorizations.conditional import NullSpaceCholesky
 from mesh_motion_server.numerics.interpolation.interpolant import AllCentreFactorization, Factorization, Interpolant
+from mesh_motion_server.numerics.interpolation.periodic_interpolant import PeriodicFactorization, PeriodicLevels
 from mesh_motion_server.numerics.interpolation.two_scale.compact_levels import CompactSystem
 from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScaleFactorization
 from mesh_motion_server.numerics.interpolation.two_scale.grid_sums import on_grid, on_grid_transposed
@@ -49,12 +50,16 @@ def interpolation_map(factorization: Factorization, places: Floats) -> Interpola
     Raises
     ------
     InvalidInput
-        If the control points are reduced or periodic: these maps have no transpose.
+        If the control points are reduced: that map has no transpose.
     """
     if isinstance(factorization, AllCentreFactorization):
         return _OneScale(factorization, places)
     if isinstance(factorization, TwoScaleFactorization):
         return _TwoScales(factorization, places)
+    if isinstance(factorization, PeriodicFactorization):
+        return _Periodic(factorization, places)
+    if isinstance(factorization, PeriodicLevels):
+        return _PeriodicLevels(factorization, places)
     raise InvalidInput(f"an interpolation of the kind {factorization.solver!r} has no derivative")
 
 
@@ -85,6 +90,57 @@ class _OneScale:
     @cached_property
     def _layout(self) -> CentreLayout:
         return CentreLayout.build(self.places, self.factorization.basis, self.factorization.support_radius)
+
+
+@dataclass(frozen=True, eq=False)
+class _Periodic:
+    """Each control point stands for its images; the components are those of vectors, which turn with them."""
+
+    factorization: PeriodicFactorization
+    places: Floats
+
+    def apply(self, values: Floats) -> Floats:
+        return evaluation.displacement(self.factorization.solve(values), self.places)
+
+    def transpose(self, weights: Floats) -> Floats:
+        made, images = self.factorization, self.factorization.images
+        turned = Interpolant(self.places, weights, made.basis, made.support_radius, self._layout)
+        of_images = evaluation.displacement(turned, images.places)
+        sums = np.zeros((len(made.control_points), weights.shape[1]))
+        if images.rotations is None:
+            np.add.at(sums, images.owners, of_images)
+            return made.system.solve(sums)
+        np.add.at(sums, images.owners, np.einsum("iab,ia->ib", images.rotations, of_images))
+        return made.system.solve(sums.reshape(-1, 1)).reshape(sums.shape)
+
+    @cached_property
+    def _layout(self) -> CentreLayout:
+        return CentreLayout.build(self.places, self.factorization.basis, self.factorization.support_radius)
+
+
+class _PeriodicLevels:
+    """Each level takes what the one before leaves."""
+
+    def __init__(self, factorization: PeriodicLevels, places: Floats) -> None:
+        controls = factorization.control_points
+        self._count = len(controls)
+        self._levels = [
+            (members, _Periodic(level, places), _Periodic(level, controls)) for members, level in factorization.levels
+        ]
+
+    def apply(self, values: Floats) -> Floats:
+        left, found = values.copy(), []
+        for members, there, here in self._levels:
+            of_level = left[members]
+            found.append(there.apply(of_level))
+            left -= here.apply(of_level)
+        return np.asarray(sum(found))
+
+    def transpose(self, weights: Floats) -> Floats:
+        left = np.zeros((self._count, weights.shape[1]))  # what the residual before a level counts
+        for members, there, here in reversed(self._levels):
+            left[members] += there.transpose(weights) - here.transpose(left)
+        return left
 
 
 @dataclass(frozen=True, eq=False)

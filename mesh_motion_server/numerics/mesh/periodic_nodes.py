@@ -119,6 +119,11 @@ class PeriodicNodes:
         return out
 
     @property
+    def matrices(self) -> Floats:
+        """(p, d, d) a member's displacement from its root's."""
+        return np.asarray(self.rotations @ self.projectors)
+
+    @property
     def on_axis(self) -> Marks:
         """(p,) members that a rotation of their orbit maps onto themselves."""
         return np.asarray((self.projectors != np.eye(self.reference.shape[1])).any(axis=(1, 2)))

@@ -132,14 +132,14 @@ def why_no_slope(motion: StandardMotion) -> InvalidInput | None:
                 f"open the session with {key} {' or '.join(map(repr, allowed))}",
                 setting=key,
             )
-    if motion.periodic is not None:
-        return _no_slope("the mesh has periodic patches, whose motion is not differentiated", "give them another role")
     sliding = motion.sliding
     if sliding is not None and any(isinstance(surface, OnFacets) for _, surface in sliding.groups):
         return _no_slope("a slip wall is curved: the motion along it is not differentiated", "give it the role fixed")
-    if sliding is not None and not len(motion.roles.fixed):
+    if (sliding is not None or motion.periodic is not None) and not len(motion.roles.fixed):
         return _no_slope(
-            "no node is fixed, and some slide: the motion is not differentiated", "give a patch the role fixed"
+            f"no node is fixed, and some {'slide' if sliding is not None else 'are periodic'}: "
+            "the motion is not differentiated",
+            "give a patch the role fixed",
         )
     return None
 
@@ -198,13 +198,15 @@ class _Linear:
 class PlainSlope:
     """The derivative of the standard motion.
 
-    ``steps`` set rows of all nodes' velocities from the rows before; the last interpolation leads to all nodes.
+    ``steps`` set rows of all nodes' velocities from the rows before; the last interpolation leads to all nodes, and
+    ``tied`` places periodic images by their roots.
     """
 
     motion: StandardMotion
     steps: tuple[_Linear, ...]
     interpolated: _Interpolated
     known: Integers
+    tied: _Linear
 
     @classmethod
     def build(cls, motion: StandardMotion, targets: Floats, factors: FactorSource) -> PlainSlope:
@@ -220,7 +222,7 @@ class PlainSlope:
         steps += _of_walls(motion, factors)
         controls = motion.control_nodes(roles.all)
         outer = _Interpolated.build(motion, controls, prescribed, rest, factors)
-        return cls(motion, tuple(steps), outer, known)
+        return cls(motion, tuple(steps), outer, known, _of_images(motion))
 
     def apply(self, velocity: Floats) -> Floats:
         """(n, d) velocities of all nodes for (k, d) of the moving ones."""
@@ -230,13 +232,15 @@ class PlainSlope:
             step.apply(rows)
         out = self.interpolated.apply(rows)
         out[self.known] = rows[self.known]
+        self.tied.apply(out)
         return out
 
     def transpose(self, weights: Floats) -> Floats:
         """(k, d) weights of the moving nodes for (n, d) of all."""
         free, rows = weights.copy(), np.zeros_like(weights)
+        self.tied.transpose(free)
+        rows[self.known] = free[self.known]
         free[self.known] = 0.0
-        rows[self.known] = weights[self.known]
         rows += self.interpolated.transpose(free)
         for step in reversed(self.steps):
             step.transpose(rows)
@@ -327,8 +331,30 @@ def _of_walls(motion: StandardMotion, factors: FactorSource) -> list[_Linear]:
         if wall.freedom().any():
             controls = motion.control_nodes(followed)
             following = _Interpolated.build(motion, controls, rest, rest[nodes], factors)
-        steps.append(_of_wall(nodes, tangents, following))
+        steps += [_of_wall(nodes, tangents, following), _of_images(motion)]
     return steps
+
+
+def _nothing(_rows: Floats) -> None:
+    """No node moves as another one."""
+
+
+def _of_images(motion: StandardMotion) -> _Linear:
+    """Periodic images move as their roots; moving nodes as they are told."""
+    if motion.periodic is None:
+        return _Linear(_nothing, _nothing)
+    orbits = motion.periodic.of(~np.isin(motion.periodic.members, motion.roles.moving))
+    members, roots, matrices = orbits.members, orbits.roots, orbits.matrices
+
+    def apply(rows: Floats) -> None:
+        rows[members] = np.einsum("pij,pj->pi", matrices, rows[roots])
+
+    def transpose(rows: Floats) -> None:
+        weights = np.einsum("pij,pi->pj", matrices, rows[members])
+        rows[members] = 0.0
+        np.add.at(rows, roots, weights)
+
+    return _Linear(apply, transpose)
 
 
 def _of_wall(nodes: Integers, tangents: Floats, following: _Interpolated | None) -> _Linear:

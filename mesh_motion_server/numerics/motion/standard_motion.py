@@ -289,12 +289,7 @@ class StandardMotion:
         self, points: Floats, origin: Floats, displacement: Floats, controls: Integers, factors: FactorSource
     ) -> _Solved:
         """The interpolation of the ``displacement`` (c, d) of control nodes (c,), at ``origin`` (c, d) in the mesh."""
-        if self.periodic is not None:
-            box = bounding_box(points)
-            generators = self.periodic.generators
-            factorization = periodic_factorization_of(origin, generators, box, self.method, factors)
-            return _Solved(Stage(None, factorization.solve(displacement)), factorization, controls)
-        if self.method.reduction == "none":
+        if self.periodic is not None or self.method.reduction == "none":
             factorization = self._all_factorized(points, origin, controls, factors)
             return _Solved(Stage(None, factorization.solve(displacement)), factorization, controls)
         reduced = interpolate_reduced(origin, displacement, self.method, factors, spacing=self.spacing)
@@ -306,7 +301,7 @@ class StandardMotion:
         )
 
     def factorized(self, controls: Integers, factors: FactorSource) -> Factorization:
-        """The factorization of control nodes (c,) in the reference mesh, without periodic images and reduction."""
+        """The factorization of control nodes (c,) in the reference mesh, without reduction."""
         return self._all_factorized(self.reference, self.reference.take(controls, axis=0), controls, factors)
 
     def _all_factorized(
@@ -316,6 +311,10 @@ class StandardMotion:
 
         If the boundary has changed too much for the reference mesh's plan, it uses a new plan.
         """
+        if self.periodic is not None:
+            return periodic_factorization_of(
+                origin, self.periodic.generators, bounding_box(points), self.method, factors
+            )
         plan = self.plans.of(controls)
         try:
             if plan is None:

@@ -1,0 +1,102 @@
+"""What derivatives cost: ``python -m benchmarks.derivatives MESH FOLDER REPEAT`` prints JSON.
+
+Against a step of the same motion in the same process: small steps without a correction, and larger ones until the
+correction frees nodes. A state is prepared once, with its first vector.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.peers.meshes import load_or_build
+from benchmarks.peers.motions import MOTIONS
+from benchmarks.peers.task import Task
+from benchmarks.scale.cases import MESHES
+from benchmarks.scale.figures import Seconds, timed
+from benchmarks.scale.library import model_of
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.session.factors import FactorCache
+
+__all__ = ["DerivativeCost", "measured"]
+
+#: Parts of the large motion: without a correction, and with one.
+_SMALL, _LARGE = 50, 8
+_CACHE_BYTES = 2**31
+
+
+@dataclass(frozen=True)
+class DerivativeCost:
+    """Of one mesh; of the steps the last one, of the vectors the shortest.
+
+    Attributes
+    ----------
+    freed : int
+        Nodes that the correction has freed.
+    plain_step, plain_prepared, plain_tangent, plain_cotangent : Seconds
+        Without a correction.
+    step, prepared, tangent, cotangent : Seconds
+        With it.
+    """
+
+    freed: int
+    plain_step: Seconds
+    plain_prepared: Seconds
+    plain_tangent: Seconds
+    plain_cotangent: Seconds
+    step: Seconds
+    prepared: Seconds
+    tangent: Seconds
+    cotangent: Seconds
+
+    @classmethod
+    def read(cls, found: dict[str, object]) -> DerivativeCost:
+        """From JSON."""
+        return cls(**{k: Seconds(**v) if isinstance(v, dict) else v for k, v in found.items()})  # type: ignore[arg-type]
+
+
+def measured(mesh: str, folder: Path, repeat: int) -> DerivativeCost:
+    """The cost on one of the meshes of :mod:`.scale`."""
+    _, plain = _cost(mesh, folder, _SMALL, repeat, {"correction": "none", "displacement": "absolute"})
+    freed, smooth = _cost(mesh, folder, _LARGE, repeat, {})
+    names = "step", "prepared", "tangent", "cotangent"
+    of_plain = {f"plain_{name}": seconds for name, seconds in zip(names, plain, strict=True)}
+    return DerivativeCost(freed, **of_plain, **dict(zip(names, smooth, strict=True)))
+
+
+def _cost(mesh: str, folder: Path, parts: int, repeat: int, choices: dict[str, str]) -> tuple[int, list[Seconds]]:
+    """Steps on and on until the correction has freed nodes; or so many as are repeated, if there is no correction."""
+    built = load_or_build(mesh, folder)
+    body = built.points[built.moving]
+    displacements = MOTIONS[MESHES[mesh]].displacements(body, parts)
+    task = Task(built.points, built.cells, built.moving, built.fixed, displacements)
+    task = replace(task, cells={name: nodes.astype(np.int32) for name, nodes in task.cells.items()})
+    model, factors, points = model_of(task, Method(**choices)), FactorCache(_CACHE_BYTES), built.points
+    for part in range(parts):
+        targets = task.targets(part)
+        step, motion = timed(lambda p=points, t=targets: model.move(p, t, factors))
+        points = motion.points
+        if motion.correction.freed_nodes if not choices else part + 1 == repeat:
+            break
+    prepared, slope = timed(lambda: model.slope(points, factors))
+    numbers = np.random.default_rng(1)
+    velocity, weights = numbers.standard_normal(body.shape), numbers.standard_normal(points.shape)
+    vectors = [
+        Seconds.shortest([timed(call)[0] for _ in range(repeat)])
+        for call in (lambda: slope.tangent(velocity), lambda: slope.cotangent(weights))
+    ]
+    return motion.correction.freed_nodes, [step, prepared, *vectors]
+
+
+def main(arguments: list[str]) -> None:
+    """The command line of the module's docstring."""
+    mesh, folder, repeat = arguments
+    print(json.dumps(asdict(measured(mesh, Path(folder), int(repeat)))))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
