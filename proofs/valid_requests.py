@@ -99,7 +99,8 @@ def _array(request: Request, name: str, rows: np.ndarray[Any, Any]) -> None:
 
 def _open(_request: Request, _known: Known, _partition: int, random: Random) -> dict[str, Any]:
     return {"dimension": random.choice((1, 2, 3)), "partitions": random.choice((1, 2, 256)), "label": "a label",
-            "settings": dict(random.choice(_SETTINGS)), "bytes_reserved": 1000, "durability": ""}  # fmt: skip
+            "settings": dict(random.choice(_SETTINGS)), "bytes_reserved": 1000, "durability": "",
+            "time": -1.5, "time_levels": random.choice(("", "bdf2", "bossak"))}  # fmt: skip
 
 
 def _address(_request: Request, known: Known, _partition: int, _random: Random) -> dict[str, Any]:
@@ -120,7 +121,14 @@ def _move(request: Request, known: Known, partition: int, random: Random) -> dic
     alike = random.random() < 0.8  # with the other partitions
     phase = known.step if alike else random.randrange(8)
     _array(request, "displacement", 0.002 * np.stack([np.sin(phase + y), np.cos(phase * y)], axis=1))
-    return {"step": known.step + 1, "frame": "committed" if alike else "reference"}
+    more: dict[str, Any] = {"time": known.step + 1.0, "velocity": ("", "bdf1", "tangent")[known.step % 3]}
+    if more["velocity"] == "tangent":
+        _array(request, "boundary_velocity", np.stack([y, 1.0 - y], axis=1))
+    if random.random() < 0.3:
+        more["report"] = "swept"
+        if random.random() < 0.5:
+            _array(request, "swept_faces", np.array([[0, 1], [1, 2], [2, 0]]))
+    return {"step": known.step + 1, "frame": "committed" if alike else "reference"} | more
 
 
 def _tangent(request: Request, known: Known, partition: int, random: Random) -> dict[str, Any]:
@@ -166,7 +174,7 @@ _MORE: Mapping[str, _More] = {
     "COTANGENT": _cotangent,
     "JUDGE": _judge,
     "CORRECT": _correct,
-    "COMMIT": lambda _r, known, _p, _: {"step": known.step + 1},
+    "COMMIT": lambda _r, known, _p, _: {"step": known.step + 1, "time": known.step + 1.0},
     "ROLLBACK": lambda _r, known, _p, _: {"step": known.step + 1},
     "FETCH": lambda _r, _k, _p, random: {"what": random.choice(("committed", "reference"))},
     "CLOSE": lambda *_: {"outcome": "keep"},

@@ -51,9 +51,9 @@ class Recorded:
     stored: tuple[int, Floats] | None
 
     def digest(self, step: int) -> bytes:
-        """State digest of a recorded step; empty if unknown."""
+        """State digest of a recorded step; empty if unknown, or if it is also that of time levels."""
         if self.spec.time_levels:
-            return b""  # it is also that of time levels, and no times are recorded
+            return b""
         return self.log.digest(step) or self.digests.get(step, b"")
 
 
@@ -77,7 +77,7 @@ def read_recorded(folder: Path) -> Recorded:
         )
     files = PosixFileSystem()
     ledger = read_ledger(folder, files)  # only the chain: a copy of an active session may end in the middle of a commit
-    notes = list(_cut(log, ledger))
+    notes = list(_cut(log, ledger, spec.time_levels))
     if not log.steps:
         raise InvalidInput(f"{folder}: nothing can be replayed: {notes[-1]}")
     columns, digests = _steps(folder)
@@ -104,14 +104,16 @@ def _stored(folder: Path, files: PosixFileSystem, ledger: Ledger, nodes: int) ->
         return None
 
 
-def _cut(log: BoundaryLog, ledger: Ledger) -> Iterator[str]:
-    """Cut the log after the last verified step of the session; yield the reasons for the cut."""
+def _cut(log: BoundaryLog, ledger: Ledger, levels: str) -> Iterator[str]:
+    """Cut the log after the last verified step of the session; yield the reasons, and what is not compared."""
     log.cut(max(log.committed, ledger.step))
     known = [entry for entry in ledger.commits if log.digest(entry.step)]
     wrong = next((n for n, entry in enumerate(known) if log.digest(entry.step) != entry.digest), None)
     if wrong is not None:
         log.cut(known[wrong - 1].step if wrong else 0)
         yield f"the steps from {known[wrong].step} on were made again, while no history was kept"
+    if levels:
+        yield "digests are also those of time levels, and times are not recorded: only coordinates are compared"
     verified = log.verified()
     if verified < log.steps:
         log.cut(verified)

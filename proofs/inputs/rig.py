@@ -67,7 +67,7 @@ def opened(draft: Draft, store: SessionStore, session: str) -> Rig | ErrorReply:
         settings = MethodSettings.from_mapping(request.settings)
         spec = SessionSpec(
             session, _TOKEN, request.dimension, request.partitions, settings, request.label, durability,
-            evaluation=request.evaluation,
+            evaluation=request.evaluation, time=float(request.time), time_levels=request.time_levels,
         )  # fmt: skip
         rig = Rig(SessionHost.create(spec, store, limits=LIMITS), request.partitions)
     except ProtocolError as error:

@@ -20,6 +20,7 @@ from mesh_motion_server.commands.replay import changes_of
 from mesh_motion_server.errors import InvalidInput, JournalError, SessionError
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.history.boundary import BoundaryLog, BoundaryStep
+from mesh_motion_server.session.inspection import inspect_session
 from mesh_motion_server.session.journal.files import read_ledger
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal.ledger import Commit as CommitEntry
@@ -27,8 +28,9 @@ from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from mesh_motion_server.session.replay import maker
 from mesh_motion_server.session.store import SessionStore
-from mesh_motion_server.settings import ServerSettings
-from proofs.driver import SESSION, Driver
+from mesh_motion_server.settings import MethodSettings, ServerSettings
+from mesh_motion_server.watch.pictures.meshes import read_pair
+from proofs.driver import SESSION, Driver, make_spec
 from proofs.stand_in import split_mesh
 
 STEPS = 6
@@ -130,6 +132,29 @@ def test_the_same_settings_give_the_same_bits_at_every_step(mode: str, level: st
     assert (run.columns["freed_nodes"] > 0).any()
     assert recorded.columns["refusals"].tolist() == [0, 0, 1, 0, 0, 0]
     assert recorded.columns["iterations"][0] == 3
+
+
+def test_coordinates_are_compared_where_digests_are_those_of_time_levels_too(tmp_path: Path) -> None:
+    """Replay, inspect and the pair of meshes that plot draws read the coordinates of such a session, not its levels."""
+    meshes, store = [boxed(9)], SessionStore(tmp_path / "recorded")
+    spec = make_spec(settings=MethodSettings.from_mapping(SETTINGS), time_levels="bossak")
+    limits = ServerSettings(reserve_disk_bytes=0)
+    driver = Driver(SessionHost.create(spec, store, limits=limits, build_model=build_motion_model), meshes)
+    driver.open()
+    for step in (1, 2):
+        driver.all(Move, bulge(driver, 0.1 * step), step=step, time=0.5 * step)
+        driver.all(Commit, step=step)
+    driver.ask(Close, outcome="keep")
+    folder = tmp_path / "recorded" / "sessions" / SESSION
+    recorded = read_recorded(folder)
+    comparison = replayed(recorded, tmp_path / "replayed", 2)
+    assert (comparison.agreement.compared, comparison.agreement.stored_step) == (0, 2)
+    assert comparison.agreement.distance == 0.0
+    assert "time levels" in recorded.notes[0]
+    assert inspect_session(folder).nodes == 81
+    after = read_pair(folder).after
+    assert after.points.shape == (81, 2)
+    assert np.abs(after.points - meshes[0].points).max() > 0.1
 
 
 @pytest.fixture(scope="module")

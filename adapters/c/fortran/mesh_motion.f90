@@ -87,6 +87,11 @@ module mesh_motion
       procedure :: report => session_report
       procedure :: compute_limit => session_compute_limit
       procedure :: final_step => session_final_step
+      procedure :: time_levels => session_time_levels
+      procedure :: time => session_time
+      procedure :: velocity_scheme => session_velocity_scheme
+      procedure :: velocity => session_velocity
+      procedure :: swept => session_swept
       procedure :: move => session_move
       procedure, private :: tangent_one, tangent_all, cotangent_one, cotangent_all
       generic :: tangent => tangent_one, tangent_all
@@ -281,6 +286,37 @@ module mesh_motion
          type(c_ptr), value :: session
          integer(c_int64_t), value :: step
          integer(c_int) :: c_set_final_step
+      end function
+      function c_set_time_levels(session, start, scheme) bind(c, name="mm_set_time_levels")
+         import :: c_ptr, c_int, c_double, c_char
+         type(c_ptr), value :: session
+         real(c_double), value :: start
+         character(kind=c_char), intent(in) :: scheme(*)
+         integer(c_int) :: c_set_time_levels
+      end function
+      function c_set_time(session, time) bind(c, name="mm_set_time")
+         import :: c_ptr, c_int, c_double
+         type(c_ptr), value :: session
+         real(c_double), value :: time
+         integer(c_int) :: c_set_time
+      end function
+      function c_set_velocity(session, scheme) bind(c, name="mm_set_velocity")
+         import :: c_ptr, c_int, c_char
+         type(c_ptr), value :: session
+         character(kind=c_char), intent(in) :: scheme(*)
+         integer(c_int) :: c_set_velocity
+      end function
+      function c_velocity(session, count) bind(c, name="mm_velocity")
+         import :: c_ptr, c_size_t
+         type(c_ptr), value :: session
+         integer(c_size_t), intent(out) :: count
+         type(c_ptr) :: c_velocity
+      end function
+      function c_swept(session, count) bind(c, name="mm_swept")
+         import :: c_ptr, c_size_t
+         type(c_ptr), value :: session
+         integer(c_size_t), intent(out) :: count
+         type(c_ptr) :: c_swept
       end function
       function c_set_partition(session, partition, partitions) bind(c, name="mm_set_partition")
          import :: c_ptr, c_int
@@ -791,7 +827,7 @@ contains
       ignored = c_set_evaluation(self%handle, ended(evaluation))
    end subroutine
 
-   ! What mm_moved reports in addition, from now on: "faces" for the mesh as a finite-volume code sees it, or ""
+   ! What a move reports in addition, from now on: "faces" for the mesh as a finite-volume code sees it, "swept", or ""
    subroutine session_report(self, report)
       class(mm_session), intent(inout) :: self
       character(*), intent(in) :: report
@@ -814,6 +850,62 @@ contains
       integer(c_int) :: ignored
       ignored = c_set_final_step(self%handle, int(step, c_int64_t))
    end subroutine
+
+   ! Before open: the time of the mesh as it is uploaded, seconds, and the scheme whose earlier levels each commit stores:
+   ! "" (none), "bdf2" or "bossak"
+   subroutine session_time_levels(self, start, scheme)
+      class(mm_session), intent(inout) :: self
+      real(c_double), intent(in) :: start
+      character(*), intent(in) :: scheme
+      integer(c_int) :: ignored
+      ignored = c_set_time_levels(self%handle, start, ended(scheme))
+   end subroutine
+
+   ! The time at the end of the step under way, for its moves
+   subroutine session_time(self, time)
+      class(mm_session), intent(inout) :: self
+      real(c_double), intent(in) :: time
+      integer(c_int) :: ignored
+      ignored = c_set_time(self%handle, time)
+   end subroutine
+
+   ! The scheme of the velocities that moves are answered with, from now on: "" (none), "bdf1", "bdf2" or "bossak"
+   subroutine session_velocity_scheme(self, scheme)
+      class(mm_session), intent(inout) :: self
+      character(*), intent(in) :: scheme
+      integer(c_int) :: ignored
+      ignored = c_set_velocity(self%handle, ended(scheme))
+   end subroutine
+
+   ! Of the last move: velocities (dimension, nodes) of all nodes; without any if no scheme was set
+   function session_velocity(self) result(velocity)
+      class(mm_session), intent(in) :: self
+      real(c_double), allocatable :: velocity(:, :)
+      real(c_double), pointer :: theirs(:, :)
+      integer(c_size_t) :: count
+      type(c_ptr) :: first
+      first = c_velocity(self%handle, count)
+      allocate (velocity(self%dimension(), count))
+      if (count > 0) then
+         call c_f_pointer(first, theirs, [int(self%dimension(), c_size_t), count])
+         velocity = theirs
+      end if
+   end function
+
+   ! Of the last move, with the report "swept": volumes that the faces of the cells sweep outwards
+   function session_swept(self) result(swept)
+      class(mm_session), intent(in) :: self
+      real(c_double), allocatable :: swept(:)
+      real(c_double), pointer :: theirs(:)
+      integer(c_size_t) :: count
+      type(c_ptr) :: first
+      first = c_swept(self%handle, count)
+      allocate (swept(count))
+      if (count > 0) then
+         call c_f_pointer(first, theirs, [count])
+         swept = theirs
+      end if
+   end function
 
    ! The number of the partition, as of an MPI rank: from 0 to partitions - 1
    subroutine session_partition(self, partition, partitions)

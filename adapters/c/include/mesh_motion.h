@@ -187,8 +187,9 @@ MM_API mm_result mm_tangent(mm_session *session, size_t vectors, size_t moving, 
 /* Weights of all nodes in, the derivative of an objective by their positions; weights of the moving nodes out. */
 MM_API mm_result mm_cotangent(mm_session *session, size_t vectors, size_t nodes, const double *weights, size_t moving,
                               double *answer);
-/* What mm_moved reports in addition to the quality, from now on: "" or "faces", the mesh as a finite-volume code sees
- * it (SPEC.md, section 15). It takes time: set it for the move that is committed, then set "" again. */
+/* What a move reports in addition to the quality, from now on: "", "faces", the mesh as a finite-volume code sees
+ * it (SPEC.md, section 15), or "swept" for mm_swept. It takes time: set it for the move that is committed, then set ""
+ * again. */
 MM_API mm_result mm_set_report(mm_session *session, const char *report);
 /* Seconds after which the server gives up computing a move, from now on; 0: never. The move is then refused with
  * MM_DEADLINE_EXCEEDED, and the session is as before. */
@@ -216,6 +217,18 @@ MM_API int64_t mm_durable_step(const mm_session *session);  /* what survives the
 MM_API int64_t mm_iteration(const mm_session *session);     /* moves of the step under way */
 MM_API const char *mm_state(const mm_session *session);     /* of the last reply: READY, TRIAL … */
 MM_API const uint8_t *mm_digest(const mm_session *session); /* 32 bytes: SHA-256 of the committed state */
+/* Times, velocities and swept volumes (SPEC.md, section 25; docs/velocities.md). Before mm_open: the time of the mesh as
+ * it is uploaded, seconds (0), and the scheme whose earlier levels each commit stores: "" (none), "bdf2" or "bossak". */
+MM_API mm_result mm_set_time_levels(mm_session *session, double start, const char *scheme);
+/* The time at the end of the step under way, for its moves; set it again for each step. */
+MM_API mm_result mm_set_time(mm_session *session, double time);
+/* The scheme of the velocities that moves are answered with, from now on: "" (none), "bdf1", "bdf2" or "bossak". */
+MM_API mm_result mm_set_velocity(mm_session *session, const char *scheme);
+/* Of the last move: `count` rows of mm_dimension components, the velocities of all nodes. NULL if none was asked for. */
+MM_API const double *mm_velocity(const mm_session *session, size_t *count);
+/* Of the last move, with mm_set_report "swept": `count` volumes that the faces of the cells sweep outwards, cell after
+ * cell, in the order of section 25. NULL if none was asked for. */
+MM_API const double *mm_swept(const mm_session *session, size_t *count);
 /* Where the last move added enrichment functions: `count` rows of mm_dimension coordinates. */
 MM_API const double *mm_enrichment_points(const mm_session *session, size_t *count);
 

@@ -280,6 +280,12 @@ public:
     }
     Session &report(const std::string &what) { return check(mm_set_report(get(), what.c_str())); }
     Session &compute_limit(double seconds) { return check(mm_set_compute_limit(get(), seconds)); }
+    Session &time_levels(double start, const std::string &scheme)
+    {
+        return check(mm_set_time_levels(get(), start, scheme.c_str()));
+    }
+    Session &time(double seconds) { return check(mm_set_time(get(), seconds)); }
+    Session &velocity_scheme(const std::string &scheme) { return check(mm_set_velocity(get(), scheme.c_str())); }
     Session &final_step(std::int64_t step) { return check(mm_set_final_step(get(), step)); }
     void commit() { check(mm_commit(get())); }
     void rollback() { check(mm_rollback(get())); }
@@ -302,6 +308,20 @@ public:
         std::size_t count = 0;
         const std::int64_t *nodes = mm_moving_nodes(get(), &count);
         return {nodes, count};
+    }
+    /// Of the last move, dimension() numbers a node; empty if no scheme was set.
+    View<const double> velocity() const
+    {
+        std::size_t count = 0;
+        const double *rows = mm_velocity(get(), &count);
+        return {rows, count * columns()};
+    }
+    /// Of the last move, with report("swept"): volumes that the faces of the cells sweep outwards.
+    View<const double> swept() const
+    {
+        std::size_t count = 0;
+        const double *volumes = mm_swept(get(), &count);
+        return {volumes, count};
     }
     View<const double> enrichment_points() const
     {

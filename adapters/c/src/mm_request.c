@@ -66,6 +66,13 @@ void mmi_add_integer(request *request, const char *key, int64_t value)
     mmi_put_integer(&request->fields, value);
 }
 
+void mmi_add_number(request *request, const char *key, double value)
+{
+    ++request->field_count;
+    mmi_put_text(&request->fields, key);
+    mmi_put_number(&request->fields, value);
+}
+
 void mmi_add_flag(request *request, const char *key, int value)
 {
     ++request->field_count;
@@ -695,6 +702,7 @@ request mmi_move_request(const mm_session *session, mm_frame frame, const double
     mmi_add_integer(&move, "step", session->step + 1);
     mmi_add_text(&move, "frame", frame == MM_SINCE_REFERENCE ? "reference" : "committed");
     mmi_add_text(&move, "report", session->report);
+    mmi_add_velocity(&move, session);
     move.arrays[0] = mmi_make_block("displacement", rows, session->moving_count, (size_t)session->dimension, 8);
     move.arrays[0].is_float = 1;
     return move;

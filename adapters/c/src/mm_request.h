@@ -60,6 +60,7 @@ request mmi_session_request(const mm_session *session, const char *type, const c
 request mmi_move_request(const mm_session *session, mm_frame frame, const double *rows);
 void mmi_add_text(request *request, const char *key, const char *value);
 void mmi_add_integer(request *request, const char *key, int64_t value);
+void mmi_add_number(request *request, const char *key, double value);
 void mmi_add_flag(request *request, const char *key, int value);
 block mmi_make_block(const char *item, const void *data, size_t rows, size_t columns, size_t width);
 size_t mmi_array_bytes(const block *array);

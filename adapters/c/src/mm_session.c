@@ -59,6 +59,8 @@ void mm_session_free(mm_session *session)
     free(session->settings);
     free(session->moving);
     free(session->enrichment);
+    free(session->velocity);
+    free(session->swept);
     free(session->trial);
     mmi_report_free(&session->built);
     mmi_report_free(&session->moved);
@@ -299,6 +301,7 @@ static outcome open_session(mm_session *session, double deadline)
         mmi_add_text(&ask_open, "evaluation", "client");
     }
     mmi_add_text(&ask_open, "durability", session->durability);
+    mmi_add_levels(&ask_open, session);
     session->may_resume = session->joined = session->has_trial = 0;
     session->part = session->part_row = 0;
     session->step = session->durable_step = 0;

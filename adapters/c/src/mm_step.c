@@ -113,6 +113,9 @@ mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const doub
         how = take_enrichment(session, &moved);
     }
     if (how == DONE) {
+        how = mmi_take_velocity(session, &moved, nodes);
+    }
+    if (how == DONE) {
         session->iteration = mmi_integer_field(&moved, "iteration");
         session->trial_frame = frame;
         session->has_trial = 1;

@@ -105,6 +105,21 @@ def test_sessions_are_listed(compiler, tools, tmp_path, name):
         assert entry == server.sessions()[0]
 
 
+@pytest.mark.parametrize("name", ["velocities.cpp", pytest.param("velocities.f90", marks=pytest.mark.nightly)])
+def test_velocities_and_swept_volumes(compiler, endpoint, tools, name):
+    """bdf2 of 0, 0.1 and 0.3 at steps of 0.25 s is (1.5 · 0.3 - 2 · 0.1) / 0.25 = 1; only two faces of three move."""
+    tools["need"]("gfortran" if name.endswith(".f90") else "g++")
+    module = [tools["source"] / "fortran" / "mesh_motion.f90"] * name.endswith(".f90")
+    program = compiler.program(*module, tools["here"] / name)
+    printed = tools["run"]([program, endpoint], env=os.environ | {"ASAN_OPTIONS": "detect_leaks=0"}).split()
+    if name.endswith(".cpp"):
+        assert printed.pop(0) == "INVALID_ARGUMENT.VALUE"
+    found = np.array(printed, dtype=float)
+    np.testing.assert_allclose(found[:8], [0, 0, 0, 0, 1, 0, 0, 0], atol=1e-13)
+    # of the edges 0 1, 1 2, 2 0 and 0 2, 2 3, 3 0, while the corner goes from (1.1, 1) to (1.3, 1)
+    np.testing.assert_allclose(found[8:], [0, 0.1, -0.1, 0.1, 0, 0], atol=1e-15)
+
+
 def test_arrays_of_another_shape_are_refused_f90(compiler, tools):
     tools["need"]("gfortran")
     module = tools["source"] / "fortran" / "mesh_motion.f90"

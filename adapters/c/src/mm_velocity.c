@@ -1,0 +1,108 @@
+/* Times, velocities of time schemes and swept volumes (SPEC.md, section 25). See mesh_motion.h. */
+#include "mm_session.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+mm_result mm_set_time_levels(mm_session *session, double start, const char *scheme)
+{
+    BEGIN_SESSION(session);
+    if (!isfinite(start)) {
+        return mmi_invalid(session->context, "the time of the mesh as uploaded must be finite%s", "");
+    }
+    if (!scheme || strlen(scheme) >= sizeof session->time_levels) {
+        return mmi_invalid(session->context, "there are no such time levels: '%s'", scheme ? scheme : "");
+    }
+    session->start = start;
+    snprintf(session->time_levels, sizeof session->time_levels, "%s", scheme);
+    return MM_OK;
+}
+
+mm_result mm_set_time(mm_session *session, double time)
+{
+    BEGIN_SESSION(session);
+    if (!isfinite(time)) {
+        return mmi_invalid(session->context, "the time of a step must be finite%s", "");
+    }
+    session->time = time;
+    session->has_time = 1;
+    return MM_OK;
+}
+
+mm_result mm_set_velocity(mm_session *session, const char *scheme)
+{
+    BEGIN_SESSION(session);
+    if (!scheme || strlen(scheme) >= sizeof session->scheme) {
+        return mmi_invalid(session->context, "there is no such scheme of velocities: '%s'", scheme ? scheme : "");
+    }
+    snprintf(session->scheme, sizeof session->scheme, "%s", scheme);
+    return MM_OK;
+}
+
+void mmi_add_levels(request *open, const mm_session *session)
+{
+    if (session->start != 0.0) {
+        mmi_add_number(open, "time", session->start);
+    }
+    if (session->time_levels[0]) {
+        mmi_add_text(open, "time_levels", session->time_levels);
+    }
+}
+
+void mmi_add_velocity(request *move, const mm_session *session)
+{
+    if (session->has_time) {
+        mmi_add_number(move, "time", session->time);
+    }
+    if (session->scheme[0]) {
+        mmi_add_text(move, "velocity", session->scheme);
+    }
+}
+
+/* Copy an array of a reply that need not be there. */
+static outcome take(mm_session *session, const answer *from, const char *name, double **to, size_t *rows)
+{
+    const mmi_array *array = mmi_find_array(&from->reply, name);
+    *rows = 0;
+    if (!array) {
+        return DONE;
+    }
+    double *values = realloc(*to, (array->rows * array->columns + 1) * sizeof *values);
+    if (!values) {
+        return mmi_no_memory(session->context);
+    }
+    *to = values;
+    *rows = array->rows;
+    mmi_take_numbers(values, from, array);
+    return DONE;
+}
+
+outcome mmi_take_velocity(mm_session *session, const answer *from, size_t nodes)
+{
+    const mmi_array *velocity = mmi_find_array(&from->reply, "velocity");
+    if (velocity && (velocity->rows != nodes || velocity->columns != (size_t)session->dimension)) {
+        return mmi_fail(session->context, "INTERNAL", "",
+                        "the server's velocity must have shape (%zu, %d), got (%zu, %zu)", nodes,
+                        session->dimension, velocity->rows, velocity->columns);
+    }
+    outcome how = take(session, from, "velocity", &session->velocity, &session->velocity_count);
+    return how == DONE ? take(session, from, "swept", &session->swept, &session->swept_count) : how;
+}
+
+const double *mm_velocity(const mm_session *session, size_t *count)
+{
+    if (count) {
+        *count = session ? session->velocity_count : 0;
+    }
+    return session && session->velocity_count ? session->velocity : NULL;
+}
+
+const double *mm_swept(const mm_session *session, size_t *count)
+{
+    if (count) {
+        *count = session ? session->swept_count : 0;
+    }
+    return session && session->swept_count ? session->swept : NULL;
+}
