@@ -4,6 +4,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -272,6 +273,44 @@ def test_a_case_plays_with_the_file_of_another_program(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_case_plays_with_the_file_of_each_program(tmp_path: Path, name: str) -> None:
     played(tmp_path, name)
+
+
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [
+        ("box.msh.h5", "meshes/1/faces/zoneTopology/id"),
+        ("box.msh.h5", "meshes/1/faces/zoneTopology/maxId"),
+        ("box.msh.h5", "meshes/1/nodes/coords/1"),
+        ("box.med", "FAS/box/ELEME/*/GRO/NOM"),
+    ],
+)
+def test_a_small_file_that_holds_very_much_is_refused(tmp_path: Path, name: str, place: str) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / name
+    WRITERS[name](path)
+    with h5py.File(path, "r+") as file:
+        place = next(iter(found for found in _places(file) if fnmatch(found, place)))
+        dtype, attributes = file[place].dtype, dict(file[place].attrs)
+        del file[place]
+        file.create_dataset(place, (1 << 33,), dtype, chunks=(1 << 20,), compression="gzip").attrs.update(attributes)
+    with pytest.raises(InvalidInput, match=r"bytes that hold \d+ or more"):
+        read_mesh(path)
+
+
+def test_zones_of_more_faces_than_there_are(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "box.msh.h5"
+    WRITERS[path.name](path)
+    with h5py.File(path, "r+") as file:
+        file["meshes/1/faces/zoneTopology/maxId"][-1] = 1 << 40
+    with pytest.raises(InvalidInput, match=f"zones of {1 << 40} faces, but the file has"):
+        read_mesh(path)
+
+
+def _places(file: Any) -> list[str]:
+    found: list[str] = []
+    file.visit(found.append)
+    return found
 
 
 def test_elmer_folders_that_do_not_fit_and_calculix_input_whatever_it_is_called(tmp_path: Path) -> None:
