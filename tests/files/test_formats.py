@@ -215,6 +215,13 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
         (abaqus, ", S1", ", S9", "side 9 of a hexahedron"),
         (abaqus, "\n27, ", "\n28, ", "node 27 is named, but is not there"),
         (abaqus, "\n27, ", "\n26, ", "node 26 appears twice"),
+        (abaqus, "\n27, ", f"\n{10**20}, ", "too large"),
+        (
+            abaqus,
+            "*SURFACE",
+            "*NSET, NSET=n, GENERATE\n1, 3000000000, 1\n*SURFACE",
+            "more than 50000000 numbers from 1 to",
+        ),
         (kratos, "\n27 ", "\n28 ", "node 27 is named, but is not there"),
         (kratos, "\n24\n", "\n25\n", "names condition 25, which is not there"),
         (kratos, "End Elements", "End Conditions", "line 43: 'End Conditions' ends no block that is open"),
@@ -228,6 +235,24 @@ def test_text_of_finite_elements_that_does_not_fit(
     assert old in text
     (tmp_path / "m.txt").write_text(text.replace(old, new))
     one_line(tmp_path / "m.txt", message)
+
+
+def test_sets_of_abaqus_that_are_generated(tmp_path: Path) -> None:
+    nodes = "1, 0, 0\n2, 1, 0\n3, 1, 1\n4, 0, 1\n"
+    sets = "*NSET, NSET=a, GENERATE\n1, 3, 2\n*NSET, NSET=b\na, 2\n"
+    (tmp_path / "m.inp").write_text(f"*NODE\n{nodes}*ELEMENT, TYPE=CPS4\n1, 1, 2, 3, 4\n{sets}")
+    patches = read_mesh(tmp_path / "m.inp").patches
+    assert {name: found.tolist() for name, found in patches.items()} == {"a": [0, 2], "b": [0, 1, 2]}
+
+
+def test_an_extent_that_is_only_announced_takes_no_memory(tmp_path: Path) -> None:
+    extent = "0 1000000 0 1000000 0 0"
+    points = '<DataArray type="Float64" NumberOfComponents="3" format="ascii">0 0 0</DataArray>'
+    (tmp_path / "m.vts").write_text(
+        f'<VTKFile type="StructuredGrid"><StructuredGrid WholeExtent="{extent}">'
+        f'<Piece Extent="{extent}"><Points>{points}</Points></Piece></StructuredGrid></VTKFile>'
+    )
+    one_line(tmp_path / "m.vts", f"1 points, but a piece of the extent '{extent}'")
 
 
 def test_second_order_of_abaqus_by_corners_with_the_middles_of_its_sides(tmp_path: Path) -> None:
