@@ -28,6 +28,7 @@ def box_mesh(kind: str, n: int = 10) -> BodyMesh:
     if kind == "quad + triangle":
         cells = {"quad": boxes[near], "triangle": _cut(boxes[~near], _TRIANGLES)}
     elif kind == "hexahedron + wedge":
+        near = (np.abs(points[boxes].mean(axis=1) - 0.5) < 0.25)[:, :2].all(axis=1)  # quads meet quads
         cells = {"hexahedron": boxes[near], "wedge": _cut(boxes[~near], _WEDGES)}
     elif kind == "pyramid":
         centres = len(points) + np.arange(len(boxes))

@@ -93,7 +93,7 @@ def test_the_gradient_is_the_derivative(kind: str, norm: PNorm) -> None:
     gradient = np.zeros_like(points)
     np.add.at(gradient, simplices.nodes, distortion_gradient(points, simplices, weights, norm))
     for direction in rng.normal(size=(3, *points.shape)):
-        h = 1e-5
+        h = 3e-6
         ahead, _ = mean_distortion(points + h * direction, simplices, norm)
         behind, _ = mean_distortion(points - h * direction, simplices, norm)
         # central differences: error h² times a third derivative, p³ at most for the sharpest norm
