@@ -142,8 +142,8 @@ class ServerSettings(_Strict):
     handshake_seconds: _Length = 5.0  # a connection that keeps silent is then closed
     idle_seconds: _Length = 3600.0  # and a suspended session's worker then ends
     drain_seconds: _Length = 30.0  # a stopping server lets running requests finish
-    metrics: Annotated[str, Field(pattern=r"^.+:[0-9]+$")] | None = None  # Prometheus, probes
-    monitor: Annotated[str | None, Field(pattern=r"^.+:[0-9]+$")] = None  # HOST:PORT of the page
+    metrics: Annotated[str, Field(pattern=r"^.+:[0-9]{1,5}$")] | None = None  # Prometheus, probes
+    monitor: Annotated[str | None, Field(pattern=r"^.+:[0-9]{1,5}$")] = None  # HOST:PORT of the page
     stuck_seconds: _Length = 30.0  # a loop that is silent for so long is unhealthy
     reserve_disk_bytes: Annotated[int, Field(ge=0)] = 256 << 20  # no new session where less of the disk would be left
     reserve_memory_bytes: Annotated[int, Field(ge=0)] = 256 << 20  # no new session where less memory would be left

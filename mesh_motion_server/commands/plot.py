@@ -96,7 +96,7 @@ def _steps(text: str | None) -> tuple[int | None, int | None]:
     """Parse ``A:B``; either part may be missing."""
     if text is None:
         return None, None
-    found = re.fullmatch(r"\s*(\d*)\s*:\s*(\d*)\s*", text)
+    found = re.fullmatch(r"\s*([0-9]{0,18})\s*:\s*([0-9]{0,18})\s*", text)
     if found is None:
         raise InvalidInput(f"--steps: expected A:B, A: or :B, got {text!r}", hint="--steps 100:200")
     first, last = (int(part) if part else None for part in found.groups())

@@ -16,7 +16,7 @@ import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.hdf5 import array_of, opened_hdf5
+from mesh_motion_server.files.hdf5 import array_of, opened_hdf5, whole_of
 from mesh_motion_server.files.mesh_file import MeshFile, assemble
 from mesh_motion_server.files.moved import Place, copied_hdf5, edit, replaced
 from mesh_motion_server.files.polyhedra.cells import find_cells
@@ -208,7 +208,10 @@ def _read_hdf5(path: Path) -> MeshFile:
             {_first(part): array_of(path, part, "iu") for part in _parts(faces[side])} if side in faces else {}
             for side in ("c0", "c1")
         ]
-        last = int(np.max(faces["zoneTopology/maxId"]))
+        last = int(np.max(whole_of(path, faces["zoneTopology/maxId"])))
+        held = sum(len(part["nnodes"]) for part in _parts(faces["nodes"]))
+        if last > held:
+            raise InvalidInput(f"{path}: zones of {last} faces, but the file has {held}")
         both = np.zeros((last, 2), dtype=np.int64)
         for side, parts in enumerate(cells):
             for first, values in parts.items():
@@ -218,10 +221,10 @@ def _read_hdf5(path: Path) -> MeshFile:
             first = _first(part)
             content.faces.append((first, sizes, nodes, both[first - 1 : first - 1 + len(sizes)]))
         topology = faces["zoneTopology"]
-        numbers, names = topology["id"][()].tolist(), np.ravel(topology["name"][()])[0]
+        numbers, names = whole_of(path, topology["id"]).tolist(), np.ravel(whole_of(path, topology["name"]))[0]
         listed = (names.decode("utf-8", errors="replace") if isinstance(names, bytes) else str(names)).split(";")
         content.names = dict(zip(numbers, listed, strict=False))
-        columns = (topology[key][()].tolist() for key in ("minId", "maxId", "zoneType"))
+        columns = (whole_of(path, topology[key]).tolist() for key in ("minId", "maxId", "zoneType"))
         content.zones = [_Zone(*row) for row in zip(numbers, *columns, strict=True)]
         return _mesh(path, content)
 

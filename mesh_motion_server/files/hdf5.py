@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.packages import check_unpacked, load_h5py, reason_of
 
-__all__ = ["array_of", "opened_hdf5"]
+__all__ = ["array_of", "opened_hdf5", "whole_of"]
 
 
 @contextmanager
@@ -42,5 +42,16 @@ def array_of(path: Path, data: Any, kinds: str) -> NDArray[Any]:
     if not hasattr(data, "dtype") or data.dtype.kind not in kinds:
         got = getattr(data, "dtype", "a group")
         raise InvalidInput(f"{path}: {data.name}: {got}, expected {'real numbers' if kinds == 'f' else 'integers'}")
+    return whole_of(path, data).astype(np.float64 if kinds == "f" else np.int64)
+
+
+def whole_of(path: Path, data: Any) -> NDArray[Any]:
+    """The values of a data set of any type.
+
+    Raises
+    ------
+    InvalidInput
+        If it would fill the memory.
+    """
     check_unpacked(path, data.id.get_storage_size(), data.nbytes)
-    return np.asarray(data[()]).astype(np.float64 if kinds == "f" else np.int64)
+    return np.asarray(data[()])

@@ -37,6 +37,12 @@ _FAMILIES = (
 _INCLUDE = re.compile(r"(?im)^\*INCLUDE\s*,\s*INPUT\s*=\s*(.+?)\s*$")
 
 
+#: A set may name so many numbers in one line, most of which may not be there.
+_MOST_GENERATED = 50_000_000
+#: Of a set: a number, numbers that are generated, the name of another set.
+_Item = int | range | str
+
+
 @dataclass(eq=False)
 class _Content:
     """What was read so far; numbers of nodes and elements are those of the file.
@@ -47,8 +53,8 @@ class _Content:
     numbers: list[Integers] = field(default_factory=list)
     points: list[Floats] = field(default_factory=list)
     elements: list[tuple[str, Integers, Integers]] = field(default_factory=list)
-    node_sets: dict[str, list[int | str]] = field(default_factory=lambda: defaultdict(list))
-    element_sets: dict[str, list[int | str]] = field(default_factory=lambda: defaultdict(list))
+    node_sets: dict[str, list[_Item]] = field(default_factory=lambda: defaultdict(list))
+    element_sets: dict[str, list[_Item]] = field(default_factory=lambda: defaultdict(list))
     surfaces: dict[str, list[tuple[str, str]]] = field(default_factory=lambda: defaultdict(list))
 
 
@@ -62,7 +68,7 @@ def _read(path: Path) -> MeshFile:
     """
     try:
         return _mesh(path, _content(_whole(path, path.resolve().parent, set())))
-    except (ValueError, IndexError, KeyError) as error:
+    except (ValueError, IndexError, KeyError, OverflowError) as error:
         raise InvalidInput(f"{path}: malformed input of Abaqus or CalculiX: {error}") from None
 
 
@@ -131,19 +137,22 @@ def _words(line: str) -> list[str]:
     return [word.strip() for word in line.split(",") if word.strip()]
 
 
-def _items(words: list[str]) -> list[int | str]:
+def _items(words: list[str]) -> list[_Item]:
     """Numbers, and names of other sets."""
     return [int(word) if word.lstrip("-").isdigit() else word for word in words]
 
 
-def _listed(lines: list[str], *, generate: bool) -> list[int | str]:
+def _listed(lines: list[str], *, generate: bool) -> list[_Item]:
     """The items of a set."""
     if not generate:
         return [item for line in lines for item in _items(_words(line))]
-    found: list[int | str] = []
+    found: list[_Item] = []
     for line in lines:
         first, last, *step = (int(word) for word in _words(line))
-        found += range(first, last + 1, *step)
+        numbers = range(first, last + 1, *step)
+        if last - first >= _MOST_GENERATED * abs(numbers.step):
+            raise ValueError(f"more than {_MOST_GENERATED} numbers from {first} to {last}")
+        found.append(numbers)
     return found
 
 
@@ -162,13 +171,19 @@ def _add_elements(found: _Content, given: dict[str, str], lines: list[str]) -> N
     found.element_sets[given.get("ELSET", "")] += rows[:, 0].tolist()
 
 
-def _flat(sets: dict[str, list[int | str]], name: str, seen: tuple[str, ...] = ()) -> Integers:
+def _flat(sets: dict[str, list[_Item]], name: str, seen: tuple[str, ...] = ()) -> Integers:
     """The numbers of a set and of the sets that it names."""
     key = next((key for key in sets if key.upper() == name.upper()), None)
     if key is None or name.upper() in seen:
         raise ValueError(f"there is no set {name!r}")
-    parts = [[item] if isinstance(item, int) else _flat(sets, item, (*seen, name.upper())) for item in sets[key]]
-    return np.concatenate([np.empty(0, np.int64), *(np.asarray(part, dtype=np.int64) for part in parts)])
+    parts = [
+        _flat(sets, item, (*seen, name.upper())) if isinstance(item, str) else _numbers(item) for item in sets[key]
+    ]
+    return np.concatenate([np.empty(0, np.int64), *parts])
+
+
+def _numbers(item: int | range) -> Integers:
+    return np.arange(item.start, item.stop, item.step) if isinstance(item, range) else np.array([item], dtype=np.int64)
 
 
 def _mesh(path: Path, found: _Content) -> MeshFile:

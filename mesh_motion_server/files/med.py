@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.hdf5 import array_of, opened_hdf5
+from mesh_motion_server.files.hdf5 import array_of, opened_hdf5, whole_of
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, chosen_zone, concatenated
 from mesh_motion_server.files.moved import copied_hdf5
 from mesh_motion_server.numerics.arrays import Floats, Integers
@@ -44,7 +44,7 @@ def _read(path: Path, zone: str = "") -> MeshFile:
     with opened_hdf5(path, "MED file") as file:
         chosen = chosen_zone(path, list(file["ENS_MAA"]), zone)
         mesh = _step(file, chosen)
-        groups = _groups(file, chosen)
+        groups = _groups(path, file, chosen)
         points = _components(path, mesh["NOE/COO"], "f")
         types, dimension = _elements(path, mesh, len(points))
         patches: dict[str, list[Integers]] = defaultdict(list)
@@ -93,13 +93,13 @@ def _grouped(families: Integers, groups: dict[int, list[str]]) -> Iterator[tuple
             yield group, np.flatnonzero(families == family)
 
 
-def _groups(file: Any, mesh: str) -> dict[int, list[str]]:
+def _groups(path: Path, file: Any, mesh: str) -> dict[int, list[str]]:
     """{number of a family: names of its groups}."""
     found: dict[int, list[str]] = {}
     for kind in ("ELEME", "NOEUD"):
         families = file.get(f"FAS/{mesh}/{kind}", {})
         for family in families.values():
-            names = family["GRO/NOM"][()] if "GRO/NOM" in family else []
+            names = list(whole_of(path, family["GRO/NOM"])) if "GRO/NOM" in family else []
             found[int(family.attrs["NUM"])] = [
                 np.asarray(name).tobytes().split(b"\0")[0].decode("utf-8", errors="replace").strip() for name in names
             ]

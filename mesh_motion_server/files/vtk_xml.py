@@ -5,6 +5,7 @@ https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html
 
 import base64
 import lzma
+import math
 import re
 import zlib
 from collections.abc import Callable
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.files.packages import check_unpacked, most_unpacked
 from mesh_motion_server.files.vtk_grid import VtkGrid, structured_cells
-from mesh_motion_server.numerics.arrays import Integers
+from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["read_xml"]
 
@@ -62,26 +63,35 @@ def _unstructured(values: "_Values", piece: ElementTree.Element) -> VtkGrid:
     if missing:
         raise ValueError(f"its Cells have no {min(missing)}")
     offsets = np.concatenate([[0], cells["offsets"].astype(np.int64)])
-    return _grid(values, piece, cells["types"].astype(np.int64), offsets, cells["connectivity"].astype(np.int64))
+    types, nodes = (cells[name].astype(np.int64) for name in ("types", "connectivity"))
+    return _grid(values, piece, _points(values, piece), types, offsets, nodes)
 
 
 def _structured(values: "_Values", piece: ElementTree.Element) -> VtkGrid:
     extent = [int(word) for word in piece.get("Extent", "").split()]
     if len(extent) != 6:
         raise ValueError(f"a piece of the extent {piece.get('Extent')!r}, expected six numbers")
-    code, nodes = structured_cells([high - low + 1 for low, high in zip(extent[::2], extent[1::2], strict=True)])
+    counts = [high - low + 1 for low, high in zip(extent[::2], extent[1::2], strict=True)]
+    points = _points(values, piece)
+    if len(points) != math.prod(counts):  # before cells are made of counts that are only announced
+        raise ValueError(f"{len(points)} points, but a piece of the extent {piece.get('Extent')!r}")
+    code, nodes = structured_cells(counts)
     offsets = nodes.shape[1] * np.arange(len(nodes) + 1)
-    return _grid(values, piece, np.full(len(nodes), code), offsets, nodes.ravel())
+    return _grid(values, piece, points, np.full(len(nodes), code), offsets, nodes.ravel())
 
 
-def _grid(values: "_Values", piece: ElementTree.Element, *cells: Integers) -> VtkGrid:
+def _points(values: "_Values", piece: ElementTree.Element) -> Floats:
     points = values.arrays(piece, "Points")
     if len(points) != 1:
         raise ValueError(f"{len(points)} arrays of points, expected one")
     (xyz,) = points.values()
+    return xyz.reshape(-1, 3).astype(np.float64)
+
+
+def _grid(values: "_Values", piece: ElementTree.Element, points: Floats, *cells: Integers) -> VtkGrid:
     types, offsets, nodes = cells
     data = values.arrays(piece, "PointData"), values.arrays(piece, "CellData")
-    return VtkGrid(xyz.reshape(-1, 3).astype(np.float64), types, offsets, nodes, *data)
+    return VtkGrid(points, types, offsets, nodes, *data)
 
 
 class _Values:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import ipaddress
 import os
+import re
 import socket
 import stat
 import struct
@@ -63,7 +64,7 @@ class Endpoint:
         scheme, separator, rest = text.partition("://")
         if separator and scheme == "tcp":
             host, _, port = rest.rpartition(":")
-            if host and port.isdigit() and int(port) <= 65535:
+            if host and re.fullmatch("[0-9]{1,5}", port) and int(port) <= 65535:
                 return cls("tcp", host=host, port=int(port))
         if separator and scheme == "ipc" and rest.startswith("/"):
             return cls("ipc", path=_short_enough(rest))

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -231,6 +232,13 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
         (abaqus, ", S1", ", S9", "side 9 of a hexahedron"),
         (abaqus, "\n27, ", "\n28, ", "node 27 is named, but is not there"),
         (abaqus, "\n27, ", "\n26, ", "node 26 appears twice"),
+        (abaqus, "\n27, ", f"\n{10**20}, ", "too large"),
+        (
+            abaqus,
+            "*SURFACE",
+            "*NSET, NSET=n, GENERATE\n1, 3000000000, 1\n*SURFACE",
+            "more than 50000000 numbers from 1 to",
+        ),
         (kratos, "\n27 ", "\n28 ", "node 27 is named, but is not there"),
         (kratos, "\n24\n", "\n25\n", "names condition 25, which is not there"),
         (kratos, "End Elements", "End Conditions", "line 43: 'End Conditions' ends no block that is open"),
@@ -244,6 +252,24 @@ def test_text_of_finite_elements_that_does_not_fit(
     assert old in text
     (tmp_path / "m.txt").write_text(text.replace(old, new))
     one_line(tmp_path / "m.txt", message)
+
+
+def test_sets_of_abaqus_that_are_generated(tmp_path: Path) -> None:
+    nodes = "1, 0, 0\n2, 1, 0\n3, 1, 1\n4, 0, 1\n"
+    sets = "*NSET, NSET=a, GENERATE\n1, 3, 2\n*NSET, NSET=b\na, 2\n"
+    (tmp_path / "m.inp").write_text(f"*NODE\n{nodes}*ELEMENT, TYPE=CPS4\n1, 1, 2, 3, 4\n{sets}")
+    patches = read_mesh(tmp_path / "m.inp").patches
+    assert {name: found.tolist() for name, found in patches.items()} == {"a": [0, 2], "b": [0, 1, 2]}
+
+
+def test_an_extent_that_is_only_announced_takes_no_memory(tmp_path: Path) -> None:
+    extent = "0 1000000 0 1000000 0 0"
+    points = '<DataArray type="Float64" NumberOfComponents="3" format="ascii">0 0 0</DataArray>'
+    (tmp_path / "m.vts").write_text(
+        f'<VTKFile type="StructuredGrid"><StructuredGrid WholeExtent="{extent}">'
+        f'<Piece Extent="{extent}"><Points>{points}</Points></Piece></StructuredGrid></VTKFile>'
+    )
+    one_line(tmp_path / "m.vts", f"1 points, but a piece of the extent '{extent}'")
 
 
 def test_second_order_of_abaqus_by_corners_with_the_middles_of_its_sides(tmp_path: Path) -> None:
@@ -289,6 +315,44 @@ def test_a_case_plays_with_the_file_of_another_program(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_case_plays_with_the_file_of_each_program(tmp_path: Path, name: str) -> None:
     played(tmp_path, name)
+
+
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [
+        ("box.msh.h5", "meshes/1/faces/zoneTopology/id"),
+        ("box.msh.h5", "meshes/1/faces/zoneTopology/maxId"),
+        ("box.msh.h5", "meshes/1/nodes/coords/1"),
+        ("box.med", "FAS/box/ELEME/*/GRO/NOM"),
+    ],
+)
+def test_a_small_file_that_holds_very_much_is_refused(tmp_path: Path, name: str, place: str) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / name
+    WRITERS[name](path)
+    with h5py.File(path, "r+") as file:
+        place = next(iter(found for found in _places(file) if fnmatch(found, place)))
+        dtype, attributes = file[place].dtype, dict(file[place].attrs)
+        del file[place]
+        file.create_dataset(place, (1 << 33,), dtype, chunks=(1 << 20,), compression="gzip").attrs.update(attributes)
+    with pytest.raises(InvalidInput, match=r"bytes that hold \d+ or more"):
+        read_mesh(path)
+
+
+def test_zones_of_more_faces_than_there_are(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "box.msh.h5"
+    WRITERS[path.name](path)
+    with h5py.File(path, "r+") as file:
+        file["meshes/1/faces/zoneTopology/maxId"][-1] = 1 << 40
+    with pytest.raises(InvalidInput, match=f"zones of {1 << 40} faces, but the file has"):
+        read_mesh(path)
+
+
+def _places(file: Any) -> list[str]:
+    found: list[str] = []
+    file.visit(found.append)
+    return found
 
 
 def test_elmer_folders_that_do_not_fit_and_calculix_input_whatever_it_is_called(tmp_path: Path) -> None:

@@ -24,11 +24,11 @@ def box_mesh(kind: str, n: int = 10) -> BodyMesh:
     """n boxes along each axis, cut into cells of the kind; in a mixed mesh the first type lies around the body."""
     d = 2 if kind in ("quad", "triangle", "quad + triangle") else 3
     points, boxes = _boxes(n, d)
-    # wedges meet hexahedra with their quads: those about the body go through the whole cube
-    near = (np.abs(points[boxes].mean(axis=1) - 0.5) < 0.25)[:, :2].all(axis=1)
+    near = (np.abs(points[boxes].mean(axis=1) - 0.5) < 0.25).all(axis=1)
     if kind == "quad + triangle":
         cells = {"quad": boxes[near], "triangle": _cut(boxes[~near], _TRIANGLES)}
     elif kind == "hexahedron + wedge":
+        near = (np.abs(points[boxes].mean(axis=1) - 0.5) < 0.25)[:, :2].all(axis=1)  # quads meet quads
         cells = {"hexahedron": boxes[near], "wedge": _cut(boxes[~near], _WEDGES)}
     elif kind == "pyramid":
         centres = len(points) + np.arange(len(boxes))

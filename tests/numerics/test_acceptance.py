@@ -41,5 +41,19 @@ def test_more_than_is_valid_without_a_correction_is_tried_first() -> None:
 
 
 def test_nothing_is_tried_beyond_what_is_possible() -> None:
-    assert found(1.0, 0.4, possible=0.6) == pytest.approx(0.4 + 0.9 * 0.2, abs=0.03)
+    assert found(1.0, 0.4, possible=0.6) == pytest.approx(0.95 * 0.6, abs=0.02)
     assert found(0.55, 0.4, possible=0.6) == pytest.approx(0.4 + 0.7 * 0.2, abs=0.03)
+
+
+def test_where_the_boundary_allows_a_part_one_motion_is_tried() -> None:
+    tried: list[float] = []
+
+    def accepts(fraction: float) -> bool:
+        tried.append(fraction)
+        return True
+
+    def valid(fraction: float) -> bool:
+        raise AssertionError("no motion without a correction is needed")
+
+    found = largest_accepted(accepts, valid, lambda fraction: fraction <= 0.6, whole=False, certain=False)
+    assert tried == [found]

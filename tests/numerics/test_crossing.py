@@ -6,12 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 from box_meshes import box_mesh
+from frame_meshes import square_frame
 
 from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.crossing import NoMeshExists
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.motion.prepared_mesh import PreparedMesh
 
@@ -129,6 +131,25 @@ def test_a_body_that_leaves_through_walls(
     if leaves and kind == "quad":
         with pytest.raises(NumericalError, match=NO_MESH):
             model.move(model.points, targets)
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.35, 0.45, 0.9])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_the_kinds_of_faults_up_to_the_one_that_is_found_are_enough(shift: float, mirrored: bool) -> None:
+    points, cells, patches = square_frame()
+    model = MotionModel.build(points, cells, patches, Method(support_radius=0.5))
+    moving = points[model.roles.moving]
+    targets = (moving * [-1.0, 1.0] + [1.0, 0.0] if mirrored else moving) + [shift, 0.01]
+    try:
+        model.boundary.refuse(points, targets)
+    except NoMeshExists as error:
+        certain = error
+    else:
+        assert not model.boundary.has_fault(points, targets, 9)
+        return
+    assert certain.looked_for > 0
+    assert model.boundary.has_fault(points, targets, certain.looked_for)
+    assert not model.boundary.has_fault(points, targets, certain.looked_for - 1)
 
 
 @pytest.mark.parametrize("settings", [{}, {"correction": "none"}, {"displacement": "absolute"}], ids=str)

@@ -72,6 +72,18 @@ def test_the_fraction_is_looked_for_with_corrections_that_stop_at_a_valid_mesh(m
     assert model.move(model.points, rest + refusal.value.fraction * (targets - rest)).corrected.inverted == 0
 
 
+def test_a_boundary_that_crosses_itself_is_not_tried_in_other_ways(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, attempts = MotionModel.build(*square_frame(24), Method()), []
+    for name in ("_attempt", "_smooth_attempt"):
+        attempt = getattr(MotionModel, name)
+        monkeypatch.setattr(
+            MotionModel, name, lambda *a, name=name, attempt=attempt: attempts.append(name) or attempt(*a)
+        )
+    with pytest.raises(NumericalError, match="no valid mesh exists"):
+        model.move(model.points, targets_of(model, 3.0, (0.65, 0.02)))
+    assert attempts == ["_smooth_attempt", "_attempt"]  # and the fraction's
+
+
 # of the last one the bisection's own trial is valid, but not the motion itself, which frees all nodes
 REFUSED = [((0.6, 0.04), -22.0), ((-0.49, 0.34), -65.0), ((0.57, 0.18), 49.0)]
 

@@ -8,6 +8,7 @@ import msgpack
 import numpy as np
 import pytest
 from mesh_motion_protocol.digests import request_digest, state_digest
+from mesh_motion_protocol.errors import ProtocolError
 from mesh_motion_protocol.messages import Commit, Move, Open, Upload
 
 MOVE = Move(
@@ -50,6 +51,11 @@ def test_the_order_of_a_map_is_not_content():
         Open(dimension=2, settings={"b": {"d": 2, "c": 1}, "a": 1}),
     )
     assert request_digest(one) == request_digest(two)
+
+
+def test_a_value_that_the_wire_does_not_know_has_no_digest():
+    with pytest.raises(ProtocolError, match="the header cannot be packed: Integer value out of range"):
+        request_digest(Open(client=b"c" * 16, sequence=1, dimension=2, settings={"max_enrichment_points": 2**64}))
 
 
 def test_an_absent_array_is_one_zero_byte():

@@ -32,7 +32,7 @@ def test_endpoints(text, address, local):
 @pytest.mark.parametrize(
     "text",
     ["", "7440", "127.0.0.1:7440", "tcp://", "tcp://127.0.0.1", "tcp://127.0.0.1:x", "tcp://127.0.0.1:65536",
-     "udp://127.0.0.1:1", "ipc://relative", "ipc://@abstract", "inproc://a"],
+     "tcp://127.0.0.1:²", "tcp://127.0.0.1:" + "9" * 5000, "udp://127.0.0.1:1", "ipc://relative", "ipc://@abstract", "inproc://a"],
 )  # fmt: skip
 def test_what_is_no_endpoint(text):
     with pytest.raises(EndpointError, match="endpoint must be"):

@@ -12,11 +12,13 @@ import os
 import time
 import uuid
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
 from mesh_motion_protocol.digests import request_digest
+from mesh_motion_protocol.errors import ProtocolError
 from mesh_motion_protocol.messages import Message, Open, Resume
 
 from mesh_motion_client.connection import Connection, ConnectionLost, DamagedReply, check_process, seconds_left
@@ -77,7 +79,10 @@ class Control:
         check_process(self._process)
         deadline = time.monotonic() + seconds
         message = kind(client=self._client, sequence=self._sequence + 1, **fields)
-        content = request_digest(message) if isinstance(message, _KEPT) else None
+        content = None
+        if isinstance(message, _KEPT):
+            with suppress(ProtocolError):  # it is refused when it is sent
+                content = request_digest(message)
         message = replace(message, sequence=self._number(content))
         try:
             reply = self._answer(message, deadline, partial(self._warn, message, time.monotonic(), deadline))

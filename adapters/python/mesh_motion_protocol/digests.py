@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_protocol.arrays import frames_of
+from mesh_motion_protocol.header import pack
 from mesh_motion_protocol.messages import Message
 from mesh_motion_protocol.schema import schema_of, sent_fields
 
@@ -33,10 +34,20 @@ def request_digest(message: Message) -> bytes:
     """32 bytes: SHA-256 over the type and all fields but ids and those that are not content.
 
     Arrays count by their values: narrow ones are widened for it, some rows at a time.
+
+    Raises
+    ------
+    ProtocolError
+        For a value that the wire does not know, as :func:`.header.pack` does.
     """
     schema = schema_of(type(message))
     values = sent_fields(message, [spec for spec in schema.fields if spec.name not in _NO_CONTENT])
-    digest = hashlib.sha256(msgpack.packb([schema.kind, _sorted(values)]))
+    try:
+        packed = msgpack.packb([schema.kind, _sorted(values)])
+    except (TypeError, ValueError, OverflowError):
+        pack(values)  # says what the wire does not know
+        raise
+    digest = hashlib.sha256(packed)
     for spec in schema.arrays:
         array = getattr(message, spec.name)
         if array is None:

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.files.hdf5 import opened_hdf5
-from mesh_motion_server.files.packages import check_unpacked
+from mesh_motion_server.files.hdf5 import opened_hdf5, whole_of
 from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["Node", "open_cgns"]
@@ -127,5 +126,4 @@ class Node:
             raise self.refused("it has no data")
         if data.dtype.kind not in kinds:
             raise self.refused(f"data of type {data.dtype}, expected {'real numbers' if kinds == 'f' else 'integers'}")
-        check_unpacked(self.path, data.id.get_storage_size(), data.nbytes)
-        return np.asarray(data[()])
+        return whole_of(self.path, data)
