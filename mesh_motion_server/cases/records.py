@@ -140,11 +140,10 @@ class StepRecord:
         return asdict(self)
 
     def as_row(self) -> dict[str, Any]:
-        """The columns of steps.csv; NaN for unknown faces."""
+        """The columns of steps.csv; NaN for what is not known."""
         after = self.faces.get("after", {})
-        return {name: getattr(self, name) for name in self.columns()} | {
-            name: after.get(name, math.nan) for name in FACES
-        }
+        found = {name: getattr(self, name) for name in self.columns()} | {name: after.get(name) for name in FACES}
+        return {name: math.nan if value is None else value for name, value in found.items()}
 
 
 def drawn(metric: str) -> str:

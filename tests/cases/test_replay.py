@@ -12,6 +12,7 @@ import pytest
 from mesh_motion_client import Server
 from mesh_motion_protocol.messages import Close, Commit, Move, Rollback
 from real_sessions import boxed, bulge, new_session
+from threadpoolctl import threadpool_info
 
 from mesh_motion_server.cases.comparison import Comparison, table_of, write_comparison
 from mesh_motion_server.cases.recorded import Recorded, read_recorded
@@ -347,7 +348,11 @@ def test_assignments() -> None:
 def test_over_the_wire_with_all_results(server: Server, folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     comparison = replay(folder, out, {}, endpoint=server.endpoint, until=3)
-    assert comparison.agreement.exact
+    # servers keep to AVX2 (transport/processes.py), this process takes what the machine has
+    blas = {library.get("architecture") for library in threadpool_info()}
+    agreement = comparison.agreement
+    assert agreement.exact or blas != {"Haswell"}
+    assert agreement.replayed_min == pytest.approx(agreement.recorded_min, abs=1e-12)
     assert comparison.unpromised == "equal bits are not promised: another server made the replay"
     assert {"comparison.json", "summary.json", "steps.csv", "points.npy", "mesh.pvd"} <= {
         path.name for path in out.iterdir()
