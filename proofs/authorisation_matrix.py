@@ -177,7 +177,7 @@ def _fields(request: str, at: dict[str, Any]) -> dict[str, Any]:
     """A right request's fields: where, and what of the rest it has to have."""
     rows = np.full((5, 2), 1e-4)
     known = at | {"dimension": 2, "item": "nodes", "frame": "committed", "rows": rows, "displacement": rows}
-    known |= {"velocity": rows, "weights": np.full((25, 2), 1.0)}
+    known |= {"velocity": "" if request == "MOVE" else rows, "weights": np.full((25, 2), 1.0)}
     known |= {"part": {}, "questions": [], "bins": np.zeros((0, 3), dtype=np.int64), "values": rows, "worst": rows}
     corners = np.arange(3)[:, None]
     known |= {"nodes": np.zeros((5, 2), dtype=np.int64), "points": rows, "positions": rows, "corners": corners}

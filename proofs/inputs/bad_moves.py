@@ -80,8 +80,8 @@ def _frame(draft: Draft, rng: Rng) -> Names:
 
 def _extra(draft: Draft, rng: Rng) -> Names:
     del rng
-    draft.extra["velocity"] = 1.0
-    return {"field": "velocity"}
+    draft.extra["viscosity"] = 1.0
+    return {"field": "viscosity"}
 
 
 def _unmovable(
@@ -166,7 +166,7 @@ BAD_MOVES = (
     _step(2**63, "INVALID_ARGUMENT.HEADER", {"field": "step"}, str(2**63)),
     _step(2.0, "INVALID_ARGUMENT.HEADER", {"field": "step"}, "integer"),
     BadInput("an unknown frame", "move", _frame, _VALUE, ("absolute", "committed", "reference")),
-    BadInput("an unknown field", "move", _extra, "INVALID_ARGUMENT.HEADER", ("velocity",)),
+    BadInput("an unknown field", "move", _extra, "INVALID_ARGUMENT.HEADER", ("viscosity",)),
     BadInput("the largest float", "move", _overflow, _VALUE, ("node",)),
     _enormous(1e300),
     _enormous(1e160),

@@ -187,9 +187,9 @@ MM_API mm_result mm_tangent(mm_session *session, size_t vectors, size_t moving, 
 /* Weights of all nodes in, the derivative of an objective by their positions; weights of the moving nodes out. */
 MM_API mm_result mm_cotangent(mm_session *session, size_t vectors, size_t nodes, const double *weights, size_t moving,
                               double *answer);
-/* What a move reports in addition to the quality, from now on: "", "faces", the mesh as a finite-volume code sees
- * it (SPEC.md, section 15), or "swept" for mm_swept. It takes time: set it for the move that is committed, then set ""
- * again. */
+/* What a move reports in addition to the quality, from now on: "", "faces", the mesh as a finite-volume code sees it,
+ * "headroom", how many more such steps it admits (SPEC.md, section 15), or "swept" for mm_swept. It takes time: set it
+ * for the move that is committed, then set "" again. */
 MM_API mm_result mm_set_report(mm_session *session, const char *report);
 /* Seconds after which the server gives up computing a move, from now on; 0: never. The move is then refused with
  * MM_DEADLINE_EXCEEDED, and the session is as before. */

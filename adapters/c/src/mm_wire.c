@@ -485,6 +485,7 @@ static const reply_rule RULES[] = {
       {"seconds", MMI_MAP, MMI_NUMBER, 0, 0},
       LIST("warnings", MMI_TEXT),
       {"faces", MMI_MAP, -1, 1, 0},
+      {"headroom", MMI_MAP, -1, 1, 0},
       FIELD_SUMS},
      {{"displacement", 'f', 3, 0}, {"velocity", 'f', 3, 1}, {"swept", 'f', 0, 1}, {"enrichment_points", 'f', 3, 0},
       FIELD_ARRAYS}},
