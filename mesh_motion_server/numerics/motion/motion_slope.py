@@ -340,7 +340,7 @@ def _nothing(_rows: Floats) -> None:
 
 
 def _of_images(motion: StandardMotion) -> _Linear:
-    """Periodic images move as their roots; moving nodes as they are told."""
+    """Periodic images move as their roots; moving nodes go to their targets."""
     if motion.periodic is None:
         return _Linear(_nothing, _nothing)
     orbits = motion.periodic.of(~np.isin(motion.periodic.members, motion.roles.moving))
