@@ -18,7 +18,7 @@ __all__ = ["VTU_METRICS", "StepRecord", "add_seconds", "drawn"]
 
 VTU_METRICS = ("size", "skew", "size-skew", "relative-size-skew")
 """Of every cell of the mesh series."""
-_NEAR = 20.0  # steps until the end that are worth a line
+_NEAR = 3.0  # steps until the end that are worth a line
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -71,7 +71,7 @@ class StandIn:
             seconds=seconds,
             warnings=[f"warning {len(self.moves)}", "always"],
             faces=faces,
-            headroom={"threshold": 12.5, "inversion": 30.0 / len(self.moves)} if report else {},
+            headroom={"threshold": 1.25, "inversion": 9.0 / len(self.moves)} if report else {},
         )
 
     def commit(self, final_step: int) -> None:
@@ -177,10 +177,10 @@ def test_each_step_has_its_faces_in_the_solvers_words(make_case, stand_in: Plays
         "non-orthogonality at most 66.0° in step 2 (20.0° at rest), 1 face above 65°; skewness at most 1.65 (0.50), "
         "volume ratio at least 0.50 (0.50); shortest edge 0.3, smallest face 0.15 of that at rest"
     )
-    assert ahead == [(12.5, 10.0), (12.5, 5.0)]
+    assert ahead == [(1.25, 3.0), (1.25, 1.5)]
     last = played.steps[-1]
-    assert last.ahead == "more steps like the last one: 12.5 to the quality threshold, 5.0 to the first inverted cell"
-    assert replace(last, headroom_threshold=20.1, headroom_inversion=None).ahead == ""
+    assert last.ahead == "more steps like the last one: 1.2 to the quality threshold, 1.5 to the first inverted cell"
+    assert replace(last, headroom_threshold=3.1, headroom_inversion=None).ahead == ""
 
 
 def test_of_a_run_without_faces_there_is_no_line() -> None:

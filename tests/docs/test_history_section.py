@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mesh_motion_protocol.messages import Commit, Move
+from real_sessions import computes_as_servers
 from shown_commands import blocks, run
 
 from mesh_motion_server.numerics.mesh.roles import Patch
@@ -60,6 +61,8 @@ def test_pruning_removes_the_histories_that_are_old_and_not_held(tmp_path: Path)
 
 @pytest.mark.nightly
 def test_the_commands_run(tmp_path: Path) -> None:
+    if not computes_as_servers():
+        pytest.skip("the record is made in this process, with other last digits than a server's")
     record(tmp_path / "sessions")
     _, script = blocks(PAGE, "bash")
     done = run(f"set -e\n{script}", tmp_path, "")

@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_info
 
 from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.service.dispatch import SessionHost
@@ -39,3 +40,9 @@ def new_session(
     spec = make_spec(session, partitions=len(meshes), durability=level, settings=method)
     limits = ServerSettings(reserve_disk_bytes=0)
     return Driver(SessionHost.create(spec, store, limits=limits, build_model=build_motion_model), meshes)
+
+
+def computes_as_servers() -> bool:
+    """Whether BLAS takes here what servers keep to (transport/processes.py): not where the machine has AVX-512."""
+    own = {library.get("architecture") for library in threadpool_info()}
+    return not own & {"SkylakeX", "Cooperlake", "SapphireRapids"}

@@ -141,7 +141,7 @@ def _no_headroom(fields: dict[str, Any]) -> None:
 def _headroom(stage: Stage) -> None:
     """Once more there and back: nothing goes on, so nothing ends; then a step that can follow a few times."""
     session = stage.session("READY")
-    still = session.request("MOVE").having(report="headroom", displacement=np.zeros((4, 2)))
+    still = session.request("MOVE").having(report="headroom").carrying(displacement=np.zeros((4, 2)))
     found = session.do(still).fields["headroom"]
     if "inversion" in found or "cell" in found:
         raise Unmet("headroom: nothing ends where nothing moves", str(found))
