@@ -269,9 +269,9 @@ def a_list_that_grows_with_each_commit() -> None:
 
     commit, kept = Session.commit, []
 
-    def keep(self, *given):
+    def keep(self, *given, **further):
         kept.append(os.urandom(int(os.environ["SEEDED_BYTES"])))
-        return commit(self, *given)
+        return commit(self, *given, **further)
 
     Session.commit = keep
 
