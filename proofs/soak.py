@@ -276,7 +276,7 @@ def _result(soak: Soak, slopes: dict[str, float], seconds: float) -> Result:
 CHECK = Check(
     "soak",
     "{count} steps: no process grows by 1 MB in 10⁵ steps, nor files",
-    short=9000,  # what is bounded fills for 4000 to 5000 steps: 420 kB a worker
+    short=12_000,  # what is bounded fills for 4000 to 5000 steps: 420 kB a worker
     full=1_000_000,
     seconds=100,
     run=run,
