@@ -7,14 +7,15 @@ Periodic nodes are one unknown per orbit, so the mesh is improved across a perio
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.correction.free_region import FreeRegion
-from mesh_motion_server.numerics.correction.linked_unknowns import LinkedUnknowns, StepSolver
+from mesh_motion_server.numerics.correction.linked_unknowns import LinkedUnknowns, StepSolver, System
 from mesh_motion_server.numerics.correction.outward_facets import OutwardFacets
 from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -141,11 +142,15 @@ class RegionConstraint:
         right : (f, d) array
             −g.
         """
-        matrices = self.matrices(points)
-        blocks = self.links.reduce(matrices, hessian)
-        return self.links.expand(matrices, solve(self.links.adjacency, blocks, self.links.gather(matrices, right)))
+        return self.solver(points, hessian, lambda adjacency, blocks: partial(solve, adjacency, blocks))(right)
 
-    def matrices(self, points: Floats) -> Floats:
+    def solver(self, points: Floats, hessian: Floats, system: System) -> Callable[[Floats], Floats]:
+        """What makes such steps (f, d) of right sides (f, d); ``system`` prepares the representatives' one once."""
+        matrices = self._matrices(points)
+        solve = system(self.links.adjacency, self.links.reduce(matrices, hessian))
+        return lambda right: self.links.expand(matrices, solve(self.links.gather(matrices, right)))
+
+    def _matrices(self, points: Floats) -> Floats:
         """(f, d, d) M of the free nodes' links, with local positions (l, d)."""
         d = points.shape[1]
         matrices = np.broadcast_to(np.eye(d), (len(self.links.targets), d, d)).copy()

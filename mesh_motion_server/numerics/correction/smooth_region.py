@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import mesh_motion_kernels as kernels
 import numpy as np
@@ -92,9 +92,7 @@ class SmoothRegion:
         """
         if self.constraint is None:
             return self._system(self.free.adjacency, hessian, accuracy)
-        links, matrices = self.constraint.links, self.constraint.matrices(points)
-        solve = self._system(links.adjacency, links.reduce(matrices, hessian), accuracy)
-        return lambda right: links.expand(matrices, solve(links.gather(matrices, right)))
+        return self.constraint.solver(points, hessian, partial(self._system, accuracy=accuracy))
 
     @property
     def is_factorized(self) -> bool:
