@@ -46,6 +46,7 @@ __all__ = [
 _PR_SET_PDEATHSIG = 1
 _PR_SET_NAME = 15
 _PR_SET_CHILD_SUBREAPER = 36
+_M_ARENA_MAX = -8
 #: A child must end within this time after its line is closed, and again after SIGKILL, seconds.
 _END_SECONDS = 5.0
 #: From -1000 to 1000; 0 is usual.
@@ -191,6 +192,7 @@ def _begin(supervisor: int, line: int) -> None:
             with contextlib.suppress(OSError):  # the listing's own
                 os.close(descriptor)
     TALLY.take()
+    _use_one_heap()
     use_repeatable_libraries()
 
 
@@ -316,6 +318,17 @@ def limit_address_space(allowance: int) -> None:
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
         limit = mapped + allowance
         resource.setrlimit(resource.RLIMIT_AS, (limit if hard < 0 else min(limit, hard), hard))
+
+
+def _use_one_heap() -> None:
+    """Let all threads take memory from the heap of the first; call this before any other starts.
+
+    glibc gives each thread a heap, and keeps its addresses when all in it is freed. After a connection that sent frames
+    until the limit of the address space cut it, nothing was left to map for ever.
+    """
+    set_option = getattr(ctypes.CDLL(None), "mallopt", None)  # no other C library has heaps for threads
+    if set_option is not None:
+        set_option(_M_ARENA_MAX, 1)
 
 
 def return_memory() -> None:
