@@ -19,10 +19,11 @@ from mesh_motion_server.transport.telemetry import log
 
 __all__ = ["GatewayLine"]
 
-#: A gateway that fails more often than this in an hour has a cause that a restart does not remove.
+#: More failed starts than this in an hour have a cause that one more start does not remove. A gateway that listened and
+#: fell does not count: the sessions work without it, and a client that makes it fall must not end them.
 _STARTS = 20
-#: Seconds before the next start after a start that failed; doubled each time up to the limit, because a shortage of
-#: memory or processes can last.
+#: Seconds before the next start after a start that failed, or after a fall within the longest pause; doubled each time
+#: up to the limit, because a shortage of memory or processes can last.
 _PAUSE, _LONGEST_PAUSE = 0.2, 5.0
 #: Seconds within which it must import, bind and test itself; on an idle machine it needs some tenths of a second.
 _START_SECONDS = 60.0
@@ -62,7 +63,7 @@ class GatewayLine:
         self.endpoint = endpoint
         self.child: Child | None = None
         self.answered_at = time.monotonic()
-        self._listens = False
+        self._listens_since: float | None = None
         self._selector = selector
         self._launch = launch
         self._request = request
@@ -150,7 +151,7 @@ class GatewayLine:
             log().error("gateway_not_started", reason=message["reason"])
 
     def _bound(self, endpoint: str) -> None:
-        self.endpoint, self._listens, self._pause = endpoint, True, _PAUSE
+        self.endpoint, self._listens_since, self._attempts = endpoint, time.monotonic(), Attempts(_STARTS)
         TALLY.count("gateway_starts")
         self._alive()
 
@@ -160,7 +161,7 @@ class GatewayLine:
     # --- its life ----------------------------------------------------------------------------------------------------
 
     def _take(self, gateway: Child) -> None:
-        self.child, self._listens, self._outbox = gateway, False, Outbox(gateway.channel, _KEPT_REPLIES)
+        self.child, self._listens_since, self._outbox = gateway, None, Outbox(gateway.channel, _KEPT_REPLIES)
         self._due = time.monotonic() + _START_SECONDS
         self._alive()
         self._selector.register(gateway.channel, selectors.EVENT_READ, self._turned)
@@ -171,11 +172,15 @@ class GatewayLine:
         TALLY.count("gateway_falls")
         log().error("gateway_ended", code=gateway.reap())
         self.child, self._outbox = None, None
-        self._due = time.monotonic() + (0.0 if self._listens else self._next_pause())
+        now = time.monotonic()
+        if self._listens_since is not None and now - self._listens_since > _LONGEST_PAUSE:
+            self._due, self._pause = now, _PAUSE
+        else:
+            self._due = now + self._next_pause()
 
     def next_deadline(self) -> float | None:
         """Return when :meth:`keep_time` must run next."""
-        return None if self._listens and self.child is not None else self._due
+        return None if self._listens_since is not None and self.child is not None else self._due
 
     def keep_time(self, now: float) -> None:
         """Restart a gateway that has ended; kill one that does not start to listen in time."""
@@ -188,7 +193,7 @@ class GatewayLine:
             except OSError as error:
                 self._due = now + self._next_pause()
                 log().error("gateway_not_started", reason=str(error))
-        elif not self._listens:
+        elif self._listens_since is None:
             log().error("gateway_not_started", reason=f"silent for {_START_SECONDS:.0f} s")
             self._due = now + _START_SECONDS
             self.child.kill()

@@ -109,7 +109,7 @@ def test_one_that_hangs_while_it_starts_again_is_killed_and_another_one_started(
     started.theirs[0].close()
     began = time.monotonic()
     started.turn()
-    started.turn()
+    started.line.keep_time(began + 2 * module._PAUSE)
     assert len(started.children) == 2  # which says nothing
     started.line.reply(b"p", b"r")
     started.line.keep_time(time.monotonic() + module._START_SECONDS + 1)
@@ -120,7 +120,7 @@ def test_one_that_hangs_while_it_starts_again_is_killed_and_another_one_started(
     started.theirs[1].close()
     started.words = [BOUND]
     started.turn()
-    started.line.keep_time(time.monotonic() + module._PAUSE)
+    started.line.keep_time(time.monotonic() + 4 * module._PAUSE)
     started.turn()
     started.theirs[2].send({"peer": b"p", "user": "", "frame": b"f"})
     started.turn()
@@ -128,11 +128,11 @@ def test_one_that_hangs_while_it_starts_again_is_killed_and_another_one_started(
     assert not started.line.lost
 
 
-def test_one_that_falls_again_and_again_is_lost(started: Script) -> None:
+def test_one_that_cannot_start_again_and_again_is_lost(started: Script) -> None:
     started.refusal = BlockingIOError(11, "Resource temporarily unavailable")
     started.theirs[0].close()
-    started.turn()  # hears of the end, and tries a second time
-    now, tries = time.monotonic(), 2
+    started.turn()
+    now, tries = time.monotonic(), 0
     while not started.line.lost:
         due = started.line.next_deadline()
         assert due is not None
@@ -140,6 +140,21 @@ def test_one_that_falls_again_and_again_is_lost(started: Script) -> None:
         now, tries = due, tries + 1
         started.line.keep_time(now)
     assert tries == module._STARTS
+
+
+def test_one_that_a_client_makes_fall_again_and_again_is_not_lost(started: Script) -> None:
+    """The sessions go on; the pauses keep the falls from taking all of a processor."""
+    now, pauses = time.monotonic(), []
+    for _ in range(2 * module._STARTS):
+        started.theirs[-1].close()
+        started.turn()
+        pauses.append(started.line._due - time.monotonic())
+        started.words = [BOUND]
+        started.line.keep_time(now + module._LONGEST_PAUSE + 1)
+        started.turn()
+    assert not started.line.lost
+    assert module._PAUSE / 2 < pauses[0] <= module._PAUSE
+    assert module._LONGEST_PAUSE / 2 < pauses[-1] <= module._LONGEST_PAUSE
 
 
 @pytest.mark.parametrize(
