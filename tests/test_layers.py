@@ -81,7 +81,7 @@ def forbidden(module: str) -> tuple[str, ...]:
 
 
 def session_above(room: str) -> list[str]:
-    """What a room of the session may not import: later rooms and the modules beside the rooms."""
+    """What a room of the session may not import: later rooms and the modules outside the rooms."""
     folder = PACKAGES["mesh_motion_server"] / "session"
     beside = [path.stem for path in folder.glob("*.py") if path.stem != "__init__"]
     later = SESSION_ROOMS[SESSION_ROOMS.index(room) + 1 :]

@@ -23,7 +23,7 @@ def test_a_wildcard_stands_for_the_host_of_the_control_endpoint(control, told, r
 
 
 class Wire:
-    """In place of a connection: keeps what is sent and answers as it is told."""
+    """In place of a connection: keeps what is sent and gives prepared answers."""
 
     def __init__(self, outcomes):
         self.outcomes, self.sent, self.closed, self.made = list(outcomes), [], False, 0

@@ -11,7 +11,7 @@ from page_story import ROOT, Block, blocks_of, play, told
 
 from docs.site.index import PAGES
 
-#: Pages whose blocks a test of its own runs or checks, where its name does not tell (docs/X.md: test_X_page.py).
+#: Pages whose blocks a test of its own runs or checks, where its name does not show it (docs/X.md: test_X_page.py).
 ELSEWHERE = {
     "README.md": "tests/test_readme.py",
     "adapters/README.md": "tests/docs/test_adapters_page.py",

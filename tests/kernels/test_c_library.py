@@ -350,7 +350,7 @@ def _judge(metric: bytes) -> Call:
         (lambda c, _, f: c.mesh_motion_set_threads(3), "expected 1 thread to as many as are available"),
     ],
 )
-def test_wrong_arguments_are_told(library: ctypes.CDLL, call: Call, message: str) -> None:
+def test_wrong_arguments_are_refused(library: ctypes.CDLL, call: Call, message: str) -> None:
     cells, field = Handle(library, "cells"), interpolant_handle(library, interpolant("ctps-c0", 2, 1, 0.1))
     assert library.mesh_motion_cells_add(cells.at, b"triangle", c_int64(2), pointer(NODES)) == 0
     assert call(library, cells.at, field.at) == INVALID_ARGUMENT

@@ -1,7 +1,7 @@
 """``python tests/mutation [--all] [MODULE …]``: do tests notice changed code?
 
 Every mutant that no test notices must stand in ``survivors.toml``, with the reason why it is none: exit status 0 if so,
-1 if there is another one. Those that stand there are not tried, except with ``--all``, which tells those that are
+1 if there is another one. Those that stand there are not tried, except with ``--all``, which prints those that are
 noticed after all. mutmut 3.8 was tried: it leaves no statement out (a sync, a raise), no property or context manager is
 changed, and what survives is marked in the product's own lines; cosmic-ray 8.7 starts a process for each mutant.
 """

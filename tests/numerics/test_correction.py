@@ -189,7 +189,7 @@ def test_enrichment_works_on_cells_that_are_no_simplices(kind: str) -> None:
     assert found.minimum > standard + 0.15
 
 
-def test_a_correction_that_gains_less_than_it_spoils_is_told_from_one_that_gains_more() -> None:
+def test_a_correction_that_gains_less_than_it_spoils_differs_from_one_that_gains_more() -> None:
     mesh = box_mesh("quad", 6)
     at_rest = cells_at_rest(mesh.points, mesh.cells)
     node = int(np.flatnonzero(~mesh.held)[0])

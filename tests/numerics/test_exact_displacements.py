@@ -27,7 +27,7 @@ def test_the_answer_is_that_of_whole_arrays(count: int, offset: float, dimension
     assert exact == np.array_equal(settled, moved)
 
 
-def test_sums_that_round_elsewhere_are_told() -> None:
+def test_sums_that_round_elsewhere_are_found() -> None:
     base, moved = np.full((9, 2), 1.0), np.full((9, 2), 1.0)
     moved[4, 1] = 1e-30  # 1 + (1e-30 - 1) is 0
     none = np.empty(0, dtype=np.int64)
@@ -38,7 +38,7 @@ def test_sums_that_round_elsewhere_are_told() -> None:
     assert settle(moved.copy(), base, np.array([4]), np.array([[0.0, 0.5]]))
 
 
-def test_a_node_may_be_told_elsewhere_than_it_was_moved() -> None:
+def test_a_node_may_have_another_position_than_it_was_moved_to() -> None:
     base = np.zeros((3, 1))
     settled = base.copy()
     assert not settle(settled, base, np.array([1]), np.array([[0.25]]))

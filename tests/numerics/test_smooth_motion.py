@@ -306,7 +306,7 @@ def test_a_motion_that_is_impossible_is_refused_with_the_part_that_is_not() -> N
 
 @pytest.mark.parametrize("flat", [1.0, 0.05])
 @pytest.mark.parametrize("kind", CELL_KINDS)
-def test_a_rank_tells_every_cell_that_resists(kind, flat):
+def test_a_rank_sends_every_cell_that_resists(kind, flat):
     """By its worst corner, which says what the distortion says but for the smoothing of its size."""
     box, random = box_mesh(kind, 4), np.random.default_rng(7)
     points = box.points * np.array([1.0, flat, 1.0])[: box.points.shape[1]]

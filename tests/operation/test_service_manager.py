@@ -24,7 +24,7 @@ def manager(tmp_path: Path) -> Iterator[socket.socket]:
         yield listener
 
 
-def test_nobody_listens() -> None:
+def test_no_manager_listens() -> None:
     ServiceManager("").tell("READY=1")
     ServiceManager("/nowhere/at/all").tell("READY=1")
 

@@ -179,7 +179,7 @@ def test_narrow_and_whole_numbers_are_taken(session: Session) -> None:
     session.rollback()
 
 
-def test_a_closed_server_is_told_at_once() -> None:
+def test_a_closed_server_raises_at_once() -> None:
     server = connect()
     server.close()
     with pytest.raises(MeshMotionError, match="connection to the server is closed"):

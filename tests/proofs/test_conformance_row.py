@@ -34,7 +34,7 @@ def test_the_full_plan_has_all_cases() -> None:
         assert timed.seconds == 5.0
 
 
-def test_a_failure_and_a_case_that_was_left_out_are_told() -> None:
+def test_a_failure_and_a_case_that_was_left_out_are_reported() -> None:
     outcomes = [
         Outcome(Case("2", "good", "a demand", lambda stage: None), "PASS", 0.1),
         Outcome(Case("3", "bad", "a demand", lambda stage: None), "FAIL", 0.1, "PONG", "ERROR", "PING"),

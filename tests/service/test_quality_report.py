@@ -1,4 +1,4 @@
-"""What a later coupling iteration tells of the quality: as much as the first, or what decides alone, as exact."""
+"""What a later coupling iteration reports of the quality: as much as the first, or what decides alone, as exact."""
 
 from typing import Any
 
@@ -39,7 +39,7 @@ def test_later_iterations_leave_the_distributions_to_the_commit(store: Any, tmp_
     told.host.close()
 
 
-def test_after_a_rollback_the_first_is_told_in_full(store: Any) -> None:
+def test_after_a_rollback_the_first_is_given_in_full(store: Any) -> None:
     told = opened(store)
     told.all(Move, pushed(told, 0.01), step=1)
     told.all(Move, pushed(told, 0.01), step=1)
@@ -49,7 +49,7 @@ def test_after_a_rollback_the_first_is_told_in_full(store: Any) -> None:
     told.host.close()
 
 
-def test_every_move_tells_all_where_that_is_asked_for(store: Any) -> None:
+def test_every_move_gives_all_where_that_is_asked_for(store: Any) -> None:
     told = opened(store, quality_report="every-move")
     for _ in range(2):
         (moved,) = told.all(Move, pushed(told, 0.01), step=1)

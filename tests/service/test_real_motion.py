@@ -97,7 +97,7 @@ def test_warnings_use_the_senders_numbers(store: Any) -> None:
     driver.host.close()
 
 
-def test_faces_are_told_of_the_reference_mesh_and_of_the_answer(store: Any) -> None:
+def test_faces_are_those_of_the_reference_mesh_and_of_the_answer(store: Any) -> None:
     mesh = boxed(12)
     cells = CellTable.from_arrays(mesh.cells)
     driver = driver_of(store, [mesh])
@@ -118,7 +118,7 @@ def test_faces_are_told_of_the_reference_mesh_and_of_the_answer(store: Any) -> N
     driver.host.close()
 
 
-def test_of_several_partitions_those_that_ask_are_told_of_all_faces(store: Any) -> None:
+def test_of_several_partitions_those_that_ask_get_all_faces(store: Any) -> None:
     whole = boxed(12)
     driver = driver_of(store, split_mesh(whole, 3))
     driver.open()

@@ -40,7 +40,7 @@ def test_what_a_step_has_not_used_is_dropped_when_it_is_committed() -> None:
         assert len(cache) == 2
 
 
-def test_kinds_share_one_budget_and_are_told_apart() -> None:
+def test_kinds_share_one_budget_and_are_kept_apart() -> None:
     cache = FactorCache(100)
     factorization, _ = cache.get_or_make(b"a", lambda: Sized(40))
     operators, reused = cache.get_or_make(b"a", lambda: Sized(5), "operators")

@@ -95,7 +95,7 @@ def test_closing_a_session_that_was_never_built_removes_it(store: SessionStore) 
     assert list((store.root / "sessions").iterdir()) == []
 
 
-def test_a_large_mesh_is_written_beside_its_check(
+def test_a_large_mesh_is_written_during_its_check(
     store: SessionStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     build(store).host.close()

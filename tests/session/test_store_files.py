@@ -172,7 +172,7 @@ def test_a_lock_is_given_back_when_opening_fails(
     store.open(SESSION, TOKEN).release()
 
 
-def test_a_lock_that_the_system_refuses_is_told(store: SessionStore, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lock_that_the_system_refuses_is_reported(store: SessionStore, monkeypatch: pytest.MonkeyPatch) -> None:
     build(store)
     monkeypatch.setattr(Counted, "lock", raising(OSError(errno.EMFILE, "Too many open files")))
     with pytest.raises(ResourceError, match="the session cannot be opened: Too many open files") as caught:

@@ -99,7 +99,7 @@ def largest_angle(step: int) -> float:
 
 
 def _faces(angle: float) -> dict[str, Any]:
-    """What a history is told of the faces of a mesh."""
+    """What a history has of the faces of a mesh."""
     above = {f"faces_above_{limit}": int(max(0.0, angle - limit)) for limit in (65, 75)}
     shares = {"max_skewness": 0.5, "min_volume_ratio": 0.25, "shortest_edge": 0.5, "smallest_face": 0.375}
     return {"faces": 1050, "max_non_orthogonality": angle, **above, **shares}
@@ -160,7 +160,7 @@ def _committed(step: int, chance: random.Random, dimension: int) -> dict[str, An
 
 
 def refused(step: int, message: str = "no valid mesh found: 3 of 722 cells are inverted") -> dict[str, Any]:
-    """A refusal as a history tells it, without the time."""
+    """A refusal as a history has it, without the time."""
     return {
         "event": "refused",
         "request": "MOVE",

@@ -1,4 +1,4 @@
-"""A page's code blocks as the story they tell: one shell session, in the order of the page.
+"""A page's code blocks as one story: one shell session, in the order of the page.
 
 ``sh`` blocks are run, ``python`` blocks too, each by a process of its own; ``toml`` is checked as a case, a method or
 settings; a ``text`` block marked as output is held against what was printed before it. A comment right above a block
@@ -31,7 +31,7 @@ ROOT = Path(__file__).resolve().parents[2]
 #: Languages whose blocks have to be run, or say why not.
 LANGUAGES = ("python", "sh", "bash", "toml", "c")
 MARKS = ("file", "more of", "fails", "output", "run by", "not run")
-#: What a reader has beside the page's own files: the checkout's folders.
+#: What a reader has in addition to the page's own files: the checkout's folders.
 _BESIDE = ("examples", "adapters", "docs", "protocol")
 _END = "END_OF_THE_BLOCK"
 _BLOCK = re.compile(

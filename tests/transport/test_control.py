@@ -170,7 +170,7 @@ def test_of_sessions_whose_worker_fell_only_the_latest_are_remembered(
     assert list(told.control.registry.live) == kept
 
 
-def test_a_disk_that_hangs_holds_up_nobody_and_tells_nobody_what_there_is(
+def test_a_disk_that_hangs_holds_up_no_request_and_reveals_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told, live = served(tmp_path)

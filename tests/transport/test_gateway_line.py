@@ -76,7 +76,7 @@ def started(script: Script) -> Script:
     return script
 
 
-def test_a_gateway_that_does_not_read_holds_nobody_up_and_gets_what_was_kept(started: Script) -> None:
+def test_a_gateway_that_does_not_read_holds_no_request_up_and_gets_what_was_kept(started: Script) -> None:
     (theirs,) = started.theirs
     frame = bytes(60_000)
     for number in range(1000):
@@ -131,7 +131,7 @@ def test_one_that_hangs_while_it_starts_again_is_killed_and_another_one_started(
 def test_one_that_falls_again_and_again_is_lost(started: Script) -> None:
     started.refusal = BlockingIOError(11, "Resource temporarily unavailable")
     started.theirs[0].close()
-    started.turn()  # hears of the end, and tries a second time
+    started.turn()  # sees the end, and tries a second time
     now, tries = time.monotonic(), 2
     while not started.line.lost:
         due = started.line.next_deadline()

@@ -1,4 +1,4 @@
-"""What is logged is bounded, tells nothing that was sent, and says how much was left out."""
+"""What is logged is bounded, contains nothing that was sent, and says how much was left out."""
 
 import io
 import json
@@ -38,7 +38,7 @@ def test_values_are_cut():
     assert values["count"] == 3
 
 
-def test_an_exception_is_told_by_type_and_places_only():
+def test_an_exception_is_logged_by_type_and_places_only():
     try:
         raise ValueError("coordinates 0.123456789 1.5 are wrong")
     except ValueError as error:

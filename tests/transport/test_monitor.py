@@ -69,7 +69,7 @@ def test_a_loop_that_stands_still_is_unhealthy(start, connect):
 
 
 @pytest.mark.nightly
-def test_a_gateway_that_is_stopped_holds_nobody_up(start, connect):
+def test_a_gateway_that_is_stopped_holds_no_request_up(start, connect):
     """The supervisor has more replies for it than the line takes."""
     server = start_watched(start, stuck_seconds=3.0)
     entry = {"label": "\N{GREEK SMALL LETTER PI}" * 200, "owner": "", "state": "READY", "step": 0, "partitions": 1}
@@ -102,7 +102,7 @@ def watched(make_module_server):
     return start_watched(make_module_server)
 
 
-def test_a_monitor_that_falls_comes_back_and_nobody_else_notices(watched, connect, open_session):
+def test_a_monitor_that_falls_comes_back_and_no_client_notices(watched, connect, open_session):
     server = watched
     _, data, _ = open_session(server)
     fallen = server.children()[1]
@@ -185,7 +185,7 @@ def test_the_memory_is_looked_at_behind_the_disk(tmp_path):
     check_room(request, ServerSettings(reserve_disk_bytes=0, reserve_memory_bytes=0), disk)
 
 
-def test_before_the_first_news_nothing_is_ready_and_then_silence_is_told(monkeypatch):
+def test_before_the_first_news_nothing_is_ready_and_then_silence_is_reported(monkeypatch):
     now = [100.0]
     monkeypatch.setattr(monitor.time, "monotonic", lambda: now[0])
     pages = Pages({"version": "1"}, stuck_seconds=5.0)

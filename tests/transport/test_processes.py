@@ -52,7 +52,7 @@ def told(*names: str, **options: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("anew", [False, True])
-def test_the_threads_of_loops_and_of_blas_are_told(anew: bool) -> None:
+def test_the_threads_of_loops_and_of_blas_are_reported(anew: bool) -> None:
     expected = {"MESH_MOTION_THREADS": "3", "OPENBLAS_NUM_THREADS": "1"} | repeatable_libraries()
     assert told(*expected, threads=3, anew=anew)["names"] == expected
 

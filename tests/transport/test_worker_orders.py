@@ -42,7 +42,7 @@ class Host:
         return 2
 
 
-def test_a_new_holder_is_heard_of_before_anything_is_written_for_him() -> None:
+def test_a_new_holder_is_known_before_anything_is_written_for_him() -> None:
     line = Line({"order": "reclaim", "token": b"t"})
     context = limited_context()
     socket = context.socket(zmq.ROUTER)
@@ -56,7 +56,7 @@ def test_a_new_holder_is_heard_of_before_anything_is_written_for_him() -> None:
     assert line.told == ["reclaiming", "written", "reclaimed"]
 
 
-def test_a_worker_tells_each_step_that_it_computes_again() -> None:
+def test_a_worker_reports_each_step_that_it_computes_again() -> None:
     told: list[dict[str, Any]] = []
 
     class Hosts:

@@ -131,7 +131,7 @@ def test_a_run_that_is_taken_up_gives_the_same_rows(tmp_path):
         assert [int(row["window"]) for row in csv.DictReader(file)] == list(range(1, 9))
 
 
-def test_a_row_that_a_kill_cut_off_is_written_anew(tmp_path):
+def test_a_row_that_a_kill_cut_off_is_written_again(tmp_path):
     kept = {}
     rows = make(tmp_path, kept).run()
     path = tmp_path / "history.csv"

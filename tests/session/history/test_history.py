@@ -71,12 +71,12 @@ def digests(driver: Any, steps: range) -> list[bytes]:
     return [driver.advance(step)[-1].digest for step in steps]
 
 
-# --- what is told ----------------------------------------------------------------------------------------------------
+# --- the events ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize("level", DURABILITY_LEVELS)
-def test_every_request_that_took_effect_is_told_once(store: SessionStore, level: str, parts: int) -> None:
+def test_every_request_that_took_effect_has_one_event(store: SessionStore, level: str, parts: int) -> None:
     driver = new(store, parts, spec={"durability": level})
     moved = driver.move(1)[-1]
     driver.move(1)
@@ -101,7 +101,7 @@ def test_every_request_that_took_effect_is_told_once(store: SessionStore, level:
     assert [e["at"] for e in events] == sorted(e["at"] for e in events)
 
 
-def test_a_repeat_is_not_told(store: SessionStore) -> None:
+def test_a_repeat_has_no_event(store: SessionStore) -> None:
     driver = new(store)
     driver.move(1)
     request = driver.request(Commit, step=1)
@@ -109,7 +109,7 @@ def test_a_repeat_is_not_told(store: SessionStore) -> None:
     assert told(store) == ["built", "moved", "committed"]
 
 
-def test_a_refusal_is_told_with_its_reasons(store: SessionStore) -> None:
+def test_a_refusal_is_written_with_its_reasons(store: SessionStore) -> None:
     driver = new(store)
     reply = driver.move(7)[-1]
     far = driver.all(Move, [np.full((5, 2), 1e200)], step=1)[-1]
@@ -136,7 +136,7 @@ def test_strangers_do_not_write_into_it(store: SessionStore) -> None:
     assert told(store) == ["built"]
 
 
-def test_a_fenced_holder_uses_nobody_elses_refusals_up(store: SessionStore) -> None:
+def test_a_fenced_holder_uses_no_other_holders_refusals_up(store: SessionStore) -> None:
     driver = new(store)
     stale = driver.request(Commit, step=1)
     driver.host.reclaim(TOKEN)
@@ -175,7 +175,7 @@ def lost(driver: Any) -> None:
 
 
 @pytest.mark.parametrize("level", DURABILITY_LEVELS)
-def test_what_a_kill_kept_from_being_told_is_told_when_it_is_resumed(
+def test_events_that_a_kill_prevented_are_written_at_the_resume(
     store: SessionStore, level: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The commit is durable, its line is not written; the repeated COMMIT is answered from the journal."""
@@ -218,7 +218,7 @@ def test_a_session_without_history_gets_one_when_it_is_resumed(store: SessionSto
     assert BoundaryLog(folder_of(store)).steps == 0
 
 
-def test_a_new_holder_and_a_lost_lease_are_told(store: SessionStore) -> None:
+def test_a_new_holder_and_a_lost_lease_are_events(store: SessionStore) -> None:
     driver = new(store)
     driver.host.reclaim(TOKEN)
     driver.join()
@@ -241,7 +241,7 @@ def test_what_was_made_twice_counts_the_second_time(tmp_path: Path) -> None:
 
 
 def test_steps_that_were_made_without_a_history_end_the_boundary(store: SessionStore) -> None:
-    """Told were four steps; taken back to two, the third was made otherwise while no history was kept."""
+    """The history has four steps; back at step two, the third was made otherwise while no history was kept."""
     driver = new(store, spec={"durability": "relaxed"})
     driver.advance(1)
     driver.advance(2)
@@ -299,7 +299,7 @@ def test_a_log_does_not_go_on_behind_a_life_that_was_cut(tmp_path: Path) -> None
     assert [(event["step"], "steps before it are missing" in event["message"]) for event in ended] == [(4, True)]
 
 
-def test_a_commit_that_was_lost_and_made_again_untold_is_told(tmp_path: Path) -> None:
+def test_a_commit_that_was_lost_and_made_again_is_written(tmp_path: Path) -> None:
     history = History(tmp_path, 1 << 20)
     for event, step in (("committed", 12), ("resumed", 4)):
         history.tell(event, step=step)
@@ -570,7 +570,7 @@ def test_numbers_that_json_does_not_know_are_null() -> None:
     assert parse_line(line_of(1.0, "refused", {"message": 'a "quoted"\nline \ud800'})) is not None
 
 
-def test_a_summary_that_is_told_twice_is_written_out_twice() -> None:
+def test_a_summary_that_comes_twice_is_written_out_twice() -> None:
     """It is encoded once, for speed; what it says, and what stands around it, does not matter."""
     summary = {"min": 0.5, "worst": [{"type": '"standard":0', "cell": 1}]}
     quality = {"metric": '"corrected":0', "standard": summary, "corrected": summary}
@@ -588,7 +588,7 @@ ERRORS = (errno.ENOSPC, errno.EIO, errno.EROFS, errno.EACCES)
 
 
 def live(root: Path, level: str) -> list[bytes]:
-    """A life with everything that is told; the digests that were acknowledged."""
+    """A life with every kind of event; the digests that were acknowledged."""
     store = SessionStore(root)
     driver = new(store, spec={"durability": level})
     found = digests(driver, range(1, 2))
@@ -683,7 +683,7 @@ def test_a_slow_disk_costs_some_slow_steps_and_not_each(
     driver.host.reclaim(TOKEN)
     driver.join()
     driver.advance(6)  # it is tried again when the session is taken up
-    assert told(store)[before:].count("committed") >= 3  # what was not told meanwhile, and this one
+    assert told(store)[before:].count("committed") >= 3  # those that were left out meanwhile, and this one
     assert told(store)[-1] == "committed"
 
 
@@ -725,7 +725,7 @@ def test_many_bytes_may_take_their_time(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("error", [MemoryError(), RuntimeError("unforeseen"), ValueError()])
-def test_what_nobody_foresaw_ends_the_history_only(
+def test_an_unforeseen_error_ends_the_history_only(
     store: SessionStore, error: Exception, monkeypatch: pytest.MonkeyPatch, caplog: Any
 ) -> None:
     driver = new(store)

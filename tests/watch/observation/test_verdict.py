@@ -131,7 +131,7 @@ def test_durations() -> None:
     assert told == ["0 ms", "250 ms", "4 s", "4.3 s", "90 s", "119 s", "2 min", "118 min", "2 h", "24 h", "2 days"]
 
 
-def test_a_run_whose_client_tells_its_end_says_when_it_is_there() -> None:
+def test_a_run_whose_client_names_its_end_says_when_it_is_there() -> None:
     told = [event | {"final_step": 10} for event in _commits([0.5, 0.5, 0.5])]
     found = verdict(_recent(_built(), told), BEGIN + 13.0)
     assert found.why == "step 3 of 10, minimum 0.500, 900 steps an hour"

@@ -44,7 +44,9 @@ def await_list(tab: Browser, *names: str) -> None:
 SELECTED = "return [...document.querySelectorAll('#sessions [aria-selected=true]')].map((row) => row.dataset.session)"
 
 
-def test_a_session_that_is_gone_is_told_and_not_swapped(tab: Browser, server: ServerProcess, tmp_path: Path) -> None:
+def test_a_session_that_is_gone_is_reported_and_not_swapped(
+    tab: Browser, server: ServerProcess, tmp_path: Path
+) -> None:
     show(tab, server, FLAG)
     kept = tmp_path / "kept"
     shutil.move(folder_of(server, FLAG), kept)
@@ -170,7 +172,7 @@ def test_a_press_on_a_session_counts_though_it_steps(tab: Browser, server: Serve
     assert tab.texts("#sessions .name") == order
 
 
-#: The list is late: as it was when the session had made one step; a process holds it, or nobody does.
+#: The list is late: as it was when the session had made one step; a process holds it, or no process does.
 LATE = """
 const m = globalThis.monitor;
 const [late, worker] = arguments;

@@ -65,7 +65,7 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return asking(state)
 
 
-def test_the_list_tells_what_folders_and_supervisor_know(tmp_path: Path) -> None:
+def test_the_list_shows_what_folders_and_supervisor_know(tmp_path: Path) -> None:
     stored(tmp_path, 3, history=100)
     page = Page(tmp_path, BUILD)
     page.hear({"missing": "", "sessions": [[SESSION, "alive", "TRIAL", 3, 1], ["f" * 32, "alive", "OPENING", 0, 1]]})
@@ -120,7 +120,7 @@ def test_a_refusal_alone_is_news(tmp_path: Path) -> None:
     assert after["state"] == before["state"]
 
 
-def test_what_cannot_be_read_is_told_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_read_is_reported_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stored(tmp_path, 1)
     page = Page(tmp_path, BUILD)
     (before,) = listed(page)
@@ -295,7 +295,7 @@ def test_a_mesh_that_needs_too_much_memory_is_refused(tmp_path: Path, monkeypatc
     assert (answer.status_code, answer.json()["message"]) == (400, "the mesh is too large to be drawn here")
 
 
-def test_half_a_character_is_told_as_an_escape() -> None:
+def test_half_a_character_is_shown_as_an_escape() -> None:
     assert json.loads(as_json({"label": "flap \udc80"})) == {"label": "flap \udc80"}
 
 
