@@ -105,12 +105,12 @@ class InProcess:
         return reply
 
 
-def nobody(*_: Any) -> None:
+def ignored(*_: Any) -> None:
     """Ignores the steps."""
 
 
 def replayed(recorded: Recorded, root: Path, last: int = STEPS, **changes: Any) -> Comparison:
-    run = replay_steps(recorded, changes, InProcess(recorded, root, changes), last, nobody)
+    run = replay_steps(recorded, changes, InProcess(recorded, root, changes), last, ignored)
     return Comparison(recorded, last, run)
 
 

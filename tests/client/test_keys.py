@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mesh_motion_client import SessionError, Unavailable, connect
 
-TOLD = np.full((4, 2), 0.125)
+HINTS = np.full((4, 2), 0.125)
 SECONDS = 30.0
 
 
@@ -19,10 +19,10 @@ def alice(keyed_server):
 
 def test_a_session_from_open_to_resume_with_keys(keyed_server, alice, mesh):
     with alice.open(mesh, {"support_radius": 1.0}) as session:
-        session.move(TOLD)
+        session.move(HINTS)
         session.commit()
         os.kill(keyed_server.worker_of(session.credentials.session), signal.SIGKILL)
-        moved = session.move(TOLD)  # found again, resumed and joined with the same keys
+        moved = session.move(HINTS)  # found again, resumed and joined with the same keys
         assert moved.step == 2
         session.commit()
     with alice.resume(session.credentials) as again:

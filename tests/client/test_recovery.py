@@ -108,14 +108,14 @@ def test_a_resume_without_a_reply_does_not_fence_its_sender(server, session, mon
     session.commit()
     ask, deaf = Control.ask, [True]
 
-    def unheard(self, kind, *arguments, **fields):
+    def unanswered(self, kind, *arguments, **fields):
         reply = ask(self, kind, *arguments, **fields)
         if kind.type == "RESUME" and deaf.pop():
             self._unanswered = {request_digest(kind(client=b"c" * 16, sequence=1, **fields)): self._sequence}
             raise Timeout("seeded")
         return reply
 
-    monkeypatch.setattr(Control, "ask", unheard)
+    monkeypatch.setattr(Control, "ask", unanswered)
     kill_worker(server, session)
     with pytest.raises(Timeout, match="seeded"):
         session.move(UP)

@@ -164,9 +164,9 @@ def test_command_lists_cases(capsys):
 @pytest.mark.parametrize("arguments", [[], ["--only", "7"]])
 def test_command_without_anybody_there_says_so_at_once_and_ends_with_69(capsys, arguments):
     assert main(["--endpoint", "tcp://127.0.0.1:1", "--timeout", "600", *arguments]) == 69
-    told = capsys.readouterr()
-    assert told.err == "mesh_motion_conformance: nobody listens at tcp://127.0.0.1:1\n"
-    assert told.out == ""
+    output = capsys.readouterr()
+    assert output.err == "mesh_motion_conformance: nobody listens at tcp://127.0.0.1:1\n"
+    assert output.out == ""
 
 
 def test_what_listens_but_does_not_greet_is_no_server():

@@ -29,8 +29,8 @@ def rules() -> str:
 
 
 def series(name: str, values: str, **labels: str) -> dict[str, str]:
-    told = ",".join(f'{key}="{value}"' for key, value in (SCRAPED | labels).items())
-    return {"series": f"{name}{{{told}}}", "values": values}
+    written = ",".join(f'{key}="{value}"' for key, value in (SCRAPED | labels).items())
+    return {"series": f"{name}{{{written}}}", "values": values}
 
 
 def minutes(count: float, value: float, slope: float = 0.0) -> str:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import mesh_motion_kernels as kernels
 import numpy as np
 
-_BESIDE = 64  # numbers before and after an array
+_MARGIN = 64  # numbers before and after an array
 _NEVER = 0.1  # share of whole numbers that are no index, in half of the arrays
 _ARRAY = re.compile(r"ndarray\[dtype=(\w+), shape=\(([^)]*)\)")
 _SEVERAL = re.compile(r"(tuple|collections\.abc\.Sequence)\[(.*)\]$")
@@ -71,9 +71,9 @@ def _parameter(text: str) -> Parameter:
 def filled(shape: tuple[int, ...], dtype: str, rng: np.random.Generator) -> Guarded:
     """An array of reals, or of whole numbers, between numbers that cannot be an index."""
     kind, size = np.dtype(dtype), int(np.prod(shape))
-    beside: Any = np.nan if kind.kind == "f" else True if kind.kind == "b" else far_away(kind)
-    around = np.full(size + 2 * _BESIDE, beside, dtype=kind)
-    array = around[_BESIDE : _BESIDE + size].reshape(shape)
+    margin: Any = np.nan if kind.kind == "f" else True if kind.kind == "b" else far_away(kind)
+    around = np.full(size + 2 * _MARGIN, margin, dtype=kind)
+    array = around[_MARGIN : _MARGIN + size].reshape(shape)
     array[...] = rng.normal(size=shape) if kind.kind == "f" else whole_numbers(shape, kind, rng)
     return Guarded(array, around, _outside(around))
 
@@ -98,7 +98,7 @@ def whole_numbers(shape: tuple[int, ...], kind: np.dtype[Any], rng: np.random.Ge
 
 
 def _outside(around: np.ndarray) -> bytes:
-    return around[:_BESIDE].tobytes() + around[-_BESIDE:].tobytes()
+    return around[:_MARGIN].tobytes() + around[-_MARGIN:].tobytes()
 
 
 def scalar(kind: str, rng: np.random.Generator) -> Any:

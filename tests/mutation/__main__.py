@@ -62,9 +62,9 @@ def main() -> int:
         for name, survived in trial.survived.items():
             new = [key for key in survived if key not in known.get(name, ())]
             gone = sorted(known.get(name, {}).keys() - set(survived)) if given.all else []
-            tell = [f"{name}: nobody notices: {key}" for key in new]
-            tell += [f"{name}: is noticed now, or is gone: {key}" for key in gone]
-            sys.stdout.writelines(line + "\n" for line in tell)
+            report = [f"{name}: nobody notices: {key}" for key in new]
+            report += [f"{name}: is noticed now, or is gone: {key}" for key in gone]
+            sys.stdout.writelines(line + "\n" for line in report)
             unexplained += len(new)
     sys.stdout.write(f"{tried} mutants tried, {unexplained} that nobody notices and nothing explains\n")
     return 1 if unexplained else 0

@@ -155,11 +155,11 @@ def squeezed_line(distance: float = 0.15) -> CorrectionProblem:
     n = np.arange(21)
     cells = CellTable.from_arrays({"line": np.column_stack([n[:-1], n[1:]])})
     held = np.isin(n, [0, 4, 16, 20])
-    told = np.zeros_like(x)
-    told[4], told[16] = distance, -distance
+    displacement = np.zeros_like(x)
+    displacement[4], displacement[16] = distance, -distance
     factor = factorize(x[held], support_radius=0.2)
-    standard = x + evaluation.displacement(factor.solve(told[held]), x)
-    standard[held] = (x + told)[held]
+    standard = x + evaluation.displacement(factor.solve(displacement[held]), x)
+    standard[held] = (x + displacement)[held]
     return CorrectionProblem(x, standard, held, cells, reference_sizes(x, cells), factor)
 
 

@@ -13,15 +13,15 @@ def test_the_answer_is_that_of_whole_arrays(count: int, offset: float, dimension
     random = np.random.default_rng(count)
     base = offset + random.normal(size=(count, dimension))
     nodes = np.unique(random.integers(0, count, 1 + count // 9))
-    told = random.normal(size=(len(nodes), dimension))
+    prescribed = random.normal(size=(len(nodes), dimension))
     moved = base + 0.3 * random.normal(size=base.shape)
-    moved[nodes] = base[nodes] + told
+    moved[nodes] = base[nodes] + prescribed
     displacement = moved - base
-    displacement[nodes] = told
+    displacement[nodes] = prescribed
     rows = random.integers(0, count, 2 * count)
     np.testing.assert_array_equal(differences_of(moved, base, rows), (moved - base)[rows])
     settled = moved.copy()
-    exact = settle(settled, base, nodes, told)
+    exact = settle(settled, base, nodes, prescribed)
     np.testing.assert_array_equal(settled, base + displacement)
     np.testing.assert_array_equal(settled[nodes], moved[nodes])
     assert exact == np.array_equal(settled, moved)

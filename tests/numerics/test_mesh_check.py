@@ -244,8 +244,8 @@ def test_hanging_nodes_are_refused(dimension, hanging):
     assert (facet.min(axis=0) <= points[node]).all()
     assert (points[node] <= facet.max(axis=0)).all()
     interface = np.flatnonzero(points[:, 0] == 0.5)
-    told = checked_mesh(points, cells, patches | {"interface": Patch("fixed", interface)})  # two meshes that meet
-    assert not any("hangs" in warning for warning in told.warnings)
+    named = checked_mesh(points, cells, patches | {"interface": Patch("fixed", interface)})  # two meshes that meet
+    assert not any("hangs" in warning for warning in named.warnings)
 
 
 def test_a_node_hangs_on_a_facet_whose_corners_are_all_in_patches():

@@ -306,8 +306,8 @@ def test_what_fails_is_shortened_and_can_be_replayed(monkeypatch: Patch) -> None
     rollback_keeps_the_trial(monkeypatch)
     with pytest.raises(BrokenPromise, match="iteration") as caught:
         CHECK.run(1, Budget(100))
-    (told,) = [note for note in caught.value.__notes__ if note.startswith("(replay: ")]
-    text = told.removeprefix("(replay: ").removesuffix(")")
+    (note_of_replay,) = [note for note in caught.value.__notes__ if note.startswith("(replay: ")]
+    text = note_of_replay.removeprefix("(replay: ").removesuffix(")")
     words = text.split()
     assert len(words) <= 12
     assert words[-1].startswith("ROLLBACK")

@@ -108,8 +108,8 @@ def test_discarding_is_done_when_all_have_left(pair: Any, store: Any) -> None:
 
 def test_a_waiting_partition_gets_an_error_when_the_lease_ends(pair: Any) -> None:
     pair.send(move(pair, 0))
-    (told,) = pair.host.suspend()
-    assert told.message.code == "ABORTED"
+    (answer,) = pair.host.suspend()
+    assert answer.message.code == "ABORTED"
     assert pair.host.state is State.SUSPENDED
 
 

@@ -86,11 +86,11 @@ def test_moving_nodes_are_bitwise_at_their_prescribed_positions(session: Session
     random = np.random.default_rng(3)
     rows = [0.02 * random.random((5, 2))]
     before = session.coordinates("committed")[session.mesh.moving]
-    told = session.mesh.gather_moving(rows)
+    displacement = session.mesh.gather_moving(rows)
     outcome = session.move("committed", rows)
     assert outcome.displacements[0][session.mesh.moving_local[0]].tobytes() == rows[0].tobytes()
     commit(session)
-    assert session.coordinates("committed")[session.mesh.moving].tobytes() == (before + told).tobytes()
+    assert session.coordinates("committed")[session.mesh.moving].tobytes() == (before + displacement).tobytes()
 
 
 def test_a_failure_changes_nothing(session: Session) -> None:

@@ -110,17 +110,17 @@ def test_a_load_that_fails_gives_the_journal_back(store: SessionStore, files: Co
     folder.release()
 
 
-@pytest.mark.parametrize(("spare", "beside"), [(0, True), (1, False)])
+@pytest.mark.parametrize(("spare", "in_thread"), [(0, True), (1, False)])
 def test_a_large_mesh_is_written_while_it_is_checked(
-    store: SessionStore, monkeypatch: pytest.MonkeyPatch, spare: int, beside: bool
+    store: SessionStore, monkeypatch: pytest.MonkeyPatch, spare: int, in_thread: bool
 ) -> None:
     mesh = grid_mesh()
     monkeypatch.setattr(store_module, "_LARGE_MESH", mesh.points.nbytes + spare)
     folder = store.create(make_spec())
     with folder.writing_mesh([mesh]):
-        if beside:
+        if in_thread:
             folder._mesh.wait()
-        assert ("mesh.bin" in in_folder(store)) == beside
+        assert ("mesh.bin" in in_folder(store)) == in_thread
     folder.release()
 
 

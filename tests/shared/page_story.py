@@ -32,7 +32,7 @@ ROOT = Path(__file__).resolve().parents[2]
 LANGUAGES = ("python", "sh", "bash", "toml", "c")
 MARKS = ("file", "more of", "fails", "output", "run by", "not run")
 #: What a reader has in addition to the page's own files: the checkout's folders.
-_BESIDE = ("examples", "adapters", "docs", "protocol")
+_FOLDERS = ("examples", "adapters", "docs", "protocol")
 _END = "END_OF_THE_BLOCK"
 _BLOCK = re.compile(
     r"(?:^[ ]*<!-- (?P<mark>[a-z ]+?)(?:: (?P<value>[^>]+?))? -->\n)?"
@@ -65,14 +65,14 @@ def blocks_of(page: str) -> list[Block]:
     return found
 
 
-def told(blocks: list[Block]) -> list[Block]:
+def steps_of(blocks: list[Block]) -> list[Block]:
     """Those that the page's own story consists of."""
     return [block for block in blocks if block.mark not in ("not run", "run by")]
 
 
 def play(blocks: list[Block], folder: Path) -> list[str]:
     """Play a page's story in a folder; one line for each thing that was not as the page says."""
-    story = told(blocks)
+    story = steps_of(blocks)
     wrong = [fault for block in story for fault in _unreadable(block)]
     if wrong or not any(_runs(block) for block in story):
         return wrong
@@ -137,7 +137,7 @@ def _run(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
         program.parent.mkdir(exist_ok=True)
         program.write_text(f'#!/bin/sh\nexec {sys.executable}{module} "$@"\n')
         program.chmod(0o755)
-    for name in _BESIDE:
+    for name in _FOLDERS:
         (folder / name).symlink_to(ROOT / name)
     for port in ("7440", "9464", "8080"):
         script = script.replace(f"127.0.0.1:{port}", f"127.0.0.1:{_free_port()}")

@@ -123,8 +123,8 @@ def test_a_failure_fits_a_message_however_much_it_says() -> None:
         InvalidInput("y" * 300_000, details={"nodes": list(range(100_000))}),
     ):
         assert there.send({"event": "failed"} | _failure(error))
-        told = here.receive(30.0)
-        assert len(told["message"]) < 10_000
-        assert told["details"] == {}
+        received = here.receive(30.0)
+        assert len(received["message"]) < 10_000
+        assert received["details"] == {}
     there.close()
     here.close()

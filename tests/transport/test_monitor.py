@@ -58,11 +58,11 @@ def test_a_loop_that_stands_still_is_unhealthy(start, connect):
     for name, pid in (("supervisor", server.process.pid), ("gateway", server.children()[0])):
         with stopped(pid):
 
-            def tells(name=name):
+            def shows(name=name):
                 status, text = get(server, "/healthz")
                 return status == 503 and text.startswith(f"{name}: silent for ")
 
-            wait_until(tells, f"the {name} is told")
+            wait_until(shows, f"the {name} is told")
             assert get(server, "/readyz")[0] == 503
         wait_until(lambda: get(server, "/healthz")[0] == 200, "healthy again")
     assert connect(server.endpoint).ask(Ping).type == "PONG"
@@ -83,8 +83,8 @@ def test_a_gateway_that_is_stopped_holds_no_request_up(start, connect):
                 control.send(List)
             assert control.ask(Ping).type == "PONG"  # it has handed on what came before
             still.enter_context(stopped(gateway))
-        told = wait_until(lambda: unwell(server), "a loop stands still")
-        assert told.startswith("gateway: ")
+        reason = wait_until(lambda: unwell(server), "a loop stands still")
+        assert reason.startswith("gateway: ")
     wait_until(lambda: get(server, "/healthz")[0] == 200, "healthy again")
     assert server.children()[0] == gateway
     assert control.receive().type == "LISTED"

@@ -154,8 +154,8 @@ def test_the_page_knows_the_working_sessions_however_many_fell(
         live[str(number)] = Live(str(number), b"", "", scripted.children[0], status=status)
     supervisor._watch.beat(supervisor._control.registry, supervisor._gateway, supervisor._template, draining=False)
     live.clear()
-    told = msgpack.unpackb(scripted.theirs[-1].recv(1 << 16))
-    assert {entry[0] for entry in told["sessions"]} == {"0", "3", "5"}
+    sent = msgpack.unpackb(scripted.theirs[-1].recv(1 << 16))
+    assert {entry[0] for entry in sent["sessions"]} == {"0", "3", "5"}
 
 
 def test_a_monitor_that_hangs_while_it_starts_again_holds_no_request_up(scripted: Scripted) -> None:

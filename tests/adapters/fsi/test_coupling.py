@@ -121,9 +121,9 @@ def test_a_run_that_is_taken_up_gives_the_same_rows(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         make(tmp_path / "cut", kept).run(stop)
-    told = []
-    rows = make(tmp_path / "cut", kept).run(told.append)
-    assert [row.window for row in told] == [4, 5, 6, 7, 8]
+    reported = []
+    rows = make(tmp_path / "cut", kept).run(reported.append)
+    assert [row.window for row in reported] == [4, 5, 6, 7, 8]
     assert [(row.x, row.y, row.iterations) for row in rows] == [(row.x, row.y, row.iterations) for row in whole]
     assert [path.name for path in (tmp_path / "cut").glob("coupling-*")] == ["coupling-8.npz"]
     assert make(tmp_path / "cut", kept).run() == rows  # nothing is left to do

@@ -57,7 +57,7 @@ def folder_of(store: SessionStore) -> Path:
     return store.root / "sessions" / SESSION
 
 
-def told(store: SessionStore) -> list[str]:
+def events_of(store: SessionStore) -> list[str]:
     return [event["event"] for event in read_events(folder_of(store))]
 
 
@@ -106,7 +106,7 @@ def test_a_repeat_has_no_event(store: SessionStore) -> None:
     driver.move(1)
     request = driver.request(Commit, step=1)
     assert driver.send(request)[0].digest == driver.send(request)[0].digest
-    assert told(store) == ["built", "moved", "committed"]
+    assert events_of(store) == ["built", "moved", "committed"]
 
 
 def test_a_refusal_is_written_with_its_reasons(store: SessionStore) -> None:
@@ -133,7 +133,7 @@ def test_strangers_do_not_write_into_it(store: SessionStore) -> None:
     for fields in ({}, {"epoch": 9}):
         (reply,) = driver.send(driver.request(Commit, **{"step": 1} | fields), peer=b"somebody")
         assert reply.type == "ERROR"
-    assert told(store) == ["built"]
+    assert events_of(store) == ["built"]
 
 
 def test_a_fenced_holder_uses_no_other_holders_refusals_up(store: SessionStore) -> None:
@@ -189,7 +189,7 @@ def test_events_that_a_kill_prevented_are_written_at_the_resume(
         (reply,) = driver.send(request)
     driver.host._session.catch_up()
     lost(driver)
-    assert told(store) == ["built", "moved", "committed", "moved"]
+    assert events_of(store) == ["built", "moved", "committed", "moved"]
     again = resume_driver(driver, store, limits=LIMITS)
     events = list(read_events(folder_of(store)))
     assert [e["event"] for e in events[4:]] == ["committed", "resumed"]
@@ -223,7 +223,7 @@ def test_a_new_holder_and_a_lost_lease_are_events(store: SessionStore) -> None:
     driver.host.reclaim(TOKEN)
     driver.join()
     driver.host.suspend()
-    assert told(store) == ["built", "resumed", "suspended"]
+    assert events_of(store) == ["built", "resumed", "suspended"]
 
 
 def test_what_was_made_twice_counts_the_second_time(tmp_path: Path) -> None:
@@ -367,9 +367,9 @@ def test_a_history_that_a_full_disk_ended_goes_on_when_the_session_is_resumed(
     driver.advance(3)
     driver.host.reclaim(TOKEN)
     driver.join()
-    assert told(store) == ["built", "moved", "committed", "committed", "committed", "resumed"]
+    assert events_of(store) == ["built", "moved", "committed", "committed", "committed", "resumed"]
     driver.advance(4)
-    assert told(store)[6:] == ["moved", "boundary_ended", "committed"]
+    assert events_of(store)[6:] == ["moved", "boundary_ended", "committed"]
     assert BoundaryLog(folder_of(store)).steps == 1
 
 
@@ -386,10 +386,10 @@ def test_torn_lines_are_passed_over_and_gone_on_behind(store: SessionStore) -> N
     events.write_bytes(events.read_bytes() + b'{"at":1.0,"event":"moved","st')
     whole = boundary.read_bytes()
     boundary.write_bytes(whole + pack_input(2, "committed", bytes(80), 16)[:-1])
-    assert told(store) == ["built", "moved", "committed"]
+    assert events_of(store) == ["built", "moved", "committed"]
     again = resume_driver(driver, store, limits=LIMITS)
     again.advance(2)
-    assert told(store) == ["built", "moved", "committed", "resumed", "moved", "committed"]
+    assert events_of(store) == ["built", "moved", "committed", "resumed", "moved", "committed"]
     assert boundary.read_bytes().startswith(whole)
     assert BoundaryLog(folder).steps == 2
 
@@ -651,7 +651,7 @@ def test_a_short_write_is_gone_on_with(store: SessionStore, monkeypatch: pytest.
     write = os.write
     monkeypatch.setattr(os, "write", lambda handle, data: write(handle, bytes(data)[:7]))
     new(store).advance(1)
-    assert told(store) == ["built", "moved", "committed"]
+    assert events_of(store) == ["built", "moved", "committed"]
     assert BoundaryLog(folder_of(store)).steps == 1
 
 
@@ -679,12 +679,12 @@ def test_a_slow_disk_costs_some_slow_steps_and_not_each(
     assert len(slow) in (2, 3)  # the events' and the boundary's are waited for apart
     (warning,) = [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
     assert re.search(r"ends, the session goes on: the disk has let steps wait for 0\.[23] s, now 0\.1 s", warning)
-    before = len(told(store))
+    before = len(events_of(store))
     driver.host.reclaim(TOKEN)
     driver.join()
     driver.advance(6)  # it is tried again when the session is taken up
-    assert told(store)[before:].count("committed") >= 3  # those that were left out meanwhile, and this one
-    assert told(store)[-1] == "committed"
+    assert events_of(store)[before:].count("committed") >= 3  # those that were left out meanwhile, and this one
+    assert events_of(store)[-1] == "committed"
 
 
 def test_a_pause_now_and_then_costs_no_history(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: Any) -> None:
@@ -732,7 +732,7 @@ def test_an_unforeseen_error_ends_the_history_only(
     monkeypatch.setattr("mesh_motion_server.session.history.writer.line_of", raising(error))
     assert driver.advance(1)[-1].type == "COMMITTED"
     assert driver.advance(2)[-1].type == "COMMITTED"
-    assert told(store) == ["built"]
+    assert events_of(store) == ["built"]
     assert len(caplog.records) == 1
 
 

@@ -66,17 +66,17 @@ def held(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
 
 def records(folder: Path) -> list[str]:
     """The records of the manifest: what they are, and their steps."""
-    told = []
+    reported = []
     for record in read_journal(folder, PosixFileSystem()).records:
         body = record.body
         if record.kind == "snapshot":
-            told.append(f"step {body['step']}, stored")
+            reported.append(f"step {body['step']}, stored")
         elif record.kind == "commit":
-            told.append(f"step {body['step']}" + (", logged" if "rows" in body else ""))
+            reported.append(f"step {body['step']}" + (", logged" if "rows" in body else ""))
         else:
             commits = body.get("commits")
-            told.append(f"epoch {body['epoch']}" + (f", step {commits[-1]['step']}" if commits else ""))
-    return told
+            reported.append(f"epoch {body['epoch']}" + (f", step {commits[-1]['step']}" if commits else ""))
+    return reported
 
 
 def until_durable(driver: Any, step: int) -> Any:
@@ -154,9 +154,9 @@ def test_each_step_that_is_computed_again_is_reported(opened: Any) -> None:
     for step in (1, 2, 3):
         driver.advance(step)
     driver.host._session.close(keep=False)
-    told: list[int] = []
-    again = resume_driver(driver, opened.store, progress=told.append)
-    assert told == [1, 2, 3]
+    reported: list[int] = []
+    again = resume_driver(driver, opened.store, progress=reported.append)
+    assert reported == [1, 2, 3]
     again.host.close()
 
 
@@ -243,8 +243,8 @@ def test_a_recomputation_that_is_refused_has_diverged(opened: Any, monkeypatch: 
 
 def test_a_commit_is_answered_before_the_disk_has_it(opened: Any, held: threading.Event) -> None:
     driver = opened.open("relaxed")
-    told = [driver.advance(step)[0].durable_step for step in range(1, 6)]
-    assert told == [0] * 5
+    reported = [driver.advance(step)[0].durable_step for step in range(1, 6)]
+    assert reported == [0] * 5
     status = driver.ask(Status)
     assert (status.step, status.durable_step) == (5, 0)
     held.set()

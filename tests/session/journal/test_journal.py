@@ -99,11 +99,11 @@ def test_a_state_is_written_once_and_a_large_one_is_synced_ahead(
     monkeypatch.setattr(journal_module, "_LARGE_STATE", state.nbytes + spare)
     for name, honest in [(name, getattr(PosixFileSystem, name)) for name in ("write", "sync")]:
 
-        def told(self: Any, handle: int, *rest: Any, name: str = name, honest: Any = honest) -> Any:
+        def watched(self: Any, handle: int, *rest: Any, name: str = name, honest: Any = honest) -> Any:
             done.append((name, ("manifest", "slot-0", "slot-1")[journal._handles.index(handle)]))
             return honest(self, handle, *rest)
 
-        monkeypatch.setattr(PosixFileSystem, name, told)
+        monkeypatch.setattr(PosixFileSystem, name, watched)
     journal.write_ahead(state)
     journal._ahead[1].wait()
     assert done == [("write", "slot-1"), ("sync", "slot-1")][: 2 - spare]

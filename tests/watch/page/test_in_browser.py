@@ -41,8 +41,8 @@ def test_three_sessions_and_what_is_known_of_one(tab: Browser, server: ServerPro
     assert len(tab.texts("#worst tbody tr")) == 10
     assert "triangle" in tab.texts("#worst tbody tr")[0]
     assert tab.text("#faces-of") == "step 120"
-    told = tab.texts("#faces tbody tr")[0].split("\t")
-    assert told == ["largest non-orthogonality", "24.5°", f"{largest_angle(120):.1f}°"]
+    shown = tab.texts("#faces tbody tr")[0].split("\t")
+    assert shown == ["largest non-orthogonality", "24.5°", f"{largest_angle(120):.1f}°"]
     assert len(tab.texts("#faces tbody tr")) == 7
     assert any("refused" in line or "_" in line for line in tab.texts("#events .code"))
     assert "threshold 0.2" in tab.run("return document.querySelector('#quality .plot').getAttribute('aria-label')")

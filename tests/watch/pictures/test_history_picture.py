@@ -175,11 +175,11 @@ def test_the_least_orthogonal_face_has_a_panel_where_it_is_known(played: MakePla
     run = read_played(played())
     assert "non-orthogonality" not in panels_of([run])  # a run of one dimension, or an older one
     angles = np.linspace(30.0, 70.0, len(run.step))
-    told = replace(known(run, non_orthogonality=angles), label="told")
-    _, panels = drawn([told, run])
+    newer = replace(known(run, non_orthogonality=angles), label="newer")
+    _, panels = drawn([newer, run])
     (only,) = panels["non- orthogonality, °"].get_lines()
     np.testing.assert_array_equal(only.get_ydata(), angles)
-    _, panels = drawn([told], panels=["non-orthogonality"])
+    _, panels = drawn([newer], panels=["non-orthogonality"])
     assert list(panels) == ["non- orthogonality, °"]
 
 
