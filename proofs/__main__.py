@@ -50,11 +50,11 @@ def prove(
     try:
         checks = chosen(CHECKS, only or ())
         if list_checks:
-            _tell("\n".join(f"{check.name:<15} {check.target_of(check.count(plan.scale))}" for check in checks))
+            _report("\n".join(f"{check.name:<15} {check.target_of(check.count(plan.scale))}" for check in checks))
             return
         require_folder_place(out)
-        with _told_to_end(), _progress() as progress:
-            passed = run_checks(checks, plan, out, tell=_tell, progress=progress)
+        with _ended_by_sigterm(), _progress() as progress:
+            passed = run_checks(checks, plan, out, report=_report, progress=progress)
     except MeshMotionError as error:
         complain(str(error))
         raise typer.Exit(status_of(error.code)) from None
@@ -66,14 +66,14 @@ def prove(
         raise typer.Exit(ExitStatus.UNMET)
 
 
-def _tell(line: str) -> None:
+def _report(line: str) -> None:
     """At once, also into a file or pipe."""
     sys.stdout.write(line + "\n")
     sys.stdout.flush()
 
 
 @contextmanager
-def _told_to_end() -> Iterator[None]:
+def _ended_by_sigterm() -> Iterator[None]:
     """SIGTERM (of a limit of time, say) is an interrupt like Ctrl-C: the servers and clients of a check end with it."""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:

@@ -80,7 +80,7 @@ class Stall:
                 raise PowerLoss
 
     def end(self, *, killed: bool) -> None:
-        """Whoever waits goes on, or is gone."""
+        """Each waiting request goes on, or is dropped."""
         self._killed = killed
         self._over.set()
 
@@ -88,7 +88,7 @@ class Stall:
 def ask_inside(host: Any, model: SessionModel, ranks: Ranks, commit: Asked, number: int) -> None:
     """Ask something while a commit is written: nothing but STATUS and the end of the lease is admitted.
 
-    A server answers one request after the other, so over a network nobody sees COMMITTING; its row of the table is
+    A server answers one request after the other, so over a network no client sees COMMITTING; its row of the table is
     asked from inside the commit.
     """
     state, model.state = model.state, "COMMITTING"
@@ -109,9 +109,9 @@ def _request_inside(host: Any, model: SessionModel, asked: Any) -> None:
     if asked.kind in ("UPLOAD", *_COLLECTIVE):
         model.refuse_all([asked])
     reply, good = envelope.message, "STATUS_REPORT" if asked.kind == "STATUS" else "ERROR"
-    told = f"inside a commit {asked.kind} was answered {reply}"
-    require((reply.type, reply.state) == (good, "COMMITTING"), told)
-    require(good != "ERROR" or reply.code == "FAILED_PRECONDITION.STATE", told)
+    message = f"inside a commit {asked.kind} was answered {reply}"
+    require((reply.type, reply.state) == (good, "COMMITTING"), message)
+    require(good != "ERROR" or reply.code == "FAILED_PRECONDITION.STATE", message)
 
 
 def refused_resume(host: Any, model: SessionModel) -> None:

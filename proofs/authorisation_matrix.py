@@ -156,7 +156,7 @@ def outcome(stage: Stage, cell: Cell) -> str:
         reply = wire.ask(m.MESSAGES[cell.request], **_fields(cell.request, at))
         arrays = len(wire.frames) - 1
     if verdict == "oversee":
-        require(not arrays and b"centre" not in b"".join(wire.frames), f"{cell} tells places")
+        require(not arrays and b"centre" not in b"".join(wire.frames), f"{cell} shows places")
     if reply.type == "CLOSED":
         stage.forget(cell.own)
     if reply.type == "RESUMED":
@@ -202,7 +202,7 @@ def judge(cell: Cell, got: str) -> None:
     require(got == wanted, f"{cell}: expected {wanted}, got {got}")
 
 
-# --- what is beside the table ---
+# --- what the table does not have ---
 
 
 def _owner_without(stage: Stage) -> Iterator[tuple[str, str, str]]:
@@ -222,7 +222,7 @@ def _owner_without(stage: Stage) -> Iterator[tuple[str, str, str]]:
 
 
 def _unusable_list(stage: Stage) -> Iterator[tuple[str, str, str]]:
-    """While others may write the allow-list nobody is served, whoever he is and whatever he has open."""
+    """While others may write the allow-list, no user is served, with or without an open session."""
     stage.give(("owner", "monitor", "admin"))
     held = stage.held(True)
     at = held.at()
@@ -259,7 +259,7 @@ def _outsiders(stage: Stage) -> int:
 
 
 def _without_keys(stage: Stage) -> Iterator[tuple[str, str, str]]:
-    """A server without keys on the same folder: sessions that have an owner do not exist, whoever one says one is."""
+    """A server without keys on the same folder: sessions that have an owner do not exist for any user."""
     held = stage.held(False)
     session, at = held.session, held.at()
     stage.close()
@@ -299,8 +299,8 @@ def one_round(stage: Stage, random: Random, *, timed: int = _TIMED) -> dict[str,
     existing = {"open": stage.held(False).known, "stored": stored}
     with Wire(stage.server.endpoint, stage.subject) as control:
         alike = require_alike(control, existing)
-        told = require_same_time(times(control, existing, random, timed)) if timed else {}
-    return {"cells": asked, "compared": alike, "seconds": told}
+        times_apart = require_same_time(times(control, existing, random, timed)) if timed else {}
+    return {"cells": asked, "compared": alike, "seconds": times_apart}
 
 
 def run(seed: int, budget: Budget) -> Result:

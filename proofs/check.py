@@ -9,7 +9,7 @@ from typing import Any
 
 __all__ = ["BrokenPromise", "Budget", "Check", "Result", "require"]
 
-#: A row may take so many times what it takes on two cores, and this long beside that; seconds.
+#: The limit of a row: a factor on its time on two cores, and the least limit in seconds.
 _SLACK, _AT_LEAST = 10.0, 600.0
 
 
@@ -30,7 +30,7 @@ class Result:
     Attributes
     ----------
     got : str
-        In one line, to be read beside the target.
+        In one line, to compare with the target.
     passed : bool
     details : dict
         Every figure that was measured, plain values.
@@ -51,18 +51,18 @@ class Budget:
         How many, of the check's own unit.
     seconds : float or None
         If given, it counts instead; what cannot be done by halves is done once all the same.
-    tell : callable
-        Is told how many are done.
+    report : callable
+        Called with the number of those that are done.
     """
 
     count: int
     seconds: float | None = None
-    tell: Callable[[int], None] = lambda _: None
+    report: Callable[[int], None] = lambda _: None
     _start: float = field(default_factory=time.monotonic)
 
     def admits(self, done: int) -> bool:
         """Whether there is to be another one after so many."""
-        self.tell(done)
+        self.report(done)
         if self.seconds is not None:
             return time.monotonic() - self._start < self.seconds
         return done < self.count

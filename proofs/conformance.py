@@ -72,7 +72,7 @@ def choice(cases: Sequence[Case], count: int, random: Random) -> list[Case]:
 
 
 def verdict(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """What is told of one server or client."""
+    """What the row reports of one server or client."""
     counts = Counter(outcome.verdict for outcome in outcomes)
     allowed = _NOT_TO_BE_HAD if name == _SERVER else set()
     return {
@@ -131,12 +131,12 @@ def _share(part: Part, parts: Sequence[Part], budget: Budget, random: Random) ->
     cases = part.subject.cases()
     if budget.seconds is None:
         chosen = choice(cases, round(budget.count * len(cases) / len(server_cases())), random)
-        return chosen, Budget(len(chosen), None, budget.tell)
+        return chosen, Budget(len(chosen), None, budget.report)
     first = choice(cases, 0, random)
     rest = [case for case in cases if case not in first]
     random.shuffle(rest)
     seconds = budget.seconds * part.seconds / sum(each.seconds for each in parts)
-    return [*first, *rest], Budget(len(cases), seconds, budget.tell)
+    return [*first, *rest], Budget(len(cases), seconds, budget.report)
 
 
 def _done(found: dict[str, dict[str, Any]]) -> int:
@@ -147,10 +147,10 @@ def _result(found: dict[str, dict[str, Any]]) -> Result:
     failed = [f"{name} {case['id']}" for name, each in found.items() for case in each["failed"]]
     counts = ", ".join(f"{name} {each['cases']}" for name, each in found.items())
     missing = ", ".join(name for name in _PROGRAMS if name not in found)
-    told = f"{counts} cases, {len(failed)} failed" + (f"; {missing} not built" if missing else "")
+    text = f"{counts} cases, {len(failed)} failed" + (f"; {missing} not built" if missing else "")
     if failed:
-        told = f"{len(failed)} of {_done(found)} failed: {', '.join(failed[:3])}"
-    return Result(told, not failed, {"parts": found, "not_built": missing})
+        text = f"{len(failed)} of {_done(found)} failed: {', '.join(failed[:3])}"
+    return Result(text, not failed, {"parts": found, "not_built": missing})
 
 
 CHECK = Check(

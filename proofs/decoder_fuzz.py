@@ -28,7 +28,7 @@ __all__ = ["CHECK", "memory_in_use", "outcome_of"]
 _MOST_GROWTH = 5 << 20
 #: Messages before the memory is looked at: what is made once is made then, and the allocator has seen the largest.
 _WARM_UP = 50_000
-#: Bytes of the reply that tells an error, whatever of the sender's it repeats.
+#: Bytes of an error's reply, whatever it repeats of the request.
 _LARGEST_ERROR = 6000
 
 
@@ -54,7 +54,7 @@ def outcome_of(frames: list[bytes]) -> str:
 
 
 def memory_in_use() -> int:
-    """Bytes of this process, without what nobody refers to any more, where the allocator can give it back (glibc)."""
+    """Bytes of this process, after the allocator has given back what is no longer referred to, if it can (glibc)."""
     gc.collect()
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)

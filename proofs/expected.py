@@ -86,8 +86,8 @@ def compare_all(answers: Sequence[Answer], replies: Replies) -> None:
     got = {(peer, m.client, m.sequence): m for peer, m in ((peer, decode(frames)) for peer, frames in replies)}
     due = {(a.to.peer, a.to.message.client, a.to.message.sequence): a for a in answers}
     require(len(got) == len(replies), "a request has two replies")
-    told = [f"{m.type} {getattr(m, 'code', '')}" for m in got.values()]
-    require(got.keys() == due.keys(), f"due are {[(a.type, a.codes) for a in answers]}, came {told}")
+    came = [f"{m.type} {getattr(m, 'code', '')}" for m in got.values()]
+    require(got.keys() == due.keys(), f"due are {[(a.type, a.codes) for a in answers]}, came {came}")
     for key, answer in due.items():
         compare(answer, got[key])
 

@@ -77,7 +77,7 @@ class Cell:
 
     def __str__(self) -> str:
         whose = "its own" if self.own else "another's"
-        return f"{'+'.join(self.roles) or 'nobody'}: {self.request} of {whose} session at {self.endpoint}"
+        return f"{'+'.join(self.roles) or 'no role'}: {self.request} of {whose} session at {self.endpoint}"
 
 
 def expected(roles: Collection[str], request: str, *, own: bool) -> str:

@@ -1,7 +1,7 @@
 """Unusual but right inputs against a session: each has to be taken, and answered as exactly as its row says.
 
-In any case the moving nodes go, bitwise, where they were told, no library warns, and the step can be committed. The
-rows are in :mod:`proofs.inputs.extremes`.
+The moving nodes always go, bitwise, to their prescribed positions, no library warns, and the step can be committed.
+The rows are in :mod:`proofs.inputs.extremes`.
 """
 
 from __future__ import annotations
@@ -71,11 +71,11 @@ def _session(rig: Rig, draft: Draft) -> Outcome:
         raise _Refused(f"a library warned of {rig.noise[0]}")
     assert isinstance(built, Built)  # errors are raised above
     assert isinstance(moved, Moved)
-    told = draft.moved.astype(np.float64)
-    if moved.displacement[built.moving_nodes].tobytes() != told.tobytes():
-        raise _Refused("a moving node is not where it was told")
+    prescribed = draft.moved.astype(np.float64)
+    if moved.displacement[built.moving_nodes].tobytes() != prescribed.tobytes():
+        raise _Refused("a moving node is not at its prescribed position")
     return Outcome(
-        moved.displacement, told, built.moving_nodes, moved.quality["corrected"], list(built.mesh["warnings"])
+        moved.displacement, prescribed, built.moving_nodes, moved.quality["corrected"], list(built.mesh["warnings"])
     )
 
 

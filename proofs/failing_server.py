@@ -1,4 +1,4 @@
-"""A server in processes of its own that fails where it is told to, and is started again whenever it has ended."""
+"""A server in processes of its own that fails at planned points, and is started again whenever it has ended."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class FailingServer(StandInServer):
     # --- its faults --------------------------------------------------------------------------------------------------
 
     def plan(self, *faults: str) -> None:
-        """Let these happen from now on, as a plan names them; passages are counted anew."""
+        """Let these happen from now on, as a plan names them; the count of passages starts again."""
         (self._points / PLAN).unlink(missing_ok=True)
         for count in self._points.iterdir():
             count.unlink()

@@ -8,7 +8,7 @@ the server runs::
 At the third passage of the first point, counted over all processes of the server, the process that passes is killed as
 by ``kill -9``. ``sleep`` takes seconds, ``raise`` the name of an errno (then it is an OSError), MemoryError or
 RuntimeError. Every passage of a point adds a byte to the folder's file of its name: so the count outlives the process
-that it ended, and whoever plans sees what was passed. Removing the files starts the count again.
+that it ended, and the check sees which points were passed. Removing the files starts the count again.
 
 :mod:`.failpoint_table` has all names, with the faults that can occur there.
 """

@@ -1,6 +1,6 @@
 """A network that breaks: a TCP proxy before a server's control and data endpoints, in a thread of its own.
 
-It listens on a host of its own at the same ports as the server, which is told to advertise ``0.0.0.0``: clients then
+It listens on a host of its own at the same ports as the server, which advertises ``0.0.0.0``: clients then
 take the host by which they reached the control endpoint, as behind a container's port mapping. So data connections
 go through the proxy without the client knowing.
 
@@ -11,14 +11,14 @@ kind            what becomes of the unit, and then of its connection
 ==============  =====================================================================================================
 ``delay``       comes up to 1.5 s later
 ``throttle``    and all that follows at some kilobytes a second
-``drop``        is swallowed with all that follows, one way or both, and nobody is told
+``drop``        is swallowed with all that follows, one way or both, and neither end gets an error
 ``cut``         a part of it comes, then both ends are closed or reset
 ``half-open``   one end is closed, the other one stays open and silent
 ``duplicate``   comes twice
 ``reorder``     comes after the next message that goes the same way, be it over another connection
 ``replay``      comes; and what went to the server over this connection is sent again over another one
 ``swap``        its connection is cut; the next one to a data endpoint is led to another session's
-``restart``     its connection is cut; the server is killed and started again, and meanwhile nobody is let in
+``restart``     its connection is cut; the server is killed and started again, and meanwhile no connection is let in
 ``flip``        one bit of it is turned
 ``truncate``    comes without its end, and what follows comes whole
 ==============  =====================================================================================================

@@ -55,7 +55,7 @@ _MESSAGES = 250
 #: Before memory is looked at, every other scene with the numerics themselves: what is made once is made then.
 _LEAST_WARM_UP = 3000
 _MOST_GROWTH = 5 << 20
-#: Scenes from one look at the memory to the next, some 290 000 messages: proof.json tells whether it grows on.
+#: Scenes from one look at the memory to the next, some 290 000 messages: proof.json shows whether it still grows.
 _SCENES_BETWEEN_LOOKS = 2000
 #: Seconds of processor time that one message may take: ten thousand times the usual.
 _MOST_SECONDS = 2.0
@@ -200,13 +200,13 @@ class Scene:
         own = [answer for to, answer in answers if to == peer and answer.sequence in (number, 0)]
         fitting = [answer for answer in own if _fits(kind, answer)]
         waits = not own and kind in COLLECTIVE and self.known.partitions > 1
-        told = [f"{answer.type} {getattr(answer, 'code', '')}" for _, answer in answers]
-        require(fitting or waits, f"a {kind or 'message'} was answered {told}, which SPEC.md does not have for it")
+        came = [f"{answer.type} {getattr(answer, 'code', '')}" for _, answer in answers]
+        require(fitting or waits, f"a {kind or 'message'} was answered {came}, which SPEC.md does not have for it")
         if kind in _WITH_NUMBERS and any(answer.type != "ERROR" for answer in fitting):
             require(_is_finite(decode(frames)), f"{kind} with a number that is none is taken")
         require(endpoint == "data" or len(answers) == 1, f"a {kind} has {len(answers)} replies")
         # the others are for requests that waited
-        require(all(_ends_wait(a) for _, a in answers if a not in fitting), f"came {told}")
+        require(all(_ends_wait(a) for _, a in answers if a not in fitting), f"came {came}")
         return all(answer.type == "ERROR" for _, answer in answers) and bool(answers)
 
     def _check(self, kind: str, answer: Any) -> None:

@@ -1,4 +1,4 @@
-"""Whether a stranger can tell others' sessions from none: by the words, by the size, or by the time of NOT_FOUND."""
+"""Whether a stranger can find out that a session exists: by the words, by the size, or by the time of NOT_FOUND."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SIGMAS = 5.0
 Asked = tuple[str, bytes]
 
 
-def nobody() -> Asked:
+def no_session() -> Asked:
     """An id and a token that were never given out."""
     return os.urandom(16).hex(), os.urandom(32)
 
@@ -50,7 +50,7 @@ def require_alike(control: Wire, existing: Mapping[str, Asked]) -> int:
     """
     compared = 0
     for kind in (Probe, Resume):
-        unknown = _answer(control, kind, nobody())
+        unknown = _answer(control, kind, no_session())
         for what, (session, token) in existing.items():
             for tried in (token, os.urandom(32)):
                 answer = _answer(control, kind, (session, tried))
@@ -63,13 +63,13 @@ def require_alike(control: Wire, existing: Mapping[str, Asked]) -> int:
 
 
 def _answer(control: Wire, kind: type[Probe] | type[Resume], asked: Asked) -> tuple[object, ...]:
-    """All that a reply tells, with the id taken out."""
+    """All that a reply says, with the id taken out."""
     session, token = asked
     reply = control.ask(kind, session=session, token=token)
     if reply.type != "ERROR":
         return (reply.type,)
-    told = (reply.code, reply.message, reply.hint, reply.retryable, reply.state, sorted(reply.details.items()))
-    words = tuple(str(part).replace(session, "ID") for part in told)
+    parts = (reply.code, reply.message, reply.hint, reply.retryable, reply.state, sorted(reply.details.items()))
+    words = tuple(str(part).replace(session, "ID") for part in parts)
     return (*words, [len(frame) for frame in control.frames])
 
 
@@ -79,7 +79,7 @@ def times(control: Wire, existing: Mapping[str, Asked], random: Random, count: i
     random.shuffle(order)
     found: dict[str, list[float]] = {what: [] for what in (*existing, "none")}
     for what in order:
-        session, token = nobody() if what == "none" else existing[what]
+        session, token = no_session() if what == "none" else existing[what]
         control.ask(random.choice((Probe, Resume)), session=session, token=token)
         found[what].append(control.seconds)
     return found
@@ -118,12 +118,12 @@ def require_same_time(found: Mapping[str, Sequence[float]]) -> dict[str, float]:
     """
     least = min(min(seconds) for seconds in found.values())
     require(least >= _DELAY_SECONDS, f"NOT_FOUND came after {1000 * least:.1f} ms; it is to wait for 50 ms")
-    told = {"least": least}
+    differences = {"least": least}
     for what, (difference, deviation) in time_differences(found).items():
         require(
             abs(difference) < _UNSEEN_SECONDS or abs(deviation) < _SIGMAS,
             f"NOT_FOUND for a session that is {what} comes {1e6 * difference:+.0f} µs from that for none "
             f"({deviation:+.1f} σ in {len(found[what])} answers)",
         )
-        told[what] = difference
-    return told
+        differences[what] = difference
+    return differences

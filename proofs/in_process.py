@@ -57,7 +57,7 @@ def allow_everybody_listed(folder: Path) -> Protection:
 
 @contextlib.contextmanager
 def quiet() -> Iterator[deque[str]]:
-    """No logs; instead the last exceptions that requests ended in are told, but for those that a proof has injected."""
+    """No logs; instead the last exceptions that ended requests are kept, without those that a proof has injected."""
     found: deque[str] = deque(maxlen=10)
     logger, handler = logging.getLogger("mesh_motion_server"), _Collecting(found)
     propagate, logger.propagate = logger.propagate, False
@@ -70,7 +70,7 @@ def quiet() -> Iterator[deque[str]]:
 
 
 class _Collecting(logging.Handler):
-    """Tells the exceptions of what is logged; itself an exception would keep the whole server."""
+    """Keeps the text of logged exceptions; the exception itself would keep the whole server in memory."""
 
     def __init__(self, found: deque[str]) -> None:
         super().__init__()
@@ -95,7 +95,7 @@ class _Store(SessionStore):
 
 
 class _Worker(workers.Worker):
-    """A worker that serves what it is given, with a lease that ends when it is told."""
+    """A worker that serves what it is given, with a lease that ends on call."""
 
     wire: Socket
     line: Line
@@ -109,7 +109,7 @@ class _Worker(workers.Worker):
         self._report()
 
     def wake(self) -> None:
-        """As when it has waited for some seconds: it tells where the session stands."""
+        """As when it has waited for some seconds: it reports the session's state."""
         self._report()
 
     def obey(self, order: dict[str, Any]) -> None:
@@ -118,7 +118,7 @@ class _Worker(workers.Worker):
         self._obey()
 
     def end_lease(self) -> None:
-        """As when nobody was connected for the lease's time."""
+        """As when no client was connected for the lease's time."""
         self._suspended = True
         self._send(self.host.suspend())
         self._report()
@@ -219,7 +219,7 @@ class InProcessServer:
         self.start()
 
     def halt(self) -> None:
-        """Nothing runs any more beside who calls this."""
+        """Nothing runs any more but the caller."""
         for worker in self._children.values():
             _end_thread(worker.host)
 
@@ -247,7 +247,7 @@ class InProcessServer:
         return worker.wire.take_sent()
 
     def settle(self, session: str) -> None:
-        """Wait until what a session of level "relaxed" has to store is stored, or the disk has failed; all are told."""
+        """Wait until a session of level "relaxed" has stored its steps, or the disk has failed; all get a report."""
         keeper = _keeper(self.host(session))
         if keeper is not None:
             with contextlib.suppress(JournalError):

@@ -6,7 +6,7 @@ healthy disk another process must go on from what was acknowledged, to coordinat
 without faults. Writes that take fewer bytes than given are no fault.
 
 This is done at each level of durability. With "relaxed" a disk that fails behind a commit's back must show in the next
-request, and what was told as durable before must be there.
+request, and what a reply called durable before must be there.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def fail_each_call(error: int, *, for_ever: bool, level: str = "full") -> Counte
         try:
             ending = _life(files, acknowledged, level)
             failed = bool(files.failed)
-            require((ending == "whole") != failed, f"a failed {files.failed} was not told")
+            require((ending == "whole") != failed, f"a failed {files.failed} was not reported")
             endings[ending] += 1
             raw.handles.clear()
             _continue(raw, acknowledged, expected)
@@ -146,7 +146,7 @@ def _await_durable(driver: Driver, step: int) -> None:
     """
     deadline = time.monotonic() + _PATIENCE
     while (status := driver.ask(Status)).durable_step < step:
-        require(time.monotonic() < deadline, f"step {step} does not become durable, and nobody says why")
+        require(time.monotonic() < deadline, f"step {step} does not become durable, and no reply says why")
         if status.state == "FROZEN":
             raise _Ended(driver.move(step + 1)[0].code)
         time.sleep(1e-4)
@@ -179,7 +179,7 @@ def _life(files: Any, acknowledged: Digests, level: str) -> str:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """What a session logs where nobody waits for an answer is expected here."""
+    """What a session logs where no client waits for an answer is expected here."""
     logger = logging.getLogger("mesh_motion_server.session.journal.durability")
     logger.disabled, before = True, logger.disabled
     try:
@@ -189,11 +189,11 @@ def _quiet() -> Iterator[None]:
 
 
 def _require_frozen(driver: Driver, acknowledged: Digests, *, relaxed: bool) -> None:
-    """Reads still work, nothing is written any more, the last committed step and the durable one are told."""
+    """Reads still work, nothing is written any more, the replies give the last committed step and the durable one."""
     status = driver.ask(Status)
     last = max(acknowledged, default=0)
-    told = (status.step - relaxed, status.durable_step) if relaxed else (status.step, last)
-    require((status.state, *told) == ("FROZEN", last, last), f"{status.state} at step {status.step}, not {last}")
+    steps = (status.step - relaxed, status.durable_step) if relaxed else (status.step, last)
+    require((status.state, *steps) == ("FROZEN", last, last), f"{status.state} at step {status.step}, not {last}")
     require(driver.ask(Fetch).type == "FETCHED", "FETCH is refused")
     refused = driver.all(Move, driver.displacement(1), step=status.step + 1)[0]
     require(refused.type == "ERROR", "a frozen session moves")

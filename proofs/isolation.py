@@ -1,7 +1,7 @@
 """How long a PING takes while other sessions' clients do their worst, and what the gateway takes of memory.
 
 Neighbours (:mod:`.neighbours`) upload 100 MB again and again while workers are killed, abort and reach their memory
-limit; then slow and silent clients come beside the uploads. PINGs go to the control endpoint, to the data endpoint of a
+limit; then slow and silent clients come during the uploads. PINGs go to the control endpoint, to the data endpoint of a
 session that does nothing, and to an *echo*: a process of three lines that only sends back what comes. What the echo
 takes under the same load, asked in turns, is this machine's scheduling and not the server. So what is promised is a
 p99 of 15 ms, and three times the echo's p99 beyond that: on a calm machine little, and on a busy one the server, which
@@ -40,7 +40,7 @@ _MIB = 1 << 20
 _P99_SECONDS = 0.015
 _ECHOES = 3
 #: A phase that does not keep it is played again, so often: other work on the machine adds to a p99 and takes nothing
-#: away, so the best round tells most of the server.
+#: away, so the best round shows most of the server.
 _ROUNDS = 3
 #: What the gateway may grow by.
 _MOST_GROWTH = 32 * _MIB
@@ -208,7 +208,7 @@ class _Scene:
         self.growth = max(self.growth, resident_bytes(self._gateway) - self._calm)
 
     def play(self, kinds: Sequence[str], count: int) -> tuple[dict[str, list[float]], dict[str, Any]]:
-        """So many PINGs among these neighbours; seconds by endpoint, and what else there is to tell.
+        """So many PINGs among these neighbours; seconds by endpoint, and what else there is to report.
 
         That is how often harm was done, and for how long a process had to wait for a processor each time.
         """
@@ -233,8 +233,8 @@ def run(seed: int, budget: Budget) -> Result:
         for phase, kinds in _PHASES.items():
             rounds = details[phase] = []
             while len(rounds) < _ROUNDS:
-                times, told = scene.play(kinds, share // len(_PHASES))
-                rounds.append(told | {name: _told(values) for name, values in times.items()})
+                times, harm = scene.play(kinds, share // len(_PHASES))
+                rounds.append(harm | {name: _figures_of(values) for name, values in times.items()})
                 now = {name: float(np.percentile(values, 99)) for name, values in times.items()}
                 figures[phase] = min(figures.get(phase, now), now, key=above)
                 if above(now) <= 0:
@@ -243,7 +243,7 @@ def run(seed: int, budget: Budget) -> Result:
     return Result(_got(figures, scene.growth), judge(figures, scene.growth), details)
 
 
-def _told(values: Sequence[float]) -> dict[str, float]:
+def _figures_of(values: Sequence[float]) -> dict[str, float]:
     """Milliseconds."""
     p50, p99 = (1000 * float(value) for value in np.percentile(values, (50, 99)))
     return {"pings": len(values), "p50_ms": p50, "p99_ms": p99, "max_ms": 1000 * max(values)}
@@ -257,7 +257,7 @@ def _got(figures: Mapping[str, Mapping[str, float]], growth: int) -> str:
 
 CHECK = Check(
     "isolation",
-    "{count} pings beside 100 MB, crashes, slow clients: p99 < 15 ms",
+    "{count} pings during 100 MB, crashes, slow clients: p99 < 15 ms",
     short=1500,
     full=60_000,
     seconds=35,

@@ -1,4 +1,4 @@
-"""Every byte of a small journal of each level is damaged, one at a time: told or harmless, never a wrong array.
+"""Every byte of a small journal of each level is damaged, one at a time: reported or harmless, never a wrong array.
 
 Those of the levels "replay" and "relaxed" take turns: three rounds for every byte.
 """
@@ -26,8 +26,8 @@ FOLDER = Path("/session")
 STEPS = 3
 #: Rounds in which every byte of a journal of the other levels has its turn.
 _TURNS = 3
-#: Codes that tell of damage.
-_TOLD = ("DATA_LOSS", "UNIMPLEMENTED.VERSION")
+#: Codes that report damage.
+_REPORTED = ("DATA_LOSS", "UNIMPLEMENTED.VERSION")
 
 
 def small_journal(level: str = "full") -> dict[Path, bytes]:
@@ -51,7 +51,7 @@ def small_journal(level: str = "full") -> dict[Path, bytes]:
 
 
 def read_back(contents: dict[Path, bytes], expected: Any = (entry_of, state_of)) -> int:
-    """The committed step that is read; −1 if the damage is told.
+    """The committed step that is read; −1 if the damage is reported.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def read_back(contents: dict[Path, bytes], expected: Any = (entry_of, state_of))
         snapshot = journal.ledger.snapshot
         points: Any = journal.read_state() if snapshot else None
     except JournalError as error:
-        require(error.code.startswith(_TOLD), f"damage is told as {error.code}")
+        require(error.code.startswith(_REPORTED), f"damage is reported as {error.code}")
         return -1
     ledger = journal.ledger
     if snapshot is not None:
@@ -108,17 +108,19 @@ def _damage_each(contents: dict[Path, bytes], shift: int, level: str, turns: int
 def run(seed: int, budget: Budget) -> Result:
     """One bit of every byte in each round, another one in the next."""
     journals = {level: small_journal(level) for level in DURABILITY_LEVELS}
-    told = harmless = rounds = 0
+    reported = harmless = rounds = 0
     while not rounds or budget.admits(rounds):
         for level, contents in journals.items():
             found = _damage_each(contents, seed + rounds, level, 1 if level == "full" else _TURNS)
-            told += found.count(-1)
+            reported += found.count(-1)
             harmless += found.count(STEPS)
         rounds += 1
-    size = told + harmless
-    got = f"{size} bytes in {rounds} rounds: {told} told, {harmless} harmless, 0 wrong"
-    passed = bool(told and harmless)
-    return Result(got, passed, {"bytes": size, "rounds": rounds, "told": told, "harmless": harmless, "wrong": 0})
+    size = reported + harmless
+    got = f"{size} bytes in {rounds} rounds: {reported} reported, {harmless} harmless, 0 wrong"
+    passed = bool(reported and harmless)
+    return Result(
+        got, passed, {"bytes": size, "rounds": rounds, "reported": reported, "harmless": harmless, "wrong": 0}
+    )
 
 
 CHECK = Check(

@@ -1,9 +1,9 @@
 """SIGKILL of a process that commits, at random moments of opening, recovering and committing.
 
 The lives are shared out among sessions of the three levels of durability. Every reply that came out, also those asked
-for once more after a kill, and the coordinates at the end must be bitwise those of a process that nobody disturbed,
+for once more after a kill, and the coordinates at the end must be bitwise those of an undisturbed process,
 which commits the same steps on the model file system. With "relaxed" a session may resume before what it acknowledged,
-but not before the durable step that it told, and the steps done again must be bitwise the same. The kernel survives, so
+but not before the durable step that it gave, and the steps done again must be bitwise the same. The kernel survives, so
 this does not show that anything was synced: that is what the power-loss check is for.
 """
 
@@ -56,7 +56,7 @@ class Witness:
     level : str
         Of durability.
     last, durable : int
-        The last acknowledged step, and the last one told as durable.
+        The last acknowledged step, and the last one that a reply called durable.
     lost : int
         Acknowledged steps that were not durable and did not survive.
     """
@@ -70,7 +70,7 @@ class Witness:
     durable: int = 0
     lost: int = 0
 
-    def hear(self, lines: Iterable[str]) -> None:
+    def check(self, lines: Iterable[str]) -> None:
         """The lines of one life.
 
         Raises
@@ -93,7 +93,7 @@ class Witness:
         relaxed = self.level == "relaxed"
         require(
             (self.durable if relaxed else self.last) <= int(step) <= self.last + 1,
-            f"life {self.lives} resumes at step {step}, {self.last} was acknowledged, {self.durable} told as durable",
+            f"life {self.lives} resumes at step {step}, {self.last} was acknowledged, {self.durable} was durable",
         )
         self.lost += max(0, self.last - int(step))
         self.last = self.durable = int(step)
@@ -103,7 +103,7 @@ class Witness:
     def _replied(self, rest: str) -> None:
         step, durable = (int(word) for word in rest.split()[:2])
         frame = bytes.fromhex(rest.split()[2])
-        require(durable == step or self.level == "relaxed", f"step {step} was acknowledged, {durable} told as durable")
+        require(durable == step or self.level == "relaxed", f"step {step} was acknowledged, {durable} was durable")
         asked_again = step == self.last
         self.last, self.durable = step, max(self.durable, durable)
         known = self.replies.setdefault(step, frame)
@@ -117,7 +117,7 @@ def kill_again_and_again(folder: Path, random: Random, budget: Budget, level: st
     Raises
     ------
     BrokenPromise
-        As :meth:`Witness.hear`, or if a process ended by itself.
+        As :meth:`Witness.check`, or if a process ended by itself.
     """
     witness = Witness(level=level)
     command = [sys.executable, "-m", "proofs.killed_process", str(folder), level]
@@ -131,7 +131,7 @@ def kill_again_and_again(folder: Path, random: Random, budget: Budget, level: st
             process.stdin.write(f"{random.uniform(0, _LONGEST * (1 + idle)):.6f}\n")
             process.stdin.flush()
             former = len(witness.replies)
-            witness.hear(_one_life(process.stdout))
+            witness.check(_one_life(process.stdout))
             idle = idle + 1 if len(witness.replies) == former else 0
             require(
                 idle < _MOST_IDLE, f"after step {witness.last}, {idle} lives in a row have committed nothing ({level})"
@@ -206,8 +206,8 @@ def run(seed: int, budget: Budget) -> Result:
 def _share(budget: Budget, done: int, part: float) -> Budget:
     """What of a budget is left for one level, so many lives being done."""
     if budget.seconds is not None:
-        return Budget(0, budget.seconds / len(DURABILITY_LEVELS), lambda more: budget.tell(done + more))
-    return Budget(round(budget.count * part) - done, None, lambda more: budget.tell(done + more))
+        return Budget(0, budget.seconds / len(DURABILITY_LEVELS), lambda more: budget.report(done + more))
+    return Budget(round(budget.count * part) - done, None, lambda more: budget.report(done + more))
 
 
 CHECK = Check(

@@ -15,7 +15,7 @@ def limited_context(seconds: float = 2 * PATIENCE) -> zmq.Context[zmq.Socket[byt
     """A context whose sockets raise ``zmq.Again`` from a send or receive that takes longer, and close at once.
 
     By default libzmq waits for ever: in a send when the only peer has refused the connection, in the end of a process
-    for messages that nobody takes.
+    for messages that no peer takes.
     """
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     for option, value in (

@@ -58,7 +58,7 @@ class Member:
     twin: Driver | None = None
 
     def require_twin(self) -> Driver:
-        """The twin, made anew for a session that rested."""
+        """The twin, made again for a session that rested."""
         if self.twin is None:
             self.twin = twin_of(self.holder.seed, self.holder.step)
         return self.twin
@@ -175,8 +175,10 @@ def fetch(member: Member, _random: Random) -> None:
 def ask_status(member: Member, _random: Random) -> None:
     """STATUS is of this session."""
     holder, report = member.holder, member.holder.status()
-    told = (report.step, report.report["label"], report.report["epoch"])
-    require(told == (holder.step, f"session {holder.seed}", holder.epoch), f"session {holder.seed}: STATUS says {told}")
+    shown = (report.step, report.report["label"], report.report["epoch"])
+    require(
+        shown == (holder.step, f"session {holder.seed}", holder.epoch), f"session {holder.seed}: STATUS says {shown}"
+    )
 
 
 def rejoin(member: Member, _random: Random) -> None:
@@ -298,10 +300,10 @@ def _wrongly_listed(fleet: Fleet) -> str:
         return f"LIST has {len(listed)} sessions of {len(members)}"
     for session, (holder, worker) in members.items():
         entry = listed[session]
-        told = (entry["label"], entry["step"], entry["worker"])
+        shown = (entry["label"], entry["step"], entry["worker"])
         wanted = (f"session {holder.seed}", holder.step, worker)
-        if told != wanted:
-            return f"LIST says {told} of a session that is {wanted}"
+        if shown != wanted:
+            return f"LIST says {shown} of a session that is {wanted}"
     return ""
 
 
@@ -350,7 +352,7 @@ def _voyage(fleet: Fleet, random: Random, budget: Budget) -> dict[str, Any]:
     ring = [*fleet.live, *random.sample(fleet.resting, min(5, len(fleet.resting)))]
     tries = sum(require_own_tokens(one, other) for one, other in pairwise([*ring, ring[0]]))
     memory = [proportional_bytes(pid) for pid in fleet.server.workers()]
-    deeds = Budget(_DONE_EACH * len(fleet.live), budget.seconds and budget.seconds / 2, budget.tell)
+    deeds = Budget(_DONE_EACH * len(fleet.live), budget.seconds and budget.seconds / 2, budget.report)
     done = sail(fleet, random, deeds)
     require_listed(fleet)
     live = len(fleet.live)

@@ -52,7 +52,7 @@ class ModelFiles:
     crash_at : int or None
         How many of them are done before power is lost.
     before : callable or None
-        Is told each operation before it is done.
+        Called with each operation before it is done.
     """
 
     def __init__(self) -> None:
@@ -69,7 +69,7 @@ class ModelFiles:
     # --- the proof's side ------------------------------------------------------------------------------------------
 
     def arm(self, crash_at: int | None) -> None:
-        """Count operations anew."""
+        """Start the count of operations again."""
         self.operations, self.crash_at = [], crash_at
 
     def copy(self) -> ModelFiles:

@@ -20,7 +20,7 @@ _VALUES: tuple[Any, ...] = (
     [], {}, [[]], [None] * 257, {"": ""}, [{}] * 256, {str(k): k for k in range(257)}, msgpack.Timestamp(1, 2),
     msgpack.ExtType(5, b"x"), "<f8", "<i8", "<f4", ">f8", "O", "S2147483647", "MOVE", "ERROR", "HELLO",
 )  # fmt: skip
-#: Keys that nobody asked for; one that an answer could not repeat.
+#: Keys that no schema has; one that an answer could not repeat.
 _KEYS: tuple[Any, ...] = ("", "v", "extra", "__class__", "dtype", "fields", "shape", 7, b"v", "k" * 40_000)
 #: Header bytes that no packer writes: types of msgpack at their largest lengths, invalid UTF-8, a key twice.
 _RAW: tuple[bytes, ...] = (
@@ -85,7 +85,7 @@ def _remove(frames: Frames, random: Random) -> Frames:
 
 
 def _add(frames: Frames, random: Random) -> Frames:
-    """A key that nobody knows, or one more item."""
+    """An unknown key, or one more item."""
 
     def change(inner: Any, key: Any) -> None:
         if isinstance(inner, dict):

@@ -35,9 +35,9 @@ __all__ = ["CHECK", "TASKS", "Rig", "let_fail", "passages", "rig"]
 _MOST_COMMITS = 400
 #: How often a task is done until the planned passage comes: what runs in the background comes at its own time.
 _TRIES = 4
-#: A server is started anew after so many faults, or it would give its often killed gateway up.
+#: A new server is started after so many faults: this one would give up a gateway that was killed so often.
 _FAULTS_OF_A_SERVER = 100
-#: Points in the process that is the server: whoever kills it there has to start it again.
+#: Points in the process that is the server: after a kill there the check has to start it again.
 _SUPERVISOR = ("supervisor.", "store.list", "store.sweep")
 
 

@@ -53,7 +53,7 @@ _SECONDS = 60.0
 _PARTS = 4
 _SILENT, _SLOW = 100, 10
 _ASKED = 5_000
-#: How workers end, and what their clients are told.
+#: How workers end, and the codes that their clients get.
 _SEEN_AS = {"kill": "UNAVAILABLE.WORKER", "abort": "UNAVAILABLE.WORKER", "memory": "RESOURCE_EXHAUSTED.MEMORY"}
 
 
@@ -88,7 +88,7 @@ def upload(endpoint: str) -> None:
 
 
 def crash(endpoint: str, how: str) -> None:
-    """The end of a worker, which its client sees as an error, and nobody else does."""
+    """The end of a worker, which its client sees as an error, and no other client sees."""
     guest = Guest(endpoint, how)
     try:
         guest.courier.deliver(Status(**guest.courier.address), StatusReport, _SECONDS)
@@ -161,7 +161,7 @@ KINDS: dict[str, list[Callable[[str], Any]]] = {
 
 
 def main(kind: str, endpoint: str) -> None:
-    """Until nobody wants more of it."""
+    """Until its input ends."""
     over = threading.Event()
 
     def wait() -> None:

@@ -1,7 +1,7 @@
 """A coupling code that keeps at it: repeats what was not answered, resumes what was lost, and trusts nothing.
 
 Each call of the client must return its result or a typed error by its deadline. Results are compared, bit for bit, with
-those of a session in this process that nobody disturbs.
+those of an undisturbed session in this process.
 """
 
 from __future__ import annotations

@@ -2,13 +2,13 @@
 
 Each seed chooses faults (:mod:`.faulty_network`) that strike while a session goes on, is resumed or is opened. Every
 call of the client must return its result or a typed error by its deadline; the session then goes on or is resumed at
-the step that was acknowledged last; all arrays and digests are, bit for bit, those of a session that nobody disturbed;
+the step that was acknowledged last; all arrays and digests are, bit for bit, those of an undisturbed session;
 and no request is executed twice (:mod:`.network_driver`).
 
 Half of the clients have keys. Bytes that were changed on the way are found by CURVE, so these clients get ``flip`` and
-``truncate`` among their faults and lose nothing of the promise. Without keys the protocol has no checksum of its own
-beside TCP's; there it is promised only that each call ends in time with a result or a typed error, and how many changed
-arrays were taken for good is counted and told.
+``truncate`` among their faults and lose nothing of the promise. Without keys the protocol has only TCP's
+checksum; there it is promised only that each call ends in time with a result or a typed error, and how many changed
+arrays were taken for good is counted and reported.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ _CORRUPTED = 6
 
 
 def loopback() -> str:
-    """A loopback address that nobody else uses: all its ports are free."""
+    """A loopback address that no other program uses: all its ports are free."""
     rng = SystemRandom()
     return f"127.{rng.randrange(16, 255)}.{rng.randrange(256)}.{rng.randrange(1, 255)}"
 
@@ -145,7 +145,7 @@ class Lane:
         self.found.quiet += not self.network.struck
 
     def _run_corrupted(self, rng: Random) -> None:
-        """Without keys: a session that is given up afterwards, for nobody knows what it has been told."""
+        """Without keys: a session that is given up afterwards, for its inputs are unknown."""
         faults = [_fault(rng, rng.choice(CORRUPTING), "go on") for _ in range(2)]
         self.network.arm(faults)
         mistaken = self.driver.step_of_doubt()

@@ -1,7 +1,7 @@
 """Holds a session through whatever breaks, by what SPEC.md says alone.
 
-A request is repeated by the same id until it is answered; when nobody answers, PROBE tells whether the worker lives;
-then the holder joins again, after a RESUME if the worker is gone. Whatever it was told must stay true: a step that was
+A request is repeated by the same id until it is answered; without an answer PROBE shows whether the worker lives;
+then the holder joins again, after a RESUME if the worker is gone. Every reply must stay true: a step that was
 acknowledged is never lost, an epoch is never given twice, and an error has a known code and passes.
 """
 
@@ -134,9 +134,9 @@ class PersistentHolder:
         """Count an error, which must be one that may come."""
         self.refusals[error.code] += 1
         self._refused += 1
-        told = f"{request.type} is answered {error.code}: {error.message}"
-        require(error.code in ERROR_CODES and error.code not in _NEVER, told)
-        require(self._refused <= _MOST_REFUSALS, f"{told}; again and again")
+        message = f"{request.type} is answered {error.code}: {error.message}"
+        require(error.code in ERROR_CODES and error.code not in _NEVER, message)
+        require(self._refused <= _MOST_REFUSALS, f"{message}; again and again")
         self._require_time(request.type)
 
     def _require_time(self, what: str) -> None:
@@ -200,7 +200,7 @@ class PersistentHolder:
         self._take(resumed.step)
 
     def _take(self, step: int) -> None:
-        """A step that the server tells: the acknowledged one, or the one that waits for its reply."""
+        """A step that the server gives: the acknowledged one, or the one that waits for its reply."""
         possible = (self.step, self.step + 1) if self.committing else (self.step,)
         require(step in possible, f"the session is at step {step}, step {self.step} was acknowledged")
 

@@ -50,7 +50,7 @@ class PersistentUser(PersistentHolder):
         self._undisturbed = undisturbed
 
     def open(self) -> None:
-        """From OPEN to READY; what is lost before it was durable is begun anew."""
+        """From OPEN to READY; what is lost before it was durable is begun again."""
         while True:
             try:
                 opened = self.ask(Open, dimension=2, partitions=PARTITIONS)
@@ -93,7 +93,7 @@ class PersistentUser(PersistentHolder):
         listed = [entry["session"] for entry in self.ask(List).sessions]
         require(self.session in listed, f"the session {self.session} is not in the list of {len(listed)}")
         for status in self.deliver([self.new(Status, p) for p in range(PARTITIONS)]):
-            require(status.step == self.step, f"STATUS tells step {status.step}, {self.step} was acknowledged")
+            require(status.step == self.step, f"STATUS gives step {status.step}, {self.step} was acknowledged")
         fetched = self.deliver([self.new(Fetch, p) for p in range(PARTITIONS)])
         points = self._undisturbed.points(self.step)
         same = all(np.array_equal(one.points, other) for one, other in zip(fetched, points, strict=True))

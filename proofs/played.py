@@ -29,7 +29,7 @@ __all__ = ["Played"]
 
 #: What waits until all commits are durable, or needs the disk for something else.
 _WAITED_FOR = ("OPEN", "RESUME", "CLOSE", "LEASE_END", "STOP", "BREAK", "HEAL")
-#: What may be asked of a worker that has ended: it is still in its state, and knows its epoch, but serves nobody.
+#: What may be asked of a worker that has ended: it is still in its state, and knows its epoch, but serves no client.
 _ASKED_OF_THE_ENDED = ("", "epoch", "step", "reference", "discard")
 
 #: After these TANGENT and COTANGENT are played, which change nothing: no draw, so the lives are those without them.
@@ -262,7 +262,7 @@ class Played:
         return True
 
     def _start_over(self) -> None:
-        """All processes anew, after an accident."""
+        """Start all processes again, after an accident."""
         self._on_heal(Action("HEAL"))
         self.server.crash()
         self._resume = None
@@ -340,7 +340,7 @@ class Played:
         self._start_over()
 
     def _host(self) -> Any:
-        """Whoever would answer: the worker's host, or that of one that has ended."""
+        """The host that would answer: the worker's, or that of one that has ended."""
         if self.model.worker == "alive":
             return self.server.host(self.model.session)
         return self.server.ended.get(self.model.session) if self.model.state == "CLOSED" else None

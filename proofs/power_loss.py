@@ -2,10 +2,10 @@
 
 A journal of one of the levels of durability lives by a random script on the model file system: it is built, commits,
 leaves nothing undone, raises its epoch, fills its manifest and is opened again. Promised are every acknowledged step,
-reply and epoch; with "relaxed" the steps up to the durable step that was told. Before each of its operations the world
-is copied and power is lost in the copies; of the disks that are possible then, several are drawn, and some lose power
-again while they recover. Each must open, hold what was promised (and of what was only asked for all or nothing), and
-take the next step.
+reply and epoch; with "relaxed" the steps up to the durable step that a reply gave. Before each of its operations the
+world is copied and power is lost in the copies; of the disks that are possible then, several are drawn, and some lose
+power again while they recover. Each must open, hold what was promised (and of what was only asked for all or nothing),
+and take the next step.
 
 The second part lets each operation fail instead, has another process read what the page cache shows and acknowledge it,
 and only then loses power: what fsync refused may not be believed.
@@ -99,8 +99,8 @@ class Life:
     asked : int
         The last step that was asked for.
     level : str
-    told : int
-        With "relaxed": the last durable step that was told.
+    promised_step : int
+        With "relaxed": the last durable step that a reply gave.
     """
 
     files: Any
@@ -110,7 +110,7 @@ class Life:
     epoch: int = 0
     asked: int = 0
     level: str = "full"
-    told: int = 0
+    promised_step: int = 0
 
     def run(self, script: str) -> None:
         """Build or open the journal and check it, then live by the script."""
@@ -118,14 +118,14 @@ class Life:
         for command in script:
             if command == "c":
                 self.asked = self.step + 1
-                self.told = writer.commit(self.asked)
+                self.promised_step = writer.commit(self.asked)
                 self.step = self.asked
             elif command == "f":
                 writer.rest(self.step)
-                self.told = self.step
+                self.promised_step = self.step
             elif command == "e":
                 writer.catch_up()
-                self.told = self.step
+                self.promised_step = self.step
                 self.epoch = writer.journal.raise_epoch()
             else:
                 writer.journal.close()
@@ -145,7 +145,7 @@ class Life:
     def _check(self, journal: Journal) -> None:
         """Nothing promised is lost, nothing is wrong, and what was only asked for is there or not."""
         found, commits = journal.ledger.step, journal.ledger.commits
-        promised = self.told if self.level == "relaxed" else self.step
+        promised = self.promised_step if self.level == "relaxed" else self.step
         require(promised <= found <= self.asked, f"step {found}; {promised} was promised, {self.asked} asked for")
         snapshot, logged = journal.ledger.snapshot, journal.ledger.logged
         stored = snapshot.step if snapshot else 0
@@ -156,7 +156,7 @@ class Life:
         require(all(commit == entry_of(commit.step) for commit in replies), f"a wrong reply in {commits}")
         kept = max(len(logged), min(found, KEPT_COMMITS))
         require(len(commits) == kept, f"{len(commits)} replies are kept at step {found}")
-        self.step = self.asked = self.told = found
+        self.step = self.asked = self.promised_step = found
         epoch = journal.raise_epoch()
         require(epoch > self.epoch, f"epoch {epoch} after {self.epoch} was acknowledged")
         self.epoch = epoch
@@ -169,7 +169,7 @@ class _Full:
         self.journal = journal
 
     def commit(self, step: int) -> int:
-        """The durable step that is told."""
+        """The durable step that the reply gives."""
         state = state_of(step)
         if step % 3:
             self.journal.write_ahead(state)
@@ -203,7 +203,7 @@ class _Replay(_Full):
 
 
 class _Relaxed(_Full):
-    """As "relaxed" does, with the thread's work done when it is told to."""
+    """As "relaxed" does, with the thread's work done on call."""
 
     def __init__(self, journal: Journal) -> None:
         super().__init__(journal)
@@ -310,7 +310,7 @@ def _fail_once(script: str, random: Random, fail_at: int, life: Life) -> None:
     except (JournalError, OSError):
         require(failing.failed, "an error without a failed operation")
     else:
-        require(False, "a failed operation was not told")
+        require(False, "a failed operation was not reported")
     raw.handles.clear()
     life.files = raw
     life.run("")  # another process reads what the page cache shows, and acknowledges it

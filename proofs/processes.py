@@ -1,4 +1,4 @@
-"""What Linux tells of processes: their children, open files and memory."""
+"""What Linux shows of processes: their children, open files and memory."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Usage:
 
 
 def alive(pid: int) -> bool:
-    """Whether it runs: one that has ended, and that nobody has asked about yet, does not."""
+    """Whether it runs: one that has ended, and whose parent has not waited for it yet, does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] != "Z"
     except OSError:

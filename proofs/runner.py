@@ -63,7 +63,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A check's line, and what proof.json tells of it.
+    """A check's line, and what proof.json contains of it.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ def prove(
     plan: Plan,
     out: Path,
     *,
-    tell: Callable[[str], None],
+    report: Callable[[str], None],
     progress: Callable[[str], None] = lambda _: None,
 ) -> bool:
     """Run checks; whatever one of them raises is its failure, and the next one runs.
@@ -117,8 +117,8 @@ def prove(
     checks : sequence of Check
     plan : Plan
     out : Path
-        Receives proof.json, written anew after each check; made if missing.
-    tell : callable
+        Receives proof.json, written again after each check; made if missing.
+    report : callable
         Takes each line.
     progress : callable
         Takes what is being done, often.
@@ -131,10 +131,10 @@ def prove(
     out.mkdir(parents=True, exist_ok=True)
     about = {**asdict(plan), "started": _now(), "versions": versions(), "machine": machine()}
     outcomes: list[Outcome] = []
-    tell(HEADING)
+    report(HEADING)
     for check in checks:
         outcomes.append(_outcome(check, plan, plan.seconds(check, checks), progress))
-        tell(line_of(outcomes[-1]))
+        report(line_of(outcomes[-1]))
         _write(out / "proof.json", about, outcomes, finished=len(outcomes) == len(checks))
     return all(outcome.passed for outcome in outcomes)
 
@@ -242,7 +242,7 @@ def machine() -> dict[str, Any]:
 
 
 def _processor() -> str:
-    """Its model where Linux tells it, else its architecture."""
+    """Its model where Linux shows it, else its architecture."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -32,7 +32,7 @@ class Turns:
 
 
 def turns_of(pid: int) -> Turns:
-    """Since the process was started; all 0 where the kernel does not tell."""
+    """Since the process was started; all 0 where the kernel does not count."""
     try:
         ran, waited, count = Path(f"/proc/{pid}/schedstat").read_text(encoding="ascii").split()
     except OSError:

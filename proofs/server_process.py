@@ -39,7 +39,7 @@ class ServerProcess:
     level : {"debug", "info", "warning", "error"}
         Of the log.
     environment : mapping
-        What its processes find in theirs beside what is in ours.
+        What its processes get in addition to ours.
     pass_fds : sequence of int
         File descriptors that it inherits.
     settings
@@ -128,7 +128,7 @@ class ServerProcess:
         return int(at_work[-1]["worker"])
 
     def kill_worker(self, session: str) -> None:
-        """SIGKILL to a session's worker; the log may tell of a new one a moment after the client knows."""
+        """SIGKILL to a session's worker; the log may show a new one a moment after the client knows."""
 
         def killed() -> bool:
             with contextlib.suppress(ProcessLookupError):

@@ -20,9 +20,9 @@ class MortalSession(SessionModel):
     # --- what happens to it ------------------------------------------------------------------------------------------
 
     def lease_ends(self) -> list[Answer]:
-        """Nobody was connected for too long."""
+        """No client was connected for too long."""
         self.admits("LEASE_END")
-        self.untold = False
+        self.unreported = False
         self.all_is_durable()
         if self.state in ("READY", "TRIAL"):
             self.lose_trial("SUSPENDED")
@@ -36,13 +36,13 @@ class MortalSession(SessionModel):
         return self.abandon("DEADLINE_EXCEEDED")
 
     def ends(self) -> None:
-        """The server stops: the worker closes its journal; nobody who waits is answered."""
+        """The server stops: the worker closes its journal; no waiting client gets an answer."""
         self.all_is_durable()
         self.end(discard=False)
 
     def crashes(self, worker: str) -> None:
         """The process is gone; PROBE will say this of it."""
-        self.state, self.worker, self.untold = "", worker, False
+        self.state, self.worker, self.unreported = "", worker, False
         self.joined, self.waiting = {}, {}
         self.forget()
         self.trial, self.iteration = [], 0

@@ -1,4 +1,4 @@
-"""What a session has to do, told once more from SPEC.md: a few values and rules, no journal, no numerics.
+"""What a session has to do, written once more from SPEC.md: a few values and rules, no journal, no numerics.
 
 The model is asked the same requests as a server, in the same order, and says which replies are due. Coordinates it has
 from the replies themselves, by the rule that a displacement and the coordinates of its frame add up to the server's
@@ -75,7 +75,7 @@ class SessionModel(SessionState):
             return [refusal]
         self.joined[asked.message.partition] = asked.peer
         self.state = "READY" if self.state == "SUSPENDED" else self.state
-        self.untold = False  # JOINED tells of a disk that has failed
+        self.unreported = False  # JOINED reports a disk that has failed
         nodes = len(self.shares[asked.message.partition].ids) if self.built else 0
         about = {"state": self.state, "step": self.step, "iteration": self.iteration, "nodes": nodes}
         return [Answer(asked, "JOINED", fields=about | {"partitions": len(self.shares)})]
@@ -100,8 +100,8 @@ class SessionModel(SessionState):
         left = {} if asked.user == "admin" else {p: peer for p, peer in self.joined.items() if p != partition}
         if not left and self.disk_broken and (discard or not self.built):
             return [self.refuse(asked, DISK)]
-        if self.untold and asked.message.outcome == "keep":
-            self.untold = False
+        if self.unreported and asked.message.outcome == "keep":
+            self.unreported = False
             return [self.refuse(asked, DISK)]
         answers = self.abandon("ABORTED")
         self.joined, self.discarded = left, discard
@@ -194,8 +194,8 @@ class SessionModel(SessionState):
         self.trial = list(self.committed)
         about: dict[str, Any] = {"step": self.step + 1, "iteration": self.iteration}
         frame = all_asked[0].message.frame
-        told = (self.digest(self.step, self.committed), frame, *(a.message.displacement.tobytes() for a in all_asked))
-        return [self.executed(a, "MOVED", partial(self._take_motion, a, told), **about) for a in all_asked]
+        inputs = (self.digest(self.step, self.committed), frame, *(a.message.displacement.tobytes() for a in all_asked))
+        return [self.executed(a, "MOVED", partial(self._take_motion, a, inputs), **about) for a in all_asked]
 
     def _agree(self, rows: Sequence[NDArray[np.float64]]) -> bool:
         """Whether shared nodes are moved alike."""
@@ -204,14 +204,14 @@ class SessionModel(SessionState):
         _, first, inverse = np.unique(ids, return_index=True, return_inverse=True)
         return bool(np.array_equal(given, given[first][inverse]))
 
-    def _take_motion(self, asked: Asked, told: Any, reply: Any) -> None:
-        """Section 7: a pure function, told displacements as told, and a sum that is the server's coordinates."""
+    def _take_motion(self, asked: Asked, inputs: Any, reply: Any) -> None:
+        """Section 7: a pure function, displacements as prescribed, and a sum that is the server's coordinates."""
         p, share = asked.message.partition, self.shares[asked.message.partition]
         base = share.points if asked.message.frame == "reference" else self.committed[p]
         require(
             np.array_equal(reply.displacement[share.moving], asked.message.displacement), "moving nodes are elsewhere"
         )
-        again = self._moved.setdefault((told, p), reply.displacement.tobytes())
+        again = self._moved.setdefault((inputs, p), reply.displacement.tobytes())
         require(again == reply.displacement.tobytes(), "the same MOVE is answered with another displacement")
         self.trial[p] = base + reply.displacement
 
@@ -233,14 +233,14 @@ class SessionModel(SessionState):
         return [self.executed(asked, "COMMITTED", self.learn_durable, **about) for asked in all_asked]
 
     def _commit_relaxed(self, all_asked: Sequence[Asked], after: Snapshot, fault: str) -> list[Answer]:
-        """Answered at once; what is behind the last durable step that was told may be lost."""
+        """Answered at once; what is behind the last durable step that a reply gave may be lost."""
         self.state, self.iteration, self.trial = "READY", 0, []
         self.step, self.committed = after.step, after.committed
         self.may_be_found = [*self.may_be_found, replace(after, commits=())]
         about: dict[str, Any] = {"step": self.step, "digest": after.digest}
         answers = [self.executed(asked, "COMMITTED", self.learn_durable, **about) for asked in all_asked]
         if fault == "disk":
-            self.state, self.untold = "FROZEN", True
+            self.state, self.unreported = "FROZEN", True
         return answers
 
     def _rollback(self, all_asked: Sequence[Asked], _fault: str) -> list[Answer]:

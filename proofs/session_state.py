@@ -1,4 +1,4 @@
-"""What a session is and knows, told once more from SPEC.md: its state and step, who waits, what may be found later."""
+"""What a session is and knows, written once more from SPEC.md: state, step, who waits, what may be found later."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class SessionState:
     def __init__(self, opened: Any, shares: Sequence[Share], kept: int, level: str = "full") -> None:
         self.session, self.token, self.epoch = opened.session, opened.token, int(opened.epoch)
         self.shares, self.kept, self.level = shares, kept, level
-        self.durable_step, self.reopened, self.untold = 0, False, False
+        self.durable_step, self.reopened, self.unreported = 0, False, False
         self.state, self.worker, self.step, self.iteration = "NEW", "alive", 0, 0
         self.lost = "no"
         self.joined: dict[int, bytes] = {}
@@ -71,7 +71,7 @@ class SessionState:
 
     @property
     def gone(self) -> bool:
-        """Whether nobody will find it again."""
+        """Whether no client will find it again."""
         return self.worker == "none" and self.may_be_found == [None]
 
     @property
@@ -109,16 +109,17 @@ class SessionState:
 
     def learn_durable(self, reply: Any) -> None:
         """Section 21: it never goes back, and is the last step unless the level is "relaxed"."""
-        told = getattr(reply, "durable_step", reply.step)
+        durable = getattr(reply, "durable_step", reply.step)
         least = self.durable_step if self.level == "relaxed" else self.step
         require(
-            least <= told <= self.step, f"{reply.type} says durable step {told}; {least} was told, {self.step} made"
+            least <= durable <= self.step,
+            f"{reply.type} says durable step {durable}; {least} is the least, {self.step} made",
         )
-        self.durable_step = told
-        self.may_be_found = [s for s in self.may_be_found if s is None or s.step >= told]
+        self.durable_step = durable
+        self.may_be_found = [s for s in self.may_be_found if s is None or s.step >= durable]
 
     def all_is_durable(self) -> None:
-        """Unless the disk has failed: then what is, is told by CLOSED or RESUMED."""
+        """Unless the disk has failed: then CLOSED or RESUMED says what is durable."""
         if self.built and self.state not in ("FROZEN", "FAILED"):
             self.durable_step, self.may_be_found = self.step, [Snapshot(self.step, self.committed)]
 
@@ -152,7 +153,7 @@ class SessionState:
 
     def state_codes(self, kind: str) -> Codes:
         if self.state == "FROZEN":
-            self.untold = False
+            self.unreported = False
             return (DISK,)
         if kind == "COMMIT" and self.state == "READY" and self.lost != "no":
             return ("ABORTED.TRIAL_LOST", *(["FAILED_PRECONDITION.STATE"] if self.lost == "perhaps" else []))

@@ -100,7 +100,7 @@ class Soak:
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True, encoding="utf-8"
             )
         try:
-            self._hear(client)
+            self._await_count(client)
         except BaseException:
             _end(client)
             raise
@@ -117,7 +117,7 @@ class Soak:
             "client": self._client.pid,
         } | named
 
-    def _hear(self, client: subprocess.Popen[str]) -> None:
+    def _await_count(self, client: subprocess.Popen[str]) -> None:
         """What the client has done by now."""
         assert client.stdout is not None
         line = client.stdout.readline()
@@ -132,7 +132,7 @@ class Soak:
         assert self._client.stdin is not None
         self._client.stdin.write(f"{steps}\n")
         self._client.stdin.flush()
-        self._hear(self._client)
+        self._await_count(self._client)
         for name, pid in self._pids.items():
             self.readings.setdefault(name, []).append(self._read(name, pid))
         self.stored.append(sum(path.stat().st_size for path in _files(self._state)))
@@ -154,7 +154,7 @@ class Soak:
 
 
 def _end(client: subprocess.Popen[str]) -> None:
-    """Kill it if it has not ended, and close what it was told and heard through."""
+    """Kill it if it has not ended, and close its pipes."""
     client.kill()
     client.wait()
     for stream in (client.stdin, client.stdout):
@@ -184,7 +184,7 @@ def slope(steps: Sequence[int], values: Sequence[float]) -> float:
 
 
 def allowed_slope(first: int, last: int) -> float:
-    """Bytes a step that readings between these steps can tell from nothing, the target at least."""
+    """The smallest growth in bytes a step that readings between these steps can show, the target at least."""
     least = _TARGET_SLOPE if first >= _FULL_AFTER else _FILLING_SLOPE
     return max(least, _RESOLUTION / max(1, last - first))
 
@@ -215,8 +215,8 @@ def judge(readings: dict[str, list[Reading]], stored: Sequence[int]) -> dict[str
     slopes = {name: _slope_of(all_of_them) for name, all_of_them in readings.items()}
     allowed = allowed_slope(*_fitted(next(iter(readings.values()))))
     worst = max(slopes, key=lambda name: slopes[name])
-    told = f"{worst} grows by {slopes[worst] / 10:.2f} MB in 100 000 steps, more than {allowed / 10:.2f}"
-    require(slopes[worst] <= allowed, told)
+    message = f"{worst} grows by {slopes[worst] / 10:.2f} MB in 100 000 steps, more than {allowed / 10:.2f}"
+    require(slopes[worst] <= allowed, message)
     for name, all_of_them in readings.items():
         for what in ("files", "threads"):
             counts = [getattr(reading, what) for reading in all_of_them]
@@ -268,7 +268,7 @@ def _result(soak: Soak, slopes: dict[str, float], seconds: float) -> Result:
     worst = max(slopes, key=lambda name: slopes[name])
     got = (
         f"{steps} steps, {steps / seconds:.0f}/s, steepest {slopes[worst] / 10:+.2f} MB/10⁵ ({worst}), "
-        f"told from {details['allowed_mb_in_100000_steps']:.1f}"
+        f"shown from {details['allowed_mb_in_100000_steps']:.1f}"
     )
     return Result(got, True, details)
 

@@ -159,7 +159,7 @@ class Soaker:
 
 
 def _end_with(proof: int) -> None:
-    """A proof that is interrupted while it starts this process does not know of it yet: nobody else would end it."""
+    """A proof that is interrupted while it starts this process does not know of it yet: nothing else would end it."""
 
     def watch() -> None:
         while os.getppid() == proof:

@@ -60,12 +60,12 @@ def begin(protection: Protection, partitions: int, level: str = "full", *, real:
 
 
 def replay(text: str) -> None:
-    """Play a story, for example one that proof.json tells.
+    """Play a story, for example one from proof.json.
 
     Raises
     ------
     BrokenPromise
-        As when it was told.
+        As when it was found.
     """
     with tempfile.TemporaryDirectory() as folder, quiet():
         Life.of(text).play(allow_everybody_listed(Path(folder)))
@@ -192,7 +192,7 @@ def _visiting(state: str, operation: str, value: int) -> Action:
     return Action(operation, 0 if operation in ("LEASE_END", "CLOSE") else ALL, "", value)
 
 
-def _tell(life: Life, protection: Protection, error: Exception, found: Sequence[str]) -> Exception:
+def _with_story(life: Life, protection: Protection, error: Exception, found: Sequence[str]) -> Exception:
     """The error of the shortest sequence that fails too, which it names."""
     short = life.shortened(protection)
     try:
@@ -216,7 +216,7 @@ def run(seed: int, budget: Budget) -> Result:
             try:
                 operations += life.grow(protection, random, visited)
             except Exception as error:
-                raise _tell(life, protection, error, list(found)) from None
+                raise _with_story(life, protection, error, list(found)) from None
             kinds.update([f"{life.partitions} partitions", "the numerics" if life.real else "the stand-in", life.level])
             done += 1
     cells = visited & CELLS

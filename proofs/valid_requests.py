@@ -160,7 +160,7 @@ def _correct(request: Request, known: Known, _partition: int, random: Random) ->
 
 
 _More = Callable[[Request, Known, int, Random], dict[str, Any]]
-#: Fields beside the address, by type.
+#: Fields in addition to the address, by type.
 _MORE: Mapping[str, _More] = {
     "HELLO": lambda *_: {"versions": [[1, 0]], "features": [], "agent": "fuzz"},
     "OPEN": _open,

@@ -30,7 +30,7 @@ _COMPILE = {"foam_environment", "flap", "tools", "zmq_flags", "prefix", "sdist",
 
 @pytest.hookimpl(tryfirst=True)  # before -m chooses among them
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Whoever wants no slow tests wants no nightly ones; what compiles has one limit, that of its test."""
+    """Without slow tests there are no nightly ones either; what compiles has one limit, that of its test."""
     for item in items:
         if item.get_closest_marker("nightly"):
             item.add_marker("slow")
@@ -68,7 +68,7 @@ _CODE_OF_LIBRARIES = tuple(repeatable_libraries())
 
 @pytest.fixture(autouse=True)
 def libraries_of_their_own() -> Iterator[None]:
-    """`serve` in this process chooses the code of its children's libraries; children of the next test choose anew."""
+    """`serve` in this process chooses the code of its children's libraries; children of the next test choose again."""
     before = {name: os.environ[name] for name in _CODE_OF_LIBRARIES if name in os.environ}
     yield
     for name in set(_CODE_OF_LIBRARIES) - set(before):

@@ -62,7 +62,7 @@ def test_each_command_explains_itself_with_examples(run: Run, command: str) -> N
     assert f"mesh-motion {command} " in out
 
 
-def test_conform_tells_what_is_not_met(run: Run) -> None:
+def test_conform_says_what_is_not_met(run: Run) -> None:
     status, out, _ = run("conform", "--client", shlex.join([sys.executable, "-c", ""]), "--only", "18.1", "-q")
     assert status == ExitStatus.UNMET
     assert "FAIL 18.1-" in out
@@ -77,7 +77,7 @@ def test_conform_tells_what_is_not_met(run: Run) -> None:
         ["plot", "none", "--out", "taken/history.png"],
     ],
 )
-def test_a_place_that_cannot_be_written_is_told_before_the_work(
+def test_a_place_that_cannot_be_written_is_reported_before_the_work(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -151,7 +151,7 @@ def test_an_invalid_case_is_one_line_and_status_2(run: Run, tmp_path: Path, old:
     assert status == ExitStatus.INVALID
     assert message in one_line(err)
     assert out == ""
-    if "wendland" not in message:  # what only a server could tell is tried where there is one
+    if "wendland" not in message:  # what only a server can know is tried where there is one
         status, _, err = run("play", tmp_path / "case.toml", "--out", tmp_path / "out")
         assert status == ExitStatus.INVALID
         assert message in one_line(err)
@@ -187,7 +187,7 @@ def test_check_says_what_will_be_refused(run: Run, tmp_path: Path) -> None:
 
 
 def test_play_over_the_wire_and_its_exit_statuses(run: Run, tmp_path: Path) -> None:
-    """A private server for each: played, refused, and nobody at an endpoint."""
+    """A private server for each: played, refused, and no server at an endpoint."""
     shutil.copytree(ROTATION.parent, tmp_path / "turned", ignore=shutil.ignore_patterns("out"))
     status, out, _ = run("play", tmp_path / "turned" / "case.toml")
     assert status == 0

@@ -38,9 +38,9 @@ def test_the_client_needs_no_package_of_the_server() -> None:
     parts = ("client", "protocol", "conformance", "fsi", "kratos", "calculix", "precice")
     asked = _BASE_ONLY.format(missing=set(_FURTHER)) + "import " + ", ".join(f"mesh_motion_{part}" for part in parts)
     said_by_python("-c", asked)
-    told = subprocess.run(
+    run = subprocess.run(
         [sys.executable, "-c", asked + "\nfrom mesh_motion_server.commands.cli import main\nmain()"],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert (told.returncode, told.stderr.count("\n")) == (69, 1), told.stderr
-    assert "mesh-motion-server[server]" in told.stderr
+    assert (run.returncode, run.stderr.count("\n")) == (69, 1), run.stderr
+    assert "mesh-motion-server[server]" in run.stderr

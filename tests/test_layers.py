@@ -63,7 +63,7 @@ def forbidden(module: str) -> tuple[str, ...]:
     if inner[0] == "files":
         return tuple(f"{package}.{layer}" for layer in LAYERS[1:])
     above = [f"{package}.{layer}" for layer in LAYERS[LAYERS.index(inner[0]) + 1 :]]
-    beside = [
+    around = [
         f"{package}.files",
         f"{package}.cases",
         f"{package}.commands",
@@ -74,18 +74,18 @@ def forbidden(module: str) -> tuple[str, ...]:
     if inner[0] == "numerics":
         rooms = ROOMS[ROOMS.index(inner[1]) + 1 :] if inner[1] in ROOMS else ROOMS
         above += [f"{package}.numerics.{room}" for room in rooms]
-        return (*above, *beside, "zmq", "msgpack", "pydantic", "logging", "mesh_motion_protocol")
+        return (*above, *around, "zmq", "msgpack", "pydantic", "logging", "mesh_motion_protocol")
     if inner[0] == "session" and inner[1] in SESSION_ROOMS:
         above += session_above(inner[1])
-    return (*above, *beside) if inner[0] == "transport" else (*above, *beside, "zmq")
+    return (*above, *around) if inner[0] == "transport" else (*above, *around, "zmq")
 
 
 def session_above(room: str) -> list[str]:
-    """What a room of the session may not import: later rooms and the modules beside the rooms."""
+    """What a room of the session may not import: later rooms and the modules outside the rooms."""
     folder = PACKAGES["mesh_motion_server"] / "session"
-    beside = [path.stem for path in folder.glob("*.py") if path.stem != "__init__"]
+    around = [path.stem for path in folder.glob("*.py") if path.stem != "__init__"]
     later = SESSION_ROOMS[SESSION_ROOMS.index(room) + 1 :]
-    return [f"mesh_motion_server.session.{name}" for name in (*later, *beside)]
+    return [f"mesh_motion_server.session.{name}" for name in (*later, *around)]
 
 
 def imported(module: str, tree: ast.AST) -> list[str]:
@@ -161,5 +161,5 @@ STARTERS = (
 def test_a_server_is_up_before_scipy_is_loaded(module: str) -> None:
     """It takes a third of a second and 40 MB, which only workers need."""
     script = f"import sys, {module}; print('scipy' in sys.modules)"
-    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert told.stdout == "False\n"
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert run.stdout == "False\n"

@@ -156,7 +156,7 @@ def test_in_a_terminal_it_is_drawn_and_left(state: Path, leave: str | signal.Sig
 
 
 def test_without_its_terminal_it_ends(state: Path) -> None:
-    """It went on for ever, with a quarter of a core, behind a hangup that it was told to ignore."""
+    """It went on for ever, with a quarter of a core, behind a hangup that it had to ignore."""
     terminal = Terminal(state)
     terminal.until(" iterations, ")
     assert terminal.vanish() == 129

@@ -94,7 +94,7 @@ def test_nothing_else_becomes_green(tmp_path: Path, kind: str) -> None:
     assert got == status, output
 
 
-def test_what_fails_twice_is_counted_beside_what_is_flaky(tmp_path: Path) -> None:
+def test_what_fails_twice_and_what_is_flaky_are_counted(tmp_path: Path) -> None:
     _, output = ran(tmp_path, _RED["one of two"][0], "-n2")
     assert re.search(r"^FAILED test_given.py::test_bad", output, re.M)
     assert re.fullmatch(r"=+ 1 failed, 1 passed, 1 flaky in .*s =+", output.splitlines()[-1]), output

@@ -16,7 +16,7 @@ def test_the_defaults_are_those_of_the_numerics() -> None:
 
 
 @pytest.mark.parametrize(("key", "value"), [(name, value) for name, key in KEYS.items() for value in key.choices])
-def test_every_choice_of_the_numerics_is_accepted_beside_what_it_needs(key: str, value: str) -> None:
+def test_every_choice_of_the_numerics_is_accepted_with_what_it_needs(key: str, value: str) -> None:
     needed = {other: allowed[0] for other, allowed in KEYS[key].needs.get(value, {}).items()}
     assert getattr(MethodSettings.from_mapping({key: value, **needed}).to_method(), key) == value
 
@@ -94,7 +94,7 @@ def test_durability() -> None:
         check_durability("FULL")
 
 
-def test_a_server_offers_the_levels_that_it_is_told_to() -> None:
+def test_a_server_offers_the_levels_that_its_settings_name() -> None:
     offered = ServerSettings.from_mapping({"durability": ["relaxed", "full"]}).durability
     assert (check_durability("", offered), check_durability("full", offered)) == ("relaxed", "full")
     with pytest.raises(InvalidInput, match="'replay' is not offered; offered are relaxed, full"):

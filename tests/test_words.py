@@ -9,13 +9,6 @@ from prose import prose
 
 ROOT = Path(__file__).resolve().parents[1]
 FORBIDDEN = re.compile(r"\b(?:tell|tells|told|hear|hears|nobody|whoever|beside|anew|unasked)\b", re.IGNORECASE)
-#: Folders and files whose docs and comments still have some of these words. What is clean stays clean: add none.
-WAITING = (
-    "docs/reliability.md",
-    "mesh_motion_server/session/",
-    "proofs/",
-    "tests/",
-)
 #: Characters of a line of Markdown. Rows of tables, pictures and blocks of code cannot be broken.
 LONGEST = 200
 #: Pages with longer lines.
@@ -45,14 +38,7 @@ def long_in(path: Path) -> list[int]:
 
 
 def test_docs_and_comments_use_simple_words() -> None:
-    clean = [name for name in tracked() if not name.startswith(WAITING)]
-    assert {name: found for name in clean if (found := forbidden_in(ROOT / name))} == {}
-
-
-def test_the_list_of_what_waits_has_only_what_waits() -> None:
-    names = tracked()
-    waiting = [p for p in WAITING if any(forbidden_in(ROOT / name) for name in names if name.startswith(p))]
-    assert list(WAITING) == waiting
+    assert {name: found for name in tracked() if (found := forbidden_in(ROOT / name))} == {}
 
 
 def test_lines_of_markdown_are_short_enough_to_read() -> None:

@@ -100,10 +100,10 @@ def check_protocol(root: Path, version: str) -> None:
     """The document and the code speak of one protocol."""
     del version
     program = "from mesh_motion_protocol import PROTOCOL_VERSION as v; print(*v, sep='.')"
-    told = run([sys.executable, "-c", program], root, "the protocol cannot be imported").strip()
+    answer = run([sys.executable, "-c", program], root, "the protocol cannot be imported").strip()
     written = _match(root / "protocol" / "SPEC.md", r"(?i)\bversion[: ]+\**(\d+\.\d+)")
-    if written != told:
-        raise Refused(f"protocol/SPEC.md must be of version {told}, as mesh_motion_protocol says, got {written!r}")
+    if written != answer:
+        raise Refused(f"protocol/SPEC.md must be of version {answer}, as mesh_motion_protocol says, got {written!r}")
 
 
 def check_rendered(root: Path, version: str) -> None:
@@ -190,11 +190,11 @@ def _release(options: argparse.Namespace) -> list[str]:
     files = build_twice(root, root / "dist")
     if not options.no_install:
         try_wheels(root, files)
-    told = [f"built {path.relative_to(root)}" for path in (*files, write_checksums(files))]
+    answer = [f"built {path.relative_to(root)}" for path in (*files, write_checksums(files))]
     if options.tag:
         _git(root, "tag", "--annotate", f"v{version}", "--message", f"Version {version}")
-        return [*told, f"tagged v{version}", f"next: git push origin v{version}; upload the files in dist"]
-    return [*told, f"next: make release VERSION={version} RELEASE='--tag --no-tests'"]
+        return [*answer, f"tagged v{version}", f"next: git push origin v{version}; upload the files in dist"]
+    return [*answer, f"next: make release VERSION={version} RELEASE='--tag --no-tests'"]
 
 
 def _match(path: Path, pattern: str) -> str:

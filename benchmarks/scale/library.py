@@ -174,13 +174,13 @@ def near_wall(task: Task, cells: CellTable) -> NDArray[np.bool_]:
 def _boundary_error(task: Task, model: MotionModel, trial: StandardTrial, targets: Floats) -> float:
     """Largest error at a boundary node before the snap, as a share of the largest displacement."""
     nodes = model.roles.all
-    told = task.points.copy()
-    told[task.moving] = targets
-    wanted = told[nodes] - trial.start[nodes]
+    positions = task.points.copy()
+    positions[task.moving] = targets
+    wanted = positions[nodes] - trial.start[nodes]
     found = np.ascontiguousarray(trial.start[nodes])
     for stage in trial.stages:
         found = stage.positions(found)
-    return float(np.linalg.norm(found - told[nodes], axis=1).max() / np.linalg.norm(wanted, axis=1).max())
+    return float(np.linalg.norm(found - positions[nodes], axis=1).max() / np.linalg.norm(wanted, axis=1).max())
 
 
 def main(arguments: list[str]) -> None:

@@ -17,8 +17,8 @@ def _parts(cell: dict[str, Any]) -> list[str]:
     if cell["cell_type"] == "markdown":
         return [source]
     streamed = "".join("".join(output.get("text", "")) for output in cell["outputs"])
-    told = [f"```text\n{streamed.rpartition(chr(13))[2].rstrip()}\n```"] if streamed else []
-    return [f"```python\n{source}\n```", *told, *(_output(one["data"]) for one in cell["outputs"] if "data" in one)]
+    printed = [f"```text\n{streamed.rpartition(chr(13))[2].rstrip()}\n```"] if streamed else []
+    return [f"```python\n{source}\n```", *printed, *(_output(one["data"]) for one in cell["outputs"] if "data" in one)]
 
 
 def _output(data: dict[str, Any]) -> str:

@@ -127,14 +127,14 @@ def _predicted(report: CheckReport, prediction: Prediction, seconds: float) -> C
 
 def _odd_motion(mesh: MeshFile, case: Case, program: MotionProgram) -> list[str]:
     """Warnings of a motion that is probably a mistake: in another unit than the mesh, or out of its domain."""
-    told = [program.displacement(step) for step in range(1, program.count + 1)]
-    if doubt := other_unit(mesh.points, np.concatenate(told), _NEAREST):
+    displacements = [program.displacement(step) for step in range(1, program.count + 1)]
+    if doubt := other_unit(mesh.points, np.concatenate(displacements), _NEAREST):
         return [doubt]
     split = BoundaryRoles.from_patches({n: Patch(role, mesh.patches[n]) for n, role in case.content.patches.items()})
     box = mesh.points[np.setdiff1d(split.all, program.nodes)]
     at_rest = mesh.points[program.nodes]
     if len(box) and (at_rest > box.min(axis=0)).all() and (at_rest < box.max(axis=0)).all():
-        for step, rows in enumerate(told, start=1):
+        for step, rows in enumerate(displacements, start=1):
             out = np.flatnonzero(((at_rest + rows < box.min(axis=0)) | (at_rest + rows > box.max(axis=0))).any(axis=1))
             if len(out):
                 place = ", ".join(f"{x:.4g}" for x in (at_rest + rows)[out[0]])

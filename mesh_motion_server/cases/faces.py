@@ -47,10 +47,10 @@ def faces_line(steps: Sequence[Faces]) -> str:
 
 def _shrunk(after: Iterable[Mapping[str, Any]]) -> str:
     """The least edge and face of all steps; in a plane they are the same; empty from a server that does not know."""
-    told = [(float(now["shortest_edge"]), float(now["smallest_face"])) for now in after if "shortest_edge" in now]
-    if not told:
+    sizes = [(float(now["shortest_edge"]), float(now["smallest_face"])) for now in after if "shortest_edge" in now]
+    if not sizes:
         return ""
-    edge, face = (min(values) for values in zip(*told, strict=True))
+    edge, face = (min(values) for values in zip(*sizes, strict=True))
     return f"; shortest edge {edge:.2g}" + (f", smallest face {face:.2g}" if face != edge else "") + " of that at rest"
 
 

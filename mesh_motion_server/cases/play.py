@@ -205,14 +205,14 @@ class _Run:
         if not (refused or done):
             return
         step, title = done + 1, ""
-        told: dict[str, Any] = {"step": step, "message": str(error) or type(error).__name__}
+        refusal: dict[str, Any] = {"step": step, "message": str(error) or type(error).__name__}
         if refused:
-            told |= self._refused(folder, step, error)
+            refusal |= self._refused(folder, step, error)
             title = f"the refused step {step}"
         if done:
             write_points(folder, self._results.points, "accepted.npy")
             error.add_note(f"{done} of {self._program.count} steps are kept in {folder}")
-        self.write(folder, self.result().summary | {"ended_early": told}, title)
+        self.write(folder, self.result().summary | {"ended_early": refusal}, title)
 
     def _refused(self, folder: Path, step: int, error: Any) -> dict[str, Any]:
         """Write refused.vtu, name its worst cell in the error, and return the summary of it."""
@@ -223,8 +223,8 @@ class _Run:
             results.worst = results.snapshot(step, points)
             error.message += f"; {named(worst[0])}"
         details = getattr(error, "details", {})
-        told = {name: getattr(error, name, details.get(name)) for name in ("best", "fraction")}
-        return {"code": error.code, **told, "worst": worst}
+        refusal = {name: getattr(error, name, details.get(name)) for name in ("best", "fraction")}
+        return {"code": error.code, **refusal, "worst": worst}
 
     def result(self) -> Played:
         """The result of the case."""

@@ -144,9 +144,9 @@ def replay_steps(
             refusal = f"step {step} refused: {error.code}: {error.message}"
             break
         committed = session.commit()
-        told = {"quality": moved.quality, "correction": moved.correction, "seconds": moved.seconds, "iteration": 1}
-        told["seconds_total"] = moved.seconds["total"]
-        series.add({"event": "moved", "step": step} | told)
+        event = {"quality": moved.quality, "correction": moved.correction, "seconds": moved.seconds, "iteration": 1}
+        event["seconds_total"] = moved.seconds["total"]
+        series.add({"event": "moved", "step": step} | event)
         done = {"event": "committed", "step": step, "at": 0.0, "quality": committed.quality}
         series.add(of_metric(done, "size-skew"))
         digests[step] = committed.digest

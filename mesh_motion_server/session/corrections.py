@@ -1,4 +1,4 @@
-"""The correction of a mesh whose cells stay with the client: of the region that its ranks tell of.
+"""The correction of a mesh whose cells stay with the client: of the region that its ranks send.
 
 A pure function of field, boundary and cells: that of committed coordinates is made again rather than stored.
 """
@@ -40,9 +40,9 @@ if TYPE_CHECKING:  # no other session needs it, and it loads much
 
 __all__ = ["CorrectOutcome", "correct", "first_extent", "is_good"]
 
-#: Rings about the bad cells that are told at first: most corrections free fewer.
+#: Rings about the bad cells that the ranks send at first: most corrections free fewer.
 _FIRST_RINGS = 2
-#: With more rings, all cells are told.
+#: With more rings, the ranks send all cells.
 _MOST_RINGS = 64
 #: A rank judges positions that are rounded once more.
 _ROUNDING = 1e-9
@@ -78,7 +78,7 @@ def is_good(method: Method, quality: Judgement) -> bool:
 
 
 def first_extent(method: Method, dimension: int) -> Extent:
-    """The region that is told first."""
+    """The region that the ranks send first."""
     if method.correction == "smooth":
         return _resisting(None)
     below = ALL if dimension == 1 else min(ALL, MARGIN * goal(method) + _ROUNDING)
@@ -96,10 +96,10 @@ def correct(
     model: Model,
     points: Floats,
     field: Field,
-    told: Sequence[Region],
+    regions: Sequence[Region],
     factors: FactorSource,
 ) -> CorrectOutcome:
-    """Correct the region that all ranks tell of.
+    """Correct the region that the ranks send.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def correct(
         Of the nodes of ``mesh`` before the correction.
     field : Field
         The displacement that led there.
-    told : sequence of Region
+    regions : sequence of Region
         One of each partition, of the same extent.
     factors : FactorSource
         Of the boundary, for a smooth motion that has to be led.
@@ -123,11 +123,11 @@ def correct(
     NumericalError
         If no valid mesh was found.
     """
-    boundary, extents = cast("BoundaryMotion", model), [one.extent for one in told]
+    boundary, extents = cast("BoundaryMotion", model), [one.extent for one in regions]
     if len(set(extents)) > 1:
         raise InvalidInput(
             f"CORRECT: expected one region from all partitions, got {extents[0]} and {extents[1]}",
-            hint="tell the cells of the region that the last answer asked for",
+            hint="send the cells of the region that the last answer asked for",
         )
     on_patches = np.zeros(len(points), dtype=bool)
     on_patches[mesh.on_patches] = True
@@ -138,13 +138,13 @@ def correct(
         return np.where(on_patches[rows, None], points[rows], free)
 
     nothing, none = np.empty(0, dtype=np.int64), np.empty((0, points.shape[1]))
-    n_nodes = len(mesh.points) + sum(one.interior for one in told)
+    n_nodes = len(mesh.points) + sum(one.interior for one in regions)
     smooth = extents[0].metric == WORST_CORNER
     if smooth and extents[0].below < _resisting(n_nodes).below:
         return CorrectOutcome(_resisting(n_nodes), nothing, none)
-    if smooth and not any(one.cells for one in told):
+    if smooth and not any(one.cells for one in regions):
         return CorrectOutcome(None, nothing, none, Correction(none, none))
-    region = merge_regions(mesh, told, known)
+    region = merge_regions(mesh, regions, known)
     part = region.points, region.positions, region.cells, region.held, region.elsewhere
     try:
         if smooth:
@@ -156,7 +156,7 @@ def correct(
                 found = replace(found, warnings=(NOT_SMOOTH,))
     except RegionTooSmall as missing:
         wanted = region.ids[missing.nodes]
-        if np.isin(wanted, region.between).all():  # as many rings do, where other ranks tell of theirs
+        if np.isin(wanted, region.between).all():  # as many rings do: other ranks send theirs
             return CorrectOutcome(extents[0], np.union1d(wanted, region.settled), none)
         return CorrectOutcome(_larger(extents[0]), region.between, none)
     except NumericalError as refusal:

@@ -85,7 +85,7 @@ ModelBuilder = Callable[[Floats, CellTable, Mapping[str, Patch], Method], Model]
 
 def build_motion_model(points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method) -> Model:
     """The numerics' model of a mesh."""
-    # imported here: the compiled kernels take a second to load, and whoever only lists sessions needs none
+    # imported here: the compiled kernels take a second to load, and a process that only lists sessions needs none
     from mesh_motion_server.numerics.motion.one_layer_motion import motion_model  # noqa: PLC0415
 
     return motion_model(points, cells, patches, method)

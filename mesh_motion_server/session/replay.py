@@ -162,7 +162,7 @@ def recompute(
     logged : sequence of Commit
         The commits behind it.
     progress : callable
-        Hears of each step that was computed again.
+        Called after each step that was computed again.
     time_levels : str
         Of the session.
 
@@ -214,7 +214,7 @@ def _diverged(commit: Commit, what: str) -> JournalError:
 
 
 def _processor() -> str:
-    """The processor's name, as far as the system tells it."""
+    """The processor's name, as far as the system gives it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:

@@ -2,11 +2,11 @@
 
 Every operation computes on values and then swaps one reference, so that a failure in between changes nothing. What was
 computed but not committed is the *trial*; a Move always starts from the committed state, so its answer is a pure
-function of mesh, committed state, displacement and settings (and of how much of the quality it tells, of whether it is
-the step's first).
+function of mesh, committed state, displacement and settings (and of how much of the quality it reports, and whether it
+is the step's first).
 
 The displacement that a Move answers with, added to the coordinates of its frame, gives the trial's coordinates bitwise:
-whoever adds up the answers holds the server's coordinates.
+a client that adds up the answers holds the server's coordinates.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Session(Position):
     def reopen(
         cls, folder: SessionFolder, limits: ServerSettings, build_model: ModelBuilder, progress: Progress = silent
     ) -> Session:
-        """A stored session at its last durable step, under a new epoch; ``progress`` hears of steps computed again.
+        """A stored session at its last durable step, under a new epoch; calls ``progress`` for steps computed again.
 
         Raises
         ------
@@ -173,7 +173,7 @@ class Session(Position):
         boundary_displacements : one (k_p, d) array per partition, mesh length unit
             Of the moving nodes, since the frame's coordinates.
         report : {"", "faces"}
-            What the outcome tells beside the quality.
+            What the outcome reports in addition to the quality.
         time : float, optional
             Of the step, seconds.
         velocity : VelocityAsked, optional
@@ -312,14 +312,14 @@ class Session(Position):
         warnings = [*quality_warnings(method, quality, reached), *further]
         return Verdict(trial.standard or quality, None, warnings, trial.correction)
 
-    def correct(self, what: str, told: Sequence[Region]) -> CorrectOutcome:
-        """Correct the region that the ranks tell of.
+    def correct(self, what: str, regions: Sequence[Region]) -> CorrectOutcome:
+        """Correct the region that the ranks send.
 
         Parameters
         ----------
         what : {"trial", "committed"}
             Committed coordinates that were corrected are so again, and bitwise the same.
-        told : sequence of Region
+        regions : sequence of Region
             One of each partition; ids are global.
 
         Raises
@@ -333,7 +333,7 @@ class Session(Position):
         if built.field is None or of is None or of.coefficients is None:
             raise SessionError("nothing is committed yet", hint="send MOVE first")
         field = replace(built.field, coefficients=of.coefficients)
-        found = correct(built.mesh, built.model, of.points, field, told, self.factors)
+        found = correct(built.mesh, built.model, of.points, field, regions, self.factors)
         if isinstance(of, Trial) and found.extent is None:
             self._swap(state=state, trial=replace(of, correction=found.correction, quality=None))
         return found
@@ -393,7 +393,7 @@ class Session(Position):
         Raises
         ------
         SessionError
-            If the state does not allow it: the session must be opened anew, in another process.
+            If the state does not allow it: the session must be opened again, in another process.
         JournalError
             If the disk failed; the session is then FROZEN.
         """
@@ -450,7 +450,7 @@ class Session(Position):
                 if self.state in WRITING:
                     self._built.keeper.rest(self._durable_rows)
                 elif self.state is State.FAILED:
-                    self.catch_up()  # no state is made of what nobody trusts
+                    self.catch_up()  # no state is made of coordinates that are not trusted
         self._swap(state=State.CLOSED, trial=None)
         failpoint("session.close")
         self.history.close()
@@ -487,7 +487,7 @@ class Session(Position):
         return CommittedState(0, mesh.points, coefficients, level=TimeLevel(self.spec.time))
 
     def _by_vector(self, given: Floats, apply: Callable[[Floats], Floats]) -> Floats:
-        """(m, c d) what ``apply`` makes of each of the c vectors (k, d) beside each other in ``given`` (k, c d)."""
+        """(m, c d) what ``apply`` makes of each of the c vectors (k, d) that are columns of ``given`` (k, c d)."""
         d = self.spec.dimension
         columns = range(0, given.shape[1], d)
         return np.concatenate([apply(np.ascontiguousarray(given[:, i : i + d])) for i in columns], axis=1)

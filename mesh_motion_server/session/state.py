@@ -210,7 +210,7 @@ class CommittedState:
 
 @dataclass(frozen=True, eq=False)
 class MoveInput:
-    """What determines a motion beside mesh, settings and committed state.
+    """What determines a motion, together with mesh, settings and committed state.
 
     Attributes
     ----------

@@ -11,8 +11,8 @@
         history/                             for people to read; nothing depends on it
 
 The digests of ``spec.json`` and ``mesh.bin`` are in the journal's first record. A session that was never built is not
-durable, cannot be resumed, and its folder is removed when nobody holds it. A missing manifest does not prove that (a
-backup may be restored in part): ``unbuilt`` does. An error of the disk never counts as a missing file.
+durable, cannot be resumed, and its folder is removed when no process holds it. A missing manifest does not prove that
+(a backup may be restored in part): ``unbuilt`` does. An error of the disk never counts as a missing file.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ from pathlib import Path
 
 from mesh_motion_server.errors import ResourceError, SessionError
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.session.journal.beside import Beside
+from mesh_motion_server.session.journal.background_call import BackgroundCall
 from mesh_motion_server.session.journal.durability import log_bytes
 from mesh_motion_server.session.journal.files import FIRST_MANIFEST, KEPT_COMMITS, MANIFEST, SLOTS, read_journal
 from mesh_motion_server.session.journal.filesystem import (
@@ -62,7 +62,7 @@ class SessionFolder:
         self.spec = StoredSpec.from_bytes(self._raw_spec)
         self._files = files
         self._lock: int | None = lock
-        self._mesh: Beside[bytes] | None = None
+        self._mesh: BackgroundCall[bytes] | None = None
 
     @contextlib.contextmanager
     def writing_mesh(self, partitions: Sequence[PartitionMesh]) -> Iterator[None]:
@@ -70,7 +70,7 @@ class SessionFolder:
         if sum(partition.points.nbytes for partition in partitions) < _LARGE_MESH:
             yield
             return
-        self._mesh = Beside(partial(write_mesh, self.path / MESH, self._files, partitions))
+        self._mesh = BackgroundCall(partial(write_mesh, self.path / MESH, self._files, partitions))
         try:
             yield
         except BaseException:
@@ -306,7 +306,7 @@ class SessionStore:
         return [self.describe(name) for name in self.names() if self.owner_listed(name) is not None]
 
     def discard(self, session: str) -> None:
-        """Delete a session that this process or nobody holds; not an error if it is gone.
+        """Delete a session that this process or no process holds; not an error if it is gone.
 
         Raises
         ------
@@ -328,7 +328,7 @@ class SessionStore:
         shutil.rmtree(away, ignore_errors=True)
 
     def sweep(self) -> list[str]:
-        """Remove what was half deleted and sessions that were never built and nobody holds; returns their names."""
+        """Remove what was half deleted and sessions that were never built and no process holds; returns their names."""
         failpoint("store.sweep")
         try:
             names = sorted(self._listed(), key=lambda name: not _DISCARDED.fullmatch(name))

@@ -19,7 +19,7 @@ _RECORD = 64
 def never_built(files: FileSystem, folder: Path) -> bool:
     """Whether a session's folder is marked as unbuilt and has nothing that BUILD or a commit made, or has only a lock.
 
-    The mark alone is no proof: an older backup may bring it back beside newer files. ``manifest.new`` is made after the
+    The mark alone is no proof: an older backup may bring it back to newer files. ``manifest.new`` is made after the
     manifest; slots are blank, and the boundary is not in the history, until the first commit.
 
     Raises

@@ -34,7 +34,8 @@ __all__ = ["Built", "CommitOutcome", "CurrentState", "MoveOutcome", "VelocityAsk
 class CurrentState:
     """The state of a session; swapped as a whole.
 
-    ``trial_lost``: a trial may have been dropped unasked. ``disk_failure_reported``: a reply or the log named it.
+    ``trial_lost``: a trial may have been dropped without a request.
+    ``disk_failure_reported``: a reply or the log named it.
     """
 
     state: State
@@ -99,11 +100,11 @@ class MoveOutcome:
     displacements : one (n_p, d) array per partition, mesh length unit
         Of all its nodes, in its own order and in the frame of the request.
     faces : tuple of FaceMeasures
-        Of the reference mesh and of the trial; empty where nobody asked, or in one dimension.
+        Of the reference mesh and of the trial; empty where no request asked, or in one dimension.
     field : Field, optional
         The displacement from the reference mesh, if the client evaluates it.
     velocities : one (n_p, d) array per partition, mesh length unit per second
-        Of all its nodes; empty where nobody asked.
+        Of all its nodes; empty where no request asked.
     """
 
     step: int
@@ -117,7 +118,7 @@ class MoveOutcome:
 
 @dataclass(frozen=True)
 class VelocityAsked:
-    """What a Move asks for beside displacements: velocities.
+    """What a Move asks for in addition to displacements: velocities.
 
     Attributes
     ----------

@@ -62,7 +62,7 @@ class Attendant:
             return False
         self._attempts.note(now)
         where = Endpoint.parse(self.address)
-        child = spawn(self._module, self._level, anew=True)
+        child = spawn(self._module, self._level, fresh=True)
         host = "127.0.0.1" if where.host == "localhost" else where.host.strip("[]")
         child.channel.offer({"host": host, "port": where.port, "local": where.is_local} | self._order)
         self.child, self._due = child, now + _SECONDS

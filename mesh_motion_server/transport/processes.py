@@ -138,10 +138,10 @@ class Attempts:
         return len(self._made) == self._made.maxlen and now - self._made[0] < _COUNTED_SECONDS
 
 
-def spawn(module: str, *arguments: str, threads: int = 1, anew: bool = False) -> Child:
+def spawn(module: str, *arguments: str, threads: int = 1, fresh: bool = False) -> Child:
     """Fork a child that calls ``main(channel, *arguments)`` of a module: it need not import what this process has.
 
-    With ``anew`` it starts as ``python -m module DESCRIPTOR arguments…`` and has nothing of the supervisor's memory.
+    With ``fresh`` it starts as ``python -m module DESCRIPTOR arguments…`` and has nothing of the supervisor's memory.
 
     The compiled loops of the child have their own threads, which sleep while they wait: while a solver uses every
     core, spinning threads take three times as long. This process must have no zmq context, and no thread that holds a
@@ -159,7 +159,7 @@ def spawn(module: str, *arguments: str, threads: int = 1, anew: bool = False) ->
     def live() -> int:
         _begin(supervisor, line.fileno())
         os.environ["MESH_MOTION_THREADS"] = str(threads or len(os.sched_getaffinity(0)))
-        if anew:
+        if fresh:
             line.set_inheritable(True)
             os.execv(sys.executable, [sys.executable, "-m", module, str(line.fileno()), *arguments])
         status: int = importlib.import_module(module).main(Channel(line), *arguments)

@@ -186,8 +186,8 @@ def _without_patches(draft: Draft, rng: Rng) -> Names:
 def _empty_patch(role: str) -> Spoil:
     def spoil(draft: Draft, rng: Rng) -> Names:
         del rng
-        draft.add_patch("nobody", role, [])
-        return {"patch": "nobody"}
+        draft.add_patch("empty", role, [])
+        return {"patch": "empty"}
 
     return spoil
 
@@ -255,7 +255,7 @@ _PATCHES = (
     _row("no patches", _MESH, _without_patches, "'moving'", "none", mended=True),
     _row("no moving patch", _MESH, _without("patch", "left", {}), "'moving'", "'walls'", mended=True),
     *(
-        _row(f"a {role} patch without nodes", _MESH, _empty_patch(role), "'nobody'")
+        _row(f"a {role} patch without nodes", _MESH, _empty_patch(role), "'empty'")
         for role in ("moving", "fixed", "slip", "periodic")
     ),
     _row("fewer global ids than nodes", _SHAPE, _ids(np.arange(24)), "25", "24"),

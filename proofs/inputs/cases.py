@@ -30,7 +30,7 @@ class BadInput:
     where : {"open", "upload", "build", "move"}
         The request that has to be refused; those before it are answered as those of a good session.
     spoil : callable
-        Changes the good draft, and tells what the error's details have to name. For an upload it returns the bad part
+        Changes the good draft, and returns what the error's details have to name. For an upload it returns the bad part
         too, which is sent behind the good ones.
     code : str
         On the wire.

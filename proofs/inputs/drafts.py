@@ -120,8 +120,10 @@ def _draft(points: Array, cells: dict[str, Array], patches: dict[str, tuple[str,
     parts += [_patch(name, role, nodes) for name, (role, nodes) in patches.items()]
     moving = np.unique(np.concatenate([nodes for role, nodes in patches.values() if role == "moving"]))
     dimension = points.shape[1]
-    told = size * np.sin(1.0 + points[moving] @ np.arange(1.0, 1.0 + dimension**2).reshape(dimension, dimension))
-    return Draft({"dimension": dimension, "settings": {}}, [parts], [Rows(told)])
+    displacement = size * np.sin(
+        1.0 + points[moving] @ np.arange(1.0, 1.0 + dimension**2).reshape(dimension, dimension)
+    )
+    return Draft({"dimension": dimension, "settings": {}}, [parts], [Rows(displacement)])
 
 
 def grid_points(count: int, dimension: int) -> Array:

@@ -24,7 +24,7 @@ class Outcome:
     Attributes
     ----------
     displacement : (n, d) array
-    told : (k, d) array
+    prescribed : (k, d) array
         Of the moving nodes.
     moving : (k,) array
     quality : dict
@@ -34,7 +34,7 @@ class Outcome:
     """
 
     displacement: NDArray[np.float64]
-    told: NDArray[np.float64]
+    prescribed: NDArray[np.float64]
     moving: NDArray[np.int64]
     quality: dict[str, Any]
     warnings: list[str]
@@ -58,7 +58,7 @@ class Extreme:
 
 
 def _taken(got: Outcome, good: Outcome) -> str:
-    """It is enough that it was taken: moving nodes are where they were told in any case."""
+    """It is enough that it was taken: the runner compares the moving nodes with their displacements in any case."""
     del got, good
     return ""
 
@@ -80,10 +80,14 @@ def _like(factor: float, tolerance: float = _ROUNDED) -> Judge:
     return judge
 
 
-def _all_told(got: Outcome, good: Outcome) -> str:
-    """Every node moves, so every node is told."""
+def _all_prescribed(got: Outcome, good: Outcome) -> str:
+    """Every node moves, so every node has its prescribed position."""
     del good
-    return "" if got.displacement.tobytes() == got.told.tobytes() else "expected what was told, to the last bit"
+    return (
+        ""
+        if got.displacement.tobytes() == got.prescribed.tobytes()
+        else "expected the prescribed values, to the last bit"
+    )
 
 
 def _unmoved(got: Outcome, good: Outcome) -> str:
@@ -92,9 +96,9 @@ def _unmoved(got: Outcome, good: Outcome) -> str:
 
 
 def _tiny(got: Outcome, good: Outcome) -> str:
-    """Nothing moves further than what was told, and the mesh stays perfect in size."""
+    """Nothing moves further than the prescribed displacement, and the mesh stays perfect in size."""
     del good
-    if np.abs(got.displacement).max() > 2 * np.abs(got.told).max():
+    if np.abs(got.displacement).max() > 2 * np.abs(got.prescribed).max():
         return f"expected tiny displacements, got {np.abs(got.displacement).max()}"
     return "" if abs(got.quality["size"]["min"] - 1.0) <= 1e-12 else f"expected size 1, got {got.quality['size']}"
 
@@ -139,7 +143,7 @@ def _shift(offset: float) -> Callable[[Draft], None]:
     return change
 
 
-def _tell(value: float) -> Callable[[Draft], None]:
+def _displaced_by(value: float) -> Callable[[Draft], None]:
     def change(draft: Draft) -> None:
         draft.moved[:] = value
 
@@ -260,16 +264,16 @@ EXTREMES = (
     *(Extreme(f"square + {o:g}", _shift(o), _like(1.0, 1e-8)) for o in (1e6, -1e6)),
     Extreme("cube + 1e6", _shift(1e6), _like(1.0, 1e-8), "cube"),
     Extreme("square + 1e12", _shift(1e12), _like(1.0, 1e-2)),
-    *(Extreme(f"displacement {v:g}", _tell(v), _tiny) for v in (5e-324, -5e-324, 1e-310, 1e-200)),
-    *(Extreme(f"displacement {v}", _tell(v), _unmoved) for v in (0.0, -0.0)),
-    Extreme("no displacement in 3D", _tell(0.0), _unmoved, "cube"),
+    *(Extreme(f"displacement {v:g}", _displaced_by(v), _tiny) for v in (5e-324, -5e-324, 1e-310, 1e-200)),
+    *(Extreme(f"displacement {v}", _displaced_by(v), _unmoved) for v in (0.0, -0.0)),
+    Extreme("no displacement in 3D", _displaced_by(0.0), _unmoved, "cube"),
     Extreme("coordinates in single precision", _narrow_floats, _same_bits),
     Extreme("indices of 4 bytes", _narrow_indices, _same_bits),
     Extreme("a part for each row", _row_by_row, _same_bits),
     Extreme("parts without rows", _empty_parts, _same_bits),
     Extreme("a patch twice", _patch_twice, _same_bits),
     Extreme("patches that overlap", _shared_nodes, _warned("share 5 nodes", "moving wins")),
-    Extreme("all nodes move", _all_moving, _all_told),
+    Extreme("all nodes move", _all_moving, _all_prescribed),
     Extreme("a single cell", _smallest, _taken),
     Extreme("a node in no cell", _isolated, _warned("no cell", "node 25")),
     Extreme("two domains", _two_domains, _warned("in no patch", "node 25")),

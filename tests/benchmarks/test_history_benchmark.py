@@ -12,6 +12,6 @@ def test_one_session_has_a_history_and_the_other_none(tmp_path: Path) -> None:
     found = measure(tmp_path, 5, 4)
     assert Teller.executed is before
     assert 0 < found["within"] < found["step"] * 1000
-    told, nothing = (EventTail(tmp_path / "sessions" / (name * 32)).read() for name in "12")
-    assert sum(event["event"] == "committed" for event in told) == 4
+    recorded, nothing = (EventTail(tmp_path / "sessions" / (name * 32)).read() for name in "12")
+    assert sum(event["event"] == "committed" for event in recorded) == 4
     assert nothing == []

@@ -53,7 +53,7 @@ def test_inverted_cells_are_counted_in_every_step() -> None:
     assert Judge(task((0, 0))).verdict(steps[:1]).min_size_skew < 0
 
 
-def test_a_boundary_that_is_not_where_it_was_told_shows() -> None:
+def test_a_boundary_that_is_not_at_its_prescribed_position_shows() -> None:
     asked = task((-0.1, 0.0))
     assert Judge(asked).verdict([positions((0.5, 0.5), (-0.1, 0.0))]).boundary_error == 0
     assert Judge(asked).verdict([POINTS]).boundary_error == pytest.approx(0.1)

@@ -50,7 +50,7 @@ def test_the_command_line_measures_the_library_and_the_wire(
     assert (tmp_path / "scale.png").exists()
 
 
-def test_a_correction_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_correction_is_reported(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Case, "method", {"correction": "optimised"})
     assert library.measured(Case("M1", "large"), folder, repeat=1).corrected
 

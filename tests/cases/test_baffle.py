@@ -61,8 +61,8 @@ def test_a_plate_without_thickness_moves(
 ) -> None:
     path = case(tmp_path, patches, dict.fromkeys(patches, TURN.format(angle=angle)), count)
     played = play(path, tmp_path / "out", endpoint=server.endpoint)
-    told = "the boundary nodes 216 and 441 and 8 more pairs are at the same place; they are interpolated as one"
-    assert any(warning.startswith(told) for warning in played.warnings)
+    warned = "the boundary nodes 216 and 441 and 8 more pairs are at the same place; they are interpolated as one"
+    assert any(warning.startswith(warned) for warning in played.warnings)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["boundary_error"] <= 1e-15
     assert summary["steps"][-1]["inverted_cells"] == 0

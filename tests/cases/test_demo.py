@@ -34,8 +34,8 @@ def test_the_standard_case_differs_in_its_correction_alone(name: str, tmp_path: 
     standard, corrected = (read_case(path) for path in _written(tmp_path / name, name))
     assert (standard.name, corrected.name) == ("standard", "corrected")
     assert standard.content.method.correction == "none"
-    told = [case.content.model_dump(exclude={"method"}) for case in (standard, corrected)]
-    assert told[0] == told[1]
+    contents = [case.content.model_dump(exclude={"method"}) for case in (standard, corrected)]
+    assert contents[0] == contents[1]
     MotionProgram.of(standard, standard.read_mesh())
 
 

@@ -72,13 +72,13 @@ def test_a_file_whose_name_is_not_utf_8_is_refused(make_case) -> None:
         draft(replace(mesh, path=mesh.path.with_name("m\udcff.npz")), mesh.path.parent)
 
 
-def test_a_mesh_without_patches_is_told_what_to_do(make_case) -> None:
+def test_a_mesh_without_patches_gets_advice(make_case) -> None:
     mesh = read_mesh(make_case().parent / "mesh.npz")
     with pytest.raises(InvalidInput, match=r"no boundary patches.*physical groups"):
         draft(replace(mesh, patches={}), Path())
 
 
-def test_init_writes_beside_the_mesh_and_replaces_nothing(make_case) -> None:
+def test_init_writes_next_to_the_mesh_and_replaces_nothing(make_case) -> None:
     path = make_case()
     before = path.read_text(encoding="utf-8")
     refused = CliRunner().invoke(app, ["init", str(path.parent / "mesh.npz")])

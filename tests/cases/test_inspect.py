@@ -22,7 +22,7 @@ def test_the_sessions_of_a_server_are_listed(make_case, server: Server) -> None:
         session.close("discard")
 
 
-def test_nobody_at_the_endpoint(tmp_path: Path) -> None:
+def test_no_server_at_the_endpoint(tmp_path: Path) -> None:
     with pytest.raises(Unavailable, match="no server answers"):
         list_sessions(f"ipc://{tmp_path}/nobody", 0.2)
 

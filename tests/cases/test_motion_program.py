@@ -113,7 +113,7 @@ def two_moving_patches(make_case, second: str) -> Path:
     return path
 
 
-def test_a_node_on_two_moving_patches_must_be_told_the_same(make_case) -> None:
+def test_a_node_on_two_moving_patches_must_have_one_displacement(make_case) -> None:
     same = '[[motion]]\npatch = "lid"\nrigid = { translation = [0.05, 0.02], rotation = 10.0, centre = [0.5, 0.5] }\n'
     motion = program(two_moving_patches(make_case, same))
     assert motion.displacement(2).shape == (len(motion.nodes), 2)

@@ -62,7 +62,7 @@ class StandIn:
         moved = self.evaluate @ np.linalg.solve(self.matrix, values)
         moved[self.control] = values
         seconds = {"solve": 1.0, "predict": 2.0, "correct": 3.0, "displace": 4.0, "total": 10.0}
-        faces = {"before": told_faces(20.0), "after": told_faces(60.0 + len(self.moves))} if report else {}
+        faces = {"before": faces_at(20.0), "after": faces_at(60.0 + len(self.moves))} if report else {}
         return SimpleNamespace(
             displacement=moved,
             quality={"corrected": {"metric": {"min": 0.5}}, "standard": {"metric": {"min": 0.25}}},
@@ -81,7 +81,7 @@ class StandIn:
         return SimpleNamespace(report={"peak_memory_bytes": 1 << 40})
 
 
-def told_faces(angle: float) -> dict[str, Any]:
+def faces_at(angle: float) -> dict[str, Any]:
     """What MOVED says of the faces of a mesh."""
     worst = [{"cell": k, "centre": [0.5, 0.5], "non_orthogonality": angle - k} for k in range(10)]
     above = {"faces_above_65": int(angle > 65), "faces_above_75": 0}
@@ -350,8 +350,8 @@ def test_a_case_through_a_real_server(make_case, server: Server, tmp_path: Path)
         assert step.seconds > 0
     for name, points in (("before", played.mesh.points), ("after", played.points)):
         measured = face_measures(points, played.mesh.cell_table, played.mesh.points)
-        told = {key: value for key, value in played.steps[-1].faces[name].items() if key != "worst"}
-        assert told == pytest.approx(measured.numbers(), rel=1e-9)
+        written = {key: value for key, value in played.steps[-1].faces[name].items() if key != "worst"}
+        assert written == pytest.approx(measured.numbers(), rel=1e-9)
     assert nothing_is_left(server)
     again = play(case_file, tmp_path / "again", endpoint=server.endpoint)
     np.testing.assert_array_equal(again.points, played.points)

@@ -1,4 +1,4 @@
-"""A stored session replayed: the same bits with the same settings, whatever happened; and what differs is told."""
+"""A stored session replayed: the same bits with the same settings, whatever happened; differences are reported."""
 
 import csv
 import json
@@ -105,12 +105,12 @@ class InProcess:
         return reply
 
 
-def nobody(*_: Any) -> None:
-    """Nobody wants to see the steps."""
+def ignored(*_: Any) -> None:
+    """Ignores the steps."""
 
 
 def replayed(recorded: Recorded, root: Path, last: int = STEPS, **changes: Any) -> Comparison:
-    run = replay_steps(recorded, changes, InProcess(recorded, root, changes), last, nobody)
+    run = replay_steps(recorded, changes, InProcess(recorded, root, changes), last, ignored)
     return Comparison(recorded, last, run)
 
 
@@ -181,7 +181,7 @@ class Dropping(BoundaryLog):
         return replace(found, step=step)
 
 
-def test_a_replay_that_drops_a_step_is_told(recorded: Recorded, folder: Path, tmp_path: Path) -> None:
+def test_a_replay_that_drops_a_step_is_reported(recorded: Recorded, folder: Path, tmp_path: Path) -> None:
     seeded = replace(recorded, log=Dropping(folder))
     comparison = replace(replayed(seeded, tmp_path, STEPS - 1), recorded=recorded, last=STEPS)
     agreement = comparison.agreement
@@ -190,7 +190,7 @@ def test_a_replay_that_drops_a_step_is_told(recorded: Recorded, folder: Path, tm
     assert "first different in step 4 (minimum 0." in comparison.broken_promise()
 
 
-def test_a_replay_that_is_off_by_next_to_nothing_is_told(
+def test_a_replay_that_is_off_by_next_to_nothing_is_reported(
     recorded: Recorded, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     read = BoundaryLog.read
@@ -224,7 +224,7 @@ def test_other_settings_are_compared_and_no_promise_is_broken(recorded: Recorded
     assert values["recorded_steps"][0]["digest"] == recorded.digest(1).hex()
 
 
-def test_a_refused_step_is_the_end_and_is_told(recorded: Recorded, tmp_path: Path) -> None:
+def test_a_refused_step_is_the_end_and_is_reported(recorded: Recorded, tmp_path: Path) -> None:
     comparison = replayed(recorded, tmp_path, correction="none", quality_threshold=0.6, refuse_below_threshold=True)
     run = comparison.run
     assert len(run.digests) < STEPS

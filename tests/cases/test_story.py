@@ -63,7 +63,7 @@ def test_a_correction_that_did_not_get_there(tmp_path: Path) -> None:
     assert "led there in 4 sub-steps" in text
 
 
-def test_refusals_and_roll_backs_are_told_in_their_order(folder: Path) -> None:
+def test_refusals_and_roll_backs_come_in_their_order(folder: Path) -> None:
     story, text = tell_step(folder, 97), text_of(folder, 97)
     assert [event["event"] for event in story.events][:3] == ["moved", "rolled_back", "refused"]
     assert "3 iterations, 1 roll-back, 1 refusal;" in story.lines[0]
@@ -112,7 +112,7 @@ def test_a_step_that_a_crash_took_is_lost(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("torn", [False, True])
-def test_a_history_that_begins_late_tells_of_no_step_before(torn: bool, tmp_path: Path) -> None:
+def test_a_history_that_begins_late_has_no_step_before(torn: bool, tmp_path: Path) -> None:
     put_events(tmp_path, (event for event in made_up_events(12) if event.get("step", 0) >= 8), number=3)
     if torn:
         segment = tmp_path / "history" / "events-00000003.jsonl"

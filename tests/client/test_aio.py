@@ -85,7 +85,7 @@ def test_a_session_that_comes_too_late_is_discarded(server, mesh, client, monkey
     assert len(client.sessions()) == before
 
 
-def test_a_connection_nobody_waits_for_is_closed(server, monkeypatch):
+def test_a_connection_without_a_waiter_is_closed(server, monkeypatch):
     gate, closed = threading.Event(), threading.Event()
     monkeypatch.setattr(Server, "close", lambda self, close=Server.close: (close(self), closed.set()))
     welcomed = Server.__init__

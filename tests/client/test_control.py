@@ -10,7 +10,7 @@ from mesh_motion_protocol.messages import Open, Opened
 
 
 @pytest.mark.parametrize(
-    ("control", "told", "reached"),
+    ("control", "given", "reached"),
     [
         ("tcp://server:7440", "tcp://0.0.0.0:40001", "tcp://server:40001"),
         ("tcp://[::1]:7440", "tcp://[::]:40001", "tcp://[::1]:40001"),
@@ -18,12 +18,12 @@ from mesh_motion_protocol.messages import Open, Opened
         ("ipc:///run/mm/control", "ipc:///run/mm/w12.ipc", "ipc:///run/mm/w12.ipc"),
     ],
 )
-def test_a_wildcard_stands_for_the_host_of_the_control_endpoint(control, told, reached):
-    assert Control(control).data_endpoint(told) == reached
+def test_a_wildcard_stands_for_the_host_of_the_control_endpoint(control, given, reached):
+    assert Control(control).data_endpoint(given) == reached
 
 
 class Wire:
-    """In place of a connection: keeps what is sent and answers as it is told."""
+    """In place of a connection: keeps what is sent and gives prepared answers."""
 
     def __init__(self, outcomes):
         self.outcomes, self.sent, self.closed, self.made = list(outcomes), [], False, 0
@@ -47,12 +47,12 @@ class Wire:
 OPENED = {"session": "0" * 32, "token": b"t" * 32, "endpoint": "tcp://127.0.0.1:1", "epoch": 1}
 
 
-@pytest.mark.parametrize("unheard", [Timeout("silence"), DamagedReply("noise"), ConnectionLost("gone")])
-def test_an_open_that_was_not_answered_keeps_its_id(monkeypatch, unheard):
-    wire = Wire([unheard, None, None])
+@pytest.mark.parametrize("failure", [Timeout("silence"), DamagedReply("noise"), ConnectionLost("gone")])
+def test_an_open_that_was_not_answered_keeps_its_id(monkeypatch, failure):
+    wire = Wire([failure, None, None])
     monkeypatch.setattr(control, "Connection", wire)
     asking = Control("tcp://127.0.0.1:1")
-    with pytest.raises(type(unheard)):
+    with pytest.raises(type(failure)):
         asking.ask(Open, Opened, 0.0, dimension=2)
     assert asking.ask(Open, Opened, 0.0, dimension=2).session == "0" * 32
     asking.ask(Open, Opened, 0.0, dimension=2)

@@ -126,5 +126,5 @@ def test_the_upload_and_the_build_are_shown_where_it_is_asked_for(client, mesh, 
 
 def test_nothing_is_loaded_before_it_is_drawn():
     script = "import sys, mesh_motion_client; print({'matplotlib', 'tqdm', 'pyvista', 'asyncio'} & set(sys.modules))"
-    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert told.stdout == "set()\n"
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert run.stdout == "set()\n"

@@ -103,19 +103,19 @@ def test_a_trial_is_made_again_after_the_lease_ended(client, session):
     assert session.points()[0, 1] == 0.25
 
 
-def test_a_resume_that_was_not_heard_does_not_fence_its_sender(server, session, monkeypatch):
+def test_a_resume_without_a_reply_does_not_fence_its_sender(server, session, monkeypatch):
     session.move(UP)
     session.commit()
     ask, deaf = Control.ask, [True]
 
-    def unheard(self, kind, *arguments, **fields):
+    def unanswered(self, kind, *arguments, **fields):
         reply = ask(self, kind, *arguments, **fields)
         if kind.type == "RESUME" and deaf.pop():
             self._unanswered = {request_digest(kind(client=b"c" * 16, sequence=1, **fields)): self._sequence}
             raise Timeout("seeded")
         return reply
 
-    monkeypatch.setattr(Control, "ask", unheard)
+    monkeypatch.setattr(Control, "ask", unanswered)
     kill_worker(server, session)
     with pytest.raises(Timeout, match="seeded"):
         session.move(UP)
@@ -141,7 +141,7 @@ def test_a_join_that_failed_leaves_no_connection_behind(server, session, monkeyp
 
 
 def test_a_connection_that_ends_just_before_a_request_is_sent_does_not_hang(tmp_path):
-    endpoint = f"ipc://{tmp_path}/nobody"  # never connected, so no event tells the check before the request
+    endpoint = f"ipc://{tmp_path}/nobody"  # never connected, so no event warns the check before the request
     with closing(Connection(endpoint)) as connection:
         connection._socket.disconnect(endpoint)
         wait_until(lambda: not connection._socket.poll(0, zmq.POLLOUT), "ZeroMQ gave the connection up")

@@ -13,7 +13,7 @@ from proofs.waiting import wait_until
 UP = np.array([[0.0, 0.25]] * 4)
 
 
-def test_open_tells_what_is_needed(session):
+def test_open_says_what_is_needed(session):
     assert session.moving_nodes.tolist() == [0, 4, 8, 12]
     assert (session.step, session.iteration, session.dimension) == (0, 0, 2)
     assert session.settings["support_radius"] == 1.0

@@ -26,11 +26,11 @@ def taken(monkeypatch):
     """What was offered with each MOVE."""
     offered, take = [], ReplyMemory.take
 
-    def tell(self):
+    def refuse(self):
         offered.append(take(self))
         return offered[-1]
 
-    monkeypatch.setattr(ReplyMemory, "take", tell)
+    monkeypatch.setattr(ReplyMemory, "take", refuse)
     return offered
 
 

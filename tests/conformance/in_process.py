@@ -161,7 +161,7 @@ class InProcessServer:
             self.workers = [child for child in self.workers if child.worker]
 
     def tell(self):
-        """The supervisor hears what the workers report."""
+        """The supervisor takes the workers' reports."""
         while self.later:
             child, event = self.later.popleft()
             live = self.control.registry.of(child)

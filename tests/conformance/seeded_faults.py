@@ -104,12 +104,12 @@ def remembers_errors_as_executed(patch):
 
 @fault("10.6-repeat-of-OPEN", "10.6-repeat-of-RESUME")
 def opens_again_for_each_repeat(patch):
-    def anew(self, *asked):
+    def again(self, *asked):
         self._users.clear()
         return enter(self, *asked)
 
     enter = RequestBook.enter
-    patch.setattr(RequestBook, "enter", anew)
+    patch.setattr(RequestBook, "enter", again)
 
 
 @fault("6-more-replies-than-stored")
@@ -178,12 +178,12 @@ def logs_no_commit(patch):
 
 
 @fault("21.2-durable-step-full", "21.2-durable-step-replay")
-def tells_an_older_step_as_durable(patch):
+def calls_an_older_step_durable(patch):
     patch.setattr(FullKeeper, "durable_after", lambda self, step: step - 1)
 
 
 @fault("21.5-step-after-the-next-relaxed")
-def does_not_tell_lost_steps_apart(patch):
+def does_not_report_lost_steps(patch):
     patch.setattr(Session, "_reopened", property(lambda self: False, nothing), raising=False)
 
 
@@ -339,7 +339,7 @@ def digests_in_the_wrong_byte_order(patch):
 
 
 @fault("12-FETCHED-step-beside-the-reference-mesh")
-def tells_step_0_beside_the_reference_mesh(patch):
+def gives_step_0_with_the_reference_mesh(patch):
     answer = fetch.answer
 
     def wrong(session, request):
@@ -476,7 +476,7 @@ def agrees_to_every_minor_version(patch):
 
 
 @fault("18.4-boot-is-one")
-def boots_anew_for_everybody(patch):
+def boots_again_for_every_client(patch):
     boots = itertools.count()
     patch.setattr(gateway, "Welcome", lambda **f: Welcome(**(f | {"boot": next(boots).to_bytes(16, "big")})))
 

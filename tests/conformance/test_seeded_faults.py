@@ -49,7 +49,7 @@ def test_a_wrong_server_is_caught(fault, tmp_path, monkeypatch):
 
 
 WRONG_CLIENTS = {
-    "numbers-repeats-anew": ["10.1-MOVE-repeated-by-the-caller", "11.1-connection-cut-after-MOVE-was-executed"],
+    "numbers-repeats-again": ["10.1-MOVE-repeated-by-the-caller", "11.1-connection-cut-after-MOVE-was-executed"],
     "takes-any-reply": ["4-replies-to-others-come-first"],
     "does-not-join-again": ["11.1-connection-cut-after-COMMIT-was-executed"],
     "resumes-when-fenced": ["11.3-fenced-while-the-connection-was-broken"],

@@ -164,24 +164,24 @@ def test_command_lists_cases(capsys):
 @pytest.mark.parametrize("arguments", [[], ["--only", "7"]])
 def test_command_without_anybody_there_says_so_at_once_and_ends_with_69(capsys, arguments):
     assert main(["--endpoint", "tcp://127.0.0.1:1", "--timeout", "600", *arguments]) == 69
-    told = capsys.readouterr()
-    assert told.err == "mesh_motion_conformance: nobody listens at tcp://127.0.0.1:1\n"
-    assert told.out == ""
+    output = capsys.readouterr()
+    assert output.err == "mesh_motion_conformance: nobody listens at tcp://127.0.0.1:1\n"
+    assert output.out == ""
 
 
-def test_who_listens_but_does_not_greet_is_nobody():
+def test_what_listens_but_does_not_greet_is_no_server():
     with socket.create_server(("127.0.0.1", 0)) as silent:
         endpoint = "tcp://{}:{}".format(*silent.getsockname())
         with pytest.raises(Unreachable, match="answers a ZMTP greeting"):
             require_somebody(endpoint, 0.3)
 
 
-def test_what_is_no_endpoint_is_nobody():
+def test_what_is_no_endpoint_has_no_server():
     with pytest.raises(Unreachable, match="tcp://HOST:PORT"):
         require_somebody("http://127.0.0.1", 0.3)
 
 
-def test_a_server_with_keys_is_told_apart():
+def test_a_server_with_keys_is_recognised():
     with limited_context() as context, context.socket(zmq.ROUTER) as router:
         router.curve_server, router.curve_secretkey = True, zmq.curve_keypair()[1]
         port = router.bind_to_random_port("tcp://127.0.0.1")

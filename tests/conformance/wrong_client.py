@@ -11,14 +11,14 @@ from mesh_motion_protocol.errors import ProtocolError
 from mesh_motion_protocol.messages import Moved
 
 
-def numbers_repeats_anew():
+def numbers_repeats_again():
     request = Courier._request
 
-    def anew(self, message, deadline):
+    def again(self, message, deadline):
         self._sequence += 1
         return request(self, replace(message, sequence=self._sequence), deadline)
 
-    Courier._request = anew
+    Courier._request = again
 
 
 def takes_any_reply():
@@ -87,7 +87,7 @@ def sends_a_field_too_many():
 FAULTS = {
     fault.__name__.replace("_", "-"): fault
     for fault in (
-        numbers_repeats_anew,
+        numbers_repeats_again,
         takes_any_reply,
         does_not_join_again,
         resumes_when_fenced,

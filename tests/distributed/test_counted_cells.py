@@ -1,4 +1,4 @@
-"""What a partition tells of its cells from one pass is what all their values would tell."""
+"""A partition's counts of one pass over its cells are those of all the cells' values."""
 
 from __future__ import annotations
 

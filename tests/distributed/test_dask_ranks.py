@@ -341,7 +341,7 @@ def test_what_one_rank_or_all_refuse_leaves_the_session_usable(cluster, server, 
         assert time.monotonic() - began < 100.0  # none has waited for 120 s
 
 
-def test_a_motion_that_the_workers_cannot_load_is_told(cluster, server, tmp_path, monkeypatch):
+def test_a_motion_that_the_workers_cannot_load_is_reported(cluster, server, tmp_path, monkeypatch):
     files = write_partitions(tmp_path, box_file(*MESHES["plane"]), 2)
     module = ModuleType("on_no_worker")
     exec("def moved(points): return points", vars(module))

@@ -1,4 +1,4 @@
-"""What ranks tell of their cells is added up exactly; what does not fit together is refused."""
+"""What ranks send of their cells is added up exactly; what does not fit together is refused."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def quality(count: int, seed: int) -> CellQuality:
 
 
 def fields(number: int, further: Questions = ()) -> dict[str, Any]:
-    """What a rank tells."""
+    """What a rank sends."""
     own = quality(RANKS[number], number)
     values = {name: own.metric(name) for name in ("size", "skew", METRIC)}
     worst = smallest(values[METRIC], 10)

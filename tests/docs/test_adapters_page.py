@@ -14,8 +14,8 @@ TEXT = PAGE.read_text(encoding="utf-8")
 def test_the_adapter_in_five_steps_runs(tmp_path: Path) -> None:
     blocks = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
     assert len(blocks) == 6
-    told = said_by_python("-c", "\n".join(blocks), cwd=tmp_path, timeout=120)
-    lowest = [float(value) for value in re.findall(r"step \d: min size-skew (\S+)", told)]
+    output = said_by_python("-c", "\n".join(blocks), cwd=tmp_path, timeout=120)
+    lowest = [float(value) for value in re.findall(r"step \d: min size-skew (\S+)", output)]
     assert len(lowest) == 3
     assert lowest == sorted(lowest, reverse=True)
     assert lowest[-1] > 0.2

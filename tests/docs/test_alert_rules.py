@@ -1,5 +1,5 @@
 """The alert rules of docs/operations.md, put to Prometheus' own tests: when each one speaks, and when not; and
-that the board for Grafana beside them asks for metrics that there are, in expressions that Prometheus can read.
+that the board for Grafana asks for metrics that there are, in expressions that Prometheus can read.
 """
 
 import json
@@ -29,8 +29,8 @@ def rules() -> str:
 
 
 def series(name: str, values: str, **labels: str) -> dict[str, str]:
-    told = ",".join(f'{key}="{value}"' for key, value in (SCRAPED | labels).items())
-    return {"series": f"{name}{{{told}}}", "values": values}
+    written = ",".join(f'{key}="{value}"' for key, value in (SCRAPED | labels).items())
+    return {"series": f"{name}{{{written}}}", "values": values}
 
 
 def minutes(count: float, value: float, slope: float = 0.0) -> str:
@@ -54,7 +54,7 @@ def histogram(name: str, observed: float) -> list[dict[str, str]]:
 
 FALLS, ENDS, REFUSED = (PREFIX + name for name in ("gateway_falls_total", "worker_ends_total", "refused_total"))
 DISK = PREFIX + "disk_free_bytes"
-#: Alert, the series, minutes at which it speaks, minutes at which it is silent, labels that it has beside the scrape's.
+#: Alert, the series, minutes at which it speaks, minutes at which it is silent, labels that are not the scrape's.
 CASES: list[tuple[str, list[dict[str, str]], list[float], list[float], dict[str, str]]] = [
     ("Down", [series("up", steps((5, 1), (5, 0), (5, 1)))], [8, 9.5], [4, 6, 12], {}),
     ("NotReady", [series(PREFIX + "ready", steps((5, 1), (10, 0), (5, 1)))], [11], [4, 9, 16], {}),

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import psutil
 import pytest
-from page_story import ROOT, Block, blocks_of, play, told
+from page_story import ROOT, Block, blocks_of, play, steps_of
 
 from docs.site.index import PAGES
 
-#: Pages whose blocks a test of its own runs or checks, where its name does not tell (docs/X.md: test_X_page.py).
+#: Pages whose blocks a test of its own runs or checks, where its name does not show it (docs/X.md: test_X_page.py).
 ELSEWHERE = {
     "README.md": "tests/test_readme.py",
     "adapters/README.md": "tests/docs/test_adapters_page.py",
@@ -38,7 +38,7 @@ BLOCKS = {
     for pattern in PAGES
     for path in sorted(ROOT.glob(pattern))
 }
-HERE = [page for page, blocks in BLOCKS.items() if told(blocks) and not runner_of(page)]
+HERE = [page for page, blocks in BLOCKS.items() if steps_of(blocks) and not runner_of(page)]
 
 
 #: Pages whose commands take ten seconds and more.
@@ -107,7 +107,7 @@ def test_a_page_with_a_test_of_its_own_is_named_there() -> None:
         test = ROOT / (runner_of(page) or "tests/docs/test_blocks.py")
         files = sorted(test.rglob("test_*.py")) if test.is_dir() else [test]
         names = {page, Path(page).name}
-        if told(blocks) and test.name not in ("test_blocks.py", Path(EXAMPLES).name):
+        if steps_of(blocks) and test.name not in ("test_blocks.py", Path(EXAMPLES).name):
             strangers += [page] * (not any(name in file.read_text("utf-8") for file in files for name in names))
     assert strangers == []
 

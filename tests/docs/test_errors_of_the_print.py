@@ -29,10 +29,10 @@ def test_ctps_c1_vanishes_at_its_radius_with_80_thirds_only() -> None:
 
 
 def test_a_displacement_of_2_6_has_no_row_of_zeros() -> None:
-    """[φ_in,b P_in] times the coefficients has a row a node; the print sets d + 1 rows more beside d_in."""
+    """[φ_in,b P_in] times the coefficients has a row a node; the print has d + 1 rows more than d_in."""
     points = np.random.default_rng(1).uniform(size=(12, 2))
-    told = np.stack([points[:, 0] ** 2, points[:, 1]], axis=1)
-    found = WithPolynomial(factorize(points, support_radius=0.8)).solve(told)
+    displacement = np.stack([points[:, 0] ** 2, points[:, 1]], axis=1)
+    found = WithPolynomial(factorize(points, support_radius=0.8)).solve(displacement)
     nodes = np.array([[0.3, 0.4], [0.6, 0.2]])
     phi = values(found.basis, np.linalg.norm(nodes[:, None] - points[None], axis=2) / 0.8)
     printed = np.hstack([phi, found.polynomial.basis.matrix(nodes)]) @ np.vstack(

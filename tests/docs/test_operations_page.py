@@ -80,5 +80,5 @@ def test_figures_of_the_logs_are_those_of_the_code() -> None:
 
 def test_the_statuses_are_those_of_the_program() -> None:
     section = PAGE[PAGE.index("## Exit statuses") :]
-    told = {int(status) for status in re.findall(r"^\| (\d+) \|", section, re.MULTILINE)}
-    assert told == {ExitStatus.DONE, ExitStatus.UNAVAILABLE, ExitStatus.DEFECT, ExitStatus.CONFIGURATION}
+    listed = {int(status) for status in re.findall(r"^\| (\d+) \|", section, re.MULTILINE)}
+    assert listed == {ExitStatus.DONE, ExitStatus.UNAVAILABLE, ExitStatus.DEFECT, ExitStatus.CONFIGURATION}

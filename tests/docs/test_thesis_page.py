@@ -107,8 +107,8 @@ def unknown_tests(text: str) -> list[str]:
 def missing_equations(text: str) -> list[str]:
     """Equations that are not in the index once, with a function and a study."""
     index = section(text, "Where each equation is")
-    told = [row[0].strip("()") for row in rows(index) if len(row) == 4 and "`" in row[2] and "](" in row[3]]
-    return [number for number in EQUATIONS if told.count(number) != 1]
+    listed = [row[0].strip("()") for row in rows(index) if len(row) == 4 and "`" in row[2] and "](" in row[3]]
+    return [number for number in EQUATIONS if listed.count(number) != 1]
 
 
 def unnumbered_docstrings(text: str) -> list[str]:
@@ -129,23 +129,23 @@ def missing_figures(text: str) -> list[str]:
     """Figures, tables and algorithms that the index says nothing of."""
     index = section(text, "Where each equation is")
     words = " ".join(row[0] for row in rows(index)) + index.rstrip().splitlines()[-1]
-    told = {
+    listed = {
         kind: set().union(*map(expanded, re.findall(rf"{kind}s? ((?:[A1-6]\.\d+(?:–|, | and )?)+)", words)))
         for kind in ("Fig", "Table")
     }
     figures = [f"{c}.{n}" for c, last in FIGURES.items() for n in range(1, last + 1)] + ["A.1", "A.2"]
     tables = [f"{c}.{n}" for c, last in TABLES.items() for n in range(1, last + 1)]
-    wrong = [f"Fig {n}" for n in figures if n not in told["Fig"]]
-    wrong += [f"Table {n}" for n in tables if n not in told["Table"]]
+    wrong = [f"Fig {n}" for n in figures if n not in listed["Fig"]]
+    wrong += [f"Table {n}" for n in tables if n not in listed["Table"]]
     return wrong + ([] if "Algorithm 1" in words else ["Algorithm 1"])
 
 
 def missing_studies(text: str) -> list[str]:
     """Studies of the thesis that have no block, or to which no row leads, by their name or the heading above them."""
-    told = section(text, "The eight rows") + section(text, "Where each equation is")
+    listed = section(text, "The eight rows") + section(text, "Where each equation is")
     ways = {name: (f"[{name}](", f"](#{heading_of(name, text)})") for name in names("thesis")}
     return [
-        name for name in ways if f"<!-- study: {name} -->" not in text or not any(way in told for way in ways[name])
+        name for name in ways if f"<!-- study: {name} -->" not in text or not any(way in listed for way in ways[name])
     ]
 
 

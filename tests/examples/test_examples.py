@@ -162,8 +162,8 @@ def test_the_script_builds_the_mesh(name: str, tmp_path: Path) -> None:
 @pytest.mark.nightly
 def test_two_processes_move_and_judge_their_own_nodes() -> None:
     script = EXAMPLES / "own_ranks" / "ranks.py"
-    told = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True, timeout=120)
-    lines = told.stdout.splitlines()
+    run = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True, timeout=120)
+    lines = run.stdout.splitlines()
     assert len(lines) == 5
     assert all("13760 cells, minimum 0." in line for line in lines)
     assert lines[-1] in (EXAMPLES / "own_ranks" / "README.md").read_text("utf-8")

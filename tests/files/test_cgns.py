@@ -129,7 +129,7 @@ def condition(zone: Any, name: str, listed: str, values: Any, location: str = ""
 
 
 TWO = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 1], [0.5, 0.5, -1], [2, 0.5, 0.0]])
-#: a pyramid, a tetrahedron beside it, one face of each
+#: a pyramid, a tetrahedron next to it, one face of each
 MIXED = [12, 1, 2, 3, 4, 5, 10, 2, 7, 3, 5, 7, 1, 4, 3, 2, 5, 2, 7, 5]
 
 
@@ -414,7 +414,7 @@ def test_packed_coordinates_are_read(tmp_path: Path) -> None:
         np.testing.assert_array_equal(read_mesh(path).points, expected)
 
 
-def test_other_files_are_told_apart(tmp_path: Path) -> None:
+def test_other_files_are_recognised(tmp_path: Path) -> None:
     path = tmp_path / "m.cgns"
     path.write_bytes(b"\xc0\xa8\xa3\xa9ADF Database Version A02011>" + b" " * 100)
     with pytest.raises(InvalidInput, match=r"old ADF format \(adf2hdf m\.cgns"):

@@ -96,7 +96,7 @@ def test_same_nodes_cells_and_patches_as_gmsh_and_meshio(
 
 
 @pytest.mark.parametrize("binary", [0, 1])
-def test_elements_without_a_group_stand_beside_those_in_groups(model: Any, tmp_path: Path, binary: int) -> None:
+def test_elements_without_a_group_and_those_in_groups(model: Any, tmp_path: Path, binary: int) -> None:
     """SaveAll writes every element; version 2.2 then has no groups at all, which Gmsh documents."""
     gmsh.option.setNumber("Mesh.SaveAll", 1)
     square(model)

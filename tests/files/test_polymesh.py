@@ -411,7 +411,7 @@ def test_a_damaged_byte_never_gives_more_than_one_line(tmp_path: Path, foam_case
     assert not any("\n" in refusal for refusal in refusals)
 
 
-def test_check_tells_of_cyclic_patches_without_their_role(tmp_path: Path) -> None:
+def test_check_warns_of_cyclic_patches_without_their_role(tmp_path: Path) -> None:
     mesh = tetra(tmp_path / "mesh", boundary="1 ( side { type cyclic; nFaces 4; startFace 0; } )")
     warning = "patch 'side' is one side of a period in the mesh file: give it the role periodic"
     assert warning in check(mesh).warnings

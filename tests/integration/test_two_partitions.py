@@ -26,8 +26,8 @@ def moved(folder: Path, mesh: Any, settings: Mapping[str, Any], goal: np.ndarray
     parts = [replace(part, cells={"quad": part.cells["triangle"]}) for part in split_mesh(whole, 2)]
     driver = new_session(SessionStore(folder), parts, **settings)
     built = zip(parts, driver.open(), strict=True)
-    told = [(goal - points)[part.global_ids[reply.moving_nodes]] for part, reply in built]
-    replies = driver.all(Move, told, step=1, frame="reference") + driver.all(Commit, step=1)
+    displacements = [(goal - points)[part.global_ids[reply.moving_nodes]] for part, reply in built]
+    replies = driver.all(Move, displacements, step=1, frame="reference") + driver.all(Commit, step=1)
     assert {reply.type for reply in replies} == {"MOVED", "COMMITTED"}, replies
     found = np.empty_like(points)
     for number, part in enumerate(parts):

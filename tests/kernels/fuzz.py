@@ -1,6 +1,6 @@
 """Calls loops with whatever may come from Python: ``python fuzz.py TRIALS NAME …`` prints a line for each loop.
 
-A loop gives a result, a TypeError or a ValueError. Arrays lie in the middle of larger ones: what is written beside them
+A loop gives a result, a TypeError or a ValueError. Arrays lie in the middle of larger ones: a write outside them
 is found there, and an index that is read there leads far away, which ends the process.
 """
 
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import mesh_motion_kernels as kernels
 import numpy as np
 
-_BESIDE = 64  # numbers before and after an array
+_MARGIN = 64  # numbers before and after an array
 _NEVER = 0.1  # share of whole numbers that are no index, in half of the arrays
 _ARRAY = re.compile(r"ndarray\[dtype=(\w+), shape=\(([^)]*)\)")
 _SEVERAL = re.compile(r"(tuple|collections\.abc\.Sequence)\[(.*)\]$")
@@ -43,7 +43,7 @@ def loops() -> list[str]:
 
 
 def overloads(loop: Any) -> list[list[Parameter]]:
-    """The parameters of each form of a loop, from the signatures that the binding tells."""
+    """The parameters of each form of a loop, from the signatures in the binding."""
     texts = [signature[0].partition("(")[2].rpartition(") ->")[0] for signature in loop.__nb_signature__]
     return [[_parameter(arg.partition(": ")[2]) for arg in _split(text) if arg != "/"] for text in texts]
 
@@ -69,11 +69,11 @@ def _parameter(text: str) -> Parameter:
 
 
 def filled(shape: tuple[int, ...], dtype: str, rng: np.random.Generator) -> Guarded:
-    """An array of reals, or of whole numbers, between numbers that nobody can take for an index."""
+    """An array of reals, or of whole numbers, between numbers that cannot be an index."""
     kind, size = np.dtype(dtype), int(np.prod(shape))
-    beside: Any = np.nan if kind.kind == "f" else True if kind.kind == "b" else far_away(kind)
-    around = np.full(size + 2 * _BESIDE, beside, dtype=kind)
-    array = around[_BESIDE : _BESIDE + size].reshape(shape)
+    margin: Any = np.nan if kind.kind == "f" else True if kind.kind == "b" else far_away(kind)
+    around = np.full(size + 2 * _MARGIN, margin, dtype=kind)
+    array = around[_MARGIN : _MARGIN + size].reshape(shape)
     array[...] = rng.normal(size=shape) if kind.kind == "f" else whole_numbers(shape, kind, rng)
     return Guarded(array, around, _outside(around))
 
@@ -98,7 +98,7 @@ def whole_numbers(shape: tuple[int, ...], kind: np.dtype[Any], rng: np.random.Ge
 
 
 def _outside(around: np.ndarray) -> bytes:
-    return around[:_BESIDE].tobytes() + around[-_BESIDE:].tobytes()
+    return around[:_MARGIN].tobytes() + around[-_MARGIN:].tobytes()
 
 
 def scalar(kind: str, rng: np.random.Generator) -> Any:

@@ -253,13 +253,13 @@ def test_cells_are_judged_with_the_bits_of_the_server(library: ctypes.CDLL, name
         relative = metric == "relative-size-skew"
         at_rest_arrays = (pointer(known.skews), pointer(known.points)) if relative else (None, None)
         arrays = handle.at, n, pointer(moved), pointer(sizes), *at_rest_arrays
-        told = *arrays, metric.encode(), c_int64(asked), pointer(numbers)
+        passed = *arrays, metric.encode(), c_int64(asked), pointer(numbers)
         nodes, reference, at_rest = judged(cells, known)
         lowest = kernels.lowest_cells(moved, nodes, reference, at_rest, METRIC_CODES[metric], asked)
         rows, _, bad = kernels.judged_cells(moved, nodes, reference, at_rest, METRIC_CODES[metric], asked)
         for call, last in (("lowest", turned), ("judge", quality)):
             numbers[:], values[:] = 0, 0.0
-            assert getattr(library, f"mesh_motion_{call}_cells")(*told, pointer(values), byref(last)) == 0
+            assert getattr(library, f"mesh_motion_{call}_cells")(*passed, pointer(values), byref(last)) == 0
             assert values.tobytes() == np.append(lowest[0], [np.inf] * (asked - len(lowest[0]))).tobytes()
             np.testing.assert_array_equal(numbers, np.append(lowest[1], [-1] * (asked - len(lowest[1]))))
         assert turned.value == quality.inverted == bad == np.count_nonzero(expected.inverted)
@@ -270,8 +270,8 @@ def test_cells_are_judged_with_the_bits_of_the_server(library: ctypes.CDLL, name
 def test_no_cells_have_no_worst_one(library: ctypes.CDLL) -> None:
     """As of a rank without cells."""
     handle, numbers, values, inverted = Handle(library, "cells"), np.empty(2, np.int64), np.empty(2), c_int64(5)
-    told = None, None, None, None, b"size-skew", c_int64(2), pointer(numbers), pointer(values)
-    assert library.mesh_motion_lowest_cells(handle.at, c_int64(0), *told, byref(inverted)) == 0
+    passed = None, None, None, None, b"size-skew", c_int64(2), pointer(numbers), pointer(values)
+    assert library.mesh_motion_lowest_cells(handle.at, c_int64(0), *passed, byref(inverted)) == 0
     assert (numbers.tolist(), values.tolist(), inverted.value) == ([-1, -1], [np.inf, np.inf], 0)
 
 
@@ -287,8 +287,8 @@ def test_threads_do_not_change_bits(library: ctypes.CDLL) -> None:
         handle.evaluate("gradients", points, gradients)
         n, quality = c_int64(len(rest)), Quality()
         library.mesh_motion_cell_sizes(judging.at, n, pointer(rest), pointer(sizes))
-        told = pointer(moved), pointer(sizes), None, None, b"size-skew", c_int64(0), None, None
-        assert library.mesh_motion_judge_cells(judging.at, n, *told, byref(quality)) == 0
+        passed = pointer(moved), pointer(sizes), None, None, b"size-skew", c_int64(0), None, None
+        assert library.mesh_motion_judge_cells(judging.at, n, *passed, byref(quality)) == 0
         found.append((values.tobytes(), gradients.tobytes(), bytes(quality)))
     assert found[0] == found[1]
 
@@ -329,8 +329,8 @@ ONE, FIVE, EIGHT, PLANE = c_int64(1), c_int64(5), c_int64(8), np.zeros(16)
 
 
 def _judge(metric: bytes) -> Call:
-    told = pointer(PLANE), pointer(THREE), None, None, metric, c_int64(0), None, None, None
-    return lambda c, cells, _: int(c.mesh_motion_judge_cells(cells, EIGHT, *told))
+    passed = pointer(PLANE), pointer(THREE), None, None, metric, c_int64(0), None, None, None
+    return lambda c, cells, _: int(c.mesh_motion_judge_cells(cells, EIGHT, *passed))
 
 
 @pytest.mark.parametrize(
@@ -350,7 +350,7 @@ def _judge(metric: bytes) -> Call:
         (lambda c, _, f: c.mesh_motion_set_threads(3), "expected 1 thread to as many as are available"),
     ],
 )
-def test_wrong_arguments_are_told(library: ctypes.CDLL, call: Call, message: str) -> None:
+def test_wrong_arguments_are_refused(library: ctypes.CDLL, call: Call, message: str) -> None:
     cells, field = Handle(library, "cells"), interpolant_handle(library, interpolant("ctps-c0", 2, 1, 0.1))
     assert library.mesh_motion_cells_add(cells.at, b"triangle", c_int64(2), pointer(NODES)) == 0
     assert call(library, cells.at, field.at) == INVALID_ARGUMENT

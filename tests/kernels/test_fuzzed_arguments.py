@@ -49,7 +49,7 @@ def test_no_argument_ends_the_process(name: str, findings: dict[str, str]) -> No
 @pytest.mark.nightly
 @pytest.mark.timeout(900)
 def test_no_index_ends_the_process() -> None:
-    told = said_by_python(_SCRIPT.with_name("corrupted_calls.py"))
-    found = dict(line.split("\t") for line in told.splitlines())
+    printed = said_by_python(_SCRIPT.with_name("corrupted_calls.py"))
+    found = dict(line.split("\t") for line in printed.splitlines())
     assert set(found) == set(LOOPS) - {"available_threads", "get_threads", "set_threads"}
     assert {name: finding for name, finding in found.items() if finding} == {}

@@ -1,4 +1,4 @@
-"""Loops on several threads: beside each other, after a fork, with an error in a block, limited for one thread only."""
+"""Loops on several threads: at the same time, after a fork, with an error in a block, limited for one thread only."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,7 @@
 """``python tests/mutation [--all] [MODULE …]``: do tests notice changed code?
 
 Every mutant that no test notices must stand in ``survivors.toml``, with the reason why it is none: exit status 0 if so,
-1 if there is another one. Those that stand there are not tried, except with ``--all``, which tells those that are
+1 if there is another one. Those that stand there are not tried, except with ``--all``, which prints those that are
 noticed after all. mutmut 3.8 was tried: it leaves no statement out (a sync, a raise), no property or context manager is
 changed, and what survives is marked in the product's own lines; cosmic-ray 8.7 starts a process for each mutant.
 """
@@ -62,9 +62,9 @@ def main() -> int:
         for name, survived in trial.survived.items():
             new = [key for key in survived if key not in known.get(name, ())]
             gone = sorted(known.get(name, {}).keys() - set(survived)) if given.all else []
-            tell = [f"{name}: nobody notices: {key}" for key in new]
-            tell += [f"{name}: is noticed now, or is gone: {key}" for key in gone]
-            sys.stdout.writelines(line + "\n" for line in tell)
+            report = [f"{name}: nobody notices: {key}" for key in new]
+            report += [f"{name}: is noticed now, or is gone: {key}" for key in gone]
+            sys.stdout.writelines(line + "\n" for line in report)
             unexplained += len(new)
     sys.stdout.write(f"{tried} mutants tried, {unexplained} that nobody notices and nothing explains\n")
     return 1 if unexplained else 0

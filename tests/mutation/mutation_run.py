@@ -1,6 +1,6 @@
 """Runs the tests that call a function against each of its mutants, in processes forked from one that has loaded all.
 
-Tests are collected once. A first child runs each of them and tells which functions it calls and how long it takes; then
+Tests are collected once. A first child runs each of them and reports which functions it calls and its time; then
 for each mutant a child puts the changed code in the place of the function's own, and runs the tests that call it until
 one fails: first those that noticed the function's other mutants, then the quickest. A child that does not end in time
 counts as noticed. Properties (hypothesis) are tried on the same examples each time.
@@ -85,9 +85,9 @@ class Trial:
                 if mutant.key in self.but.get(name, ()):
                     continue
                 self.tried[name] += 1
-                telling = sorted(calls.get(f"{path}:{mutant.line}", []), key=seconds.__getitem__)
-                telling.sort(key=lambda test: -ranks[mutant.function, test])
-                timed = [(tests[test], _PATIENCE + _FACTOR * seconds[test]) for test in telling]
+                reporting = sorted(calls.get(f"{path}:{mutant.line}", []), key=seconds.__getitem__)
+                reporting.sort(key=lambda test: -ranks[mutant.function, test])
+                timed = [(tests[test], _PATIENCE + _FACTOR * seconds[test]) for test in reporting]
                 end = _in_child(_first_failure, mutant, known[path, mutant.line], timed)
                 ranks[mutant.function, end or ""] += 1
                 if end == "":
@@ -120,18 +120,18 @@ def _functions(files: set[str]) -> _Known:
 
 
 def _in_child(work: Callable[..., Any], *given: object) -> Any:
-    """What ``work(*given)`` returns, as JSON tells it, or None if it is ended; this process stays as it is."""
+    """What ``work(*given)`` returns, by way of JSON, or None if it is ended; this process stays as it is."""
     with TemporaryDirectory(dir=_MEMORY if _MEMORY.is_dir() else None) as folder:
-        told = Path(folder, "told.json")
+        answer = Path(folder, "told.json")
         child = os.fork()
         if not child:
             with contextlib.suppress(BaseException), open(os.devnull, "w", encoding="utf-8") as nowhere:
-                os.dup2(nowhere.fileno(), 1)  # what tests and broken code print is nobody's matter
+                os.dup2(nowhere.fileno(), 1)  # what tests and broken code print is of no interest
                 os.dup2(nowhere.fileno(), 2)
-                told.write_text(json.dumps(work(*given)))
+                answer.write_text(json.dumps(work(*given)))
             os._exit(0)
         os.waitpid(child, 0)
-        return json.loads(told.read_text() or "null") if told.exists() else None
+        return json.loads(answer.read_text() or "null") if answer.exists() else None
 
 
 def _watch(items: Iterable[pytest.Item], files: set[str]) -> Any:

@@ -1,4 +1,4 @@
-"""The tool that mutates: what it changes, and that it tells what tests notice from what they do not."""
+"""The tool that mutates: what it changes, and that it separates what tests notice from what they do not."""
 
 import importlib.util
 import json
@@ -112,7 +112,7 @@ def test_what_no_test_notices_survives(tmp_path: Path) -> None:
     assert tried(tmp_path, TOY, TESTS, untested) == ["", 9, [misnamed]]  # the other is explained
 
 
-def test_tests_that_fail_without_a_mutant_are_told(tmp_path: Path) -> None:
+def test_tests_that_fail_without_a_mutant_are_reported(tmp_path: Path) -> None:
     problem, *_ = tried(tmp_path, TOY, TESTS.replace("add() == 1", "add() == 3"))
     assert problem == "without a mutant these fail: test_toy.py::test_it_counts"
 

@@ -8,7 +8,7 @@ from mesh_motion_server.numerics.motion.acceptance import largest_accepted
 @pytest.mark.parametrize("certain", [False, True])
 @pytest.mark.parametrize("limit", [0.0, 0.005, 0.3, 0.7, 0.99])
 @pytest.mark.parametrize("plain", [0.0, 0.1, 0.5])
-def test_what_is_found_is_accepted_in_few_trials_and_told_in_three_digits(
+def test_what_is_found_is_accepted_in_few_trials_and_written_in_three_digits(
     limit: float, plain: float, certain: bool
 ) -> None:
     asked: list[float] = []

@@ -132,8 +132,8 @@ def test_quads_of_either_diagonal() -> None:
     quad = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)])
     through = np.array([(0.3, 0.4, -1.0), (0.3, 0.4, 1.0), (0.31, 0.4, 1.0), (0.31, 0.4, -1.0)])
     assert crossing_place(*facets_of(np.vstack([quad, through]), quad=[[0, 1, 2, 3], [4, 5, 6, 7]])) is not None
-    beside = through + np.array([1.0, 0.0, 0.0])
-    assert crossing_place(*facets_of(np.vstack([quad, beside]), quad=[[0, 1, 2, 3], [4, 5, 6, 7]])) is None
+    next_to = through + np.array([1.0, 0.0, 0.0])
+    assert crossing_place(*facets_of(np.vstack([quad, next_to]), quad=[[0, 1, 2, 3], [4, 5, 6, 7]])) is None
 
 
 @pytest.mark.parametrize("kind", ["quad", "tetra", "hexahedron", "wedge", "hexahedron + wedge"])

@@ -158,7 +158,7 @@ def test_periodic_sides_stay_alike() -> None:
 
 
 def test_the_motion_depends_on_the_committed_points_and_the_targets_alone() -> None:
-    """As after a resume: another model, built anew, goes on from the committed points to the same bits."""
+    """As after a resume: another model, newly built, goes on from the committed points to the same bits."""
     mesh = stored_layer("layer_flag")
     choices = {"support_radius": 0.4, "boundary_layer_thickness": mesh.thickness, "displacement": "relative"}
     first, resumed = mesh.model(**choices), mesh.model(**choices)
@@ -261,7 +261,7 @@ def test_a_third_of_a_gap_stays_free() -> None:
     assert off.max() <= 0.4 / 3.0 + 1e-9
 
 
-def test_a_thickness_without_a_node_is_told() -> None:
+def test_a_thickness_without_a_node_is_refused() -> None:
     model = model_of(boundary_layer_thickness=0.01)
     assert model.standard_motion.layer is None
     assert model.warnings == ("boundary_layer_thickness = 0.01 holds no node",)

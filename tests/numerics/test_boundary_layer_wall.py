@@ -65,10 +65,10 @@ def test_a_wall_that_is_turned_inside_out_has_rotations_nevertheless() -> None:
 def test_fixed_facets_belong_to_the_wall_where_a_moving_one_is_clamped_to_them() -> None:
     points, cells, patches = square_frame()
     block = patches["block"].nodes
-    moving, told = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
+    moving, prescribed = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
     moving[block[points[block, 0] > 0.5]] = True
-    told[block] = told[patches["outer"].nodes] = True
-    assert np.array_equal(MovingWall.build(points, boundary_facets(cells), moving, told).nodes, block)
+    prescribed[block] = prescribed[patches["outer"].nodes] = True
+    assert np.array_equal(MovingWall.build(points, boundary_facets(cells), moving, prescribed).nodes, block)
 
 
 def test_places_are_the_nearest_ones() -> None:

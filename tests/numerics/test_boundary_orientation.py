@@ -28,17 +28,17 @@ def both(points: Any, facets: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
 def test_a_mirrored_part_is_found_and_a_turned_one_is_not(points: Any, facets: dict[str, Any], hole: bool) -> None:
     facets = {kind: nodes[:, ::-1] if hole else nodes for kind, nodes in facets.items()}
     reference, whole = both(points, facets)
-    told = np.ones(len(reference), dtype=bool)
+    prescribed = np.ones(len(reference), dtype=bool)
     n = len(points)
     turned = reference.copy()
     turned[n:] = 3.0 + points * np.array([-2.0, -3.0, 1.0])[: points.shape[1]]
-    assert overturned_place(whole, told, reference, turned) is None
+    assert overturned_place(whole, prescribed, reference, turned) is None
     mirrored = reference.copy()
     mirrored[n:, 0] = 19.0 - mirrored[n:, 0]
-    place = overturned_place(whole, told, reference, mirrored)
+    place = overturned_place(whole, prescribed, reference, mirrored)
     np.testing.assert_allclose(place, 9.5)
-    told[-1] = False
-    assert overturned_place(whole, told, reference, mirrored) is None
+    prescribed[-1] = False
+    assert overturned_place(whole, prescribed, reference, mirrored) is None
 
 
 def test_a_collapsed_part_is_found() -> None:
@@ -49,13 +49,13 @@ def test_a_baffle_may_turn_and_open_but_its_sides_do_not_change_places() -> None
     """Nodes 0 to 3 along the lower side, 4 and 5 back along the upper side."""
     reference = np.array([[0.3, 0.5], [0.4, 0.5], [0.6, 0.5], [0.7, 0.5], [0.6, 0.5], [0.4, 0.5]])
     hole = {"line": np.array([[1, 0], [2, 1], [3, 2], [4, 3], [5, 4], [0, 5]])}
-    told = np.ones(6, dtype=bool)
+    prescribed = np.ones(6, dtype=bool)
     for angle in np.linspace(0.1, 3.0, 20):
         turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        assert overturned_place(hole, told, reference, reference @ turn) is None
+        assert overturned_place(hole, prescribed, reference, reference @ turn) is None
     opened = reference + np.array([[0, 0], [0, -0.1], [0, -0.1], [0, 0], [0, 0.1], [0, 0.1]])
-    assert overturned_place(hole, told, reference, opened) is None
-    np.testing.assert_allclose(overturned_place(hole, told, reference, opened * [1.0, -1.0]), [0.5, -0.5])
+    assert overturned_place(hole, prescribed, reference, opened) is None
+    np.testing.assert_allclose(overturned_place(hole, prescribed, reference, opened * [1.0, -1.0]), [0.5, -0.5])
 
 
 def test_in_1d_there_is_nothing_to_turn() -> None:

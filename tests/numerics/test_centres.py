@@ -66,7 +66,7 @@ def test_one_centre_and_points_on_a_line():
 
 @pytest.mark.parametrize("d", [1, 2, 3])
 def test_points_out_of_reach_are_those_whose_sums_are_zero(d: int) -> None:
-    """What is told to be out of reach has no centre within R; nothing within reach is missed, far away or at a rim."""
+    """A point out of reach has no centre within R; no point within reach is missed, far away or at a rim."""
     rng = np.random.default_rng(d)
     centres = 0.3 + 0.2 * rng.random((60, d))
     layout = CentreLayout.build(centres, C2, 0.05)

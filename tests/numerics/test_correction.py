@@ -155,11 +155,11 @@ def squeezed_line(distance: float = 0.15) -> CorrectionProblem:
     n = np.arange(21)
     cells = CellTable.from_arrays({"line": np.column_stack([n[:-1], n[1:]])})
     held = np.isin(n, [0, 4, 16, 20])
-    told = np.zeros_like(x)
-    told[4], told[16] = distance, -distance
+    displacement = np.zeros_like(x)
+    displacement[4], displacement[16] = distance, -distance
     factor = factorize(x[held], support_radius=0.2)
-    standard = x + evaluation.displacement(factor.solve(told[held]), x)
-    standard[held] = (x + told)[held]
+    standard = x + evaluation.displacement(factor.solve(displacement[held]), x)
+    standard[held] = (x + displacement)[held]
     return CorrectionProblem(x, standard, held, cells, reference_sizes(x, cells), factor)
 
 
@@ -189,7 +189,7 @@ def test_enrichment_works_on_cells_that_are_no_simplices(kind: str) -> None:
     assert found.minimum > standard + 0.15
 
 
-def test_a_correction_that_gains_less_than_it_spoils_is_told_from_one_that_gains_more() -> None:
+def test_a_correction_that_gains_less_than_it_spoils_differs_from_one_that_gains_more() -> None:
     mesh = box_mesh("quad", 6)
     at_rest = cells_at_rest(mesh.points, mesh.cells)
     node = int(np.flatnonzero(~mesh.held)[0])

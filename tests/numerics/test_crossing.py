@@ -80,7 +80,7 @@ def closed(model: MotionModel, low: float, high: float, aside: float = 0.0) -> F
         ((0.1, 0.1, 0.05), "touch or cross itself"),
         ((0.099, 0.1), ""),
         ((0.099, 0.1, 0.2), ""),
-        ((0.15, 0.15, 0.55), ""),  # beside each other
+        ((0.15, 0.15, 0.55), ""),  # side by side
     ],
     ids=str,
 )

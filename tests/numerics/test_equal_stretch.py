@@ -21,11 +21,11 @@ def line(x: np.ndarray, held: list[int], lines: np.ndarray | None = None) -> Tri
 def test_the_case_of_table_4_1_reaches_its_ceiling() -> None:
     x = np.linspace(0, 1, 21)
     mesh = line(x, [0, 4, 16, 20])
-    told = mesh.reference.copy()
-    told[4] += 0.15
-    told[16] -= 0.15
-    moved = equal_stretch(told, mesh)
-    assert np.array_equal(moved[mesh.held], told[mesh.held])
+    positions = mesh.reference.copy()
+    positions[4] += 0.15
+    positions[16] -= 0.15
+    moved = equal_stretch(positions, mesh)
+    assert np.array_equal(moved[mesh.held], positions[mesh.held])
     # the middle 0.6 shrinks to 0.3, the outer 0.2 grow to 0.35
     assert mesh.quality(moved).min() == pytest.approx(0.5)
     assert mesh.quality(moved)[0] == pytest.approx(0.2 / 0.35)
@@ -41,6 +41,6 @@ def test_cells_of_different_size_keep_their_proportions() -> None:
 def test_numbering_gaps_and_loose_ends() -> None:
     x = np.array([0.5, 0.0, 2.0, 0.25, 2.5, 3.0])  # 0 – .25 – .5 and 2 – 2.5 – 3, only one node held in the second
     mesh = line(x, [1, 0, 4], np.array([[1, 3], [3, 0], [2, 4], [4, 5]]))
-    told = mesh.reference.copy()
-    told[0], told[4] = 1.0, 3.5
-    np.testing.assert_allclose(equal_stretch(told, mesh)[:, 0], [1.0, 0.0, 3.0, 0.5, 3.5, 4.0])
+    positions = mesh.reference.copy()
+    positions[0], positions[4] = 1.0, 3.5
+    np.testing.assert_allclose(equal_stretch(positions, mesh)[:, 0], [1.0, 0.0, 3.0, 0.5, 3.5, 4.0])

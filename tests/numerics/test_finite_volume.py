@@ -18,7 +18,7 @@ from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, extruded_cells, extruded_points, face_measures
 from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
-FLOOR = 1e-5  # degrees: cosines near 1 tell an angle to the root of the rounding
+FLOOR = 1e-5  # degrees: cosines near 1 give an angle to the root of the rounding
 
 
 def measured(points: np.ndarray, cells: CellTable) -> FaceMeasures:

@@ -102,7 +102,7 @@ def test_a_cell_that_is_nearly_nothing_is_named_without_a_warning(mesh):
     assert refused(mesh, r"cell 32 .*is inverted or degenerate").code == "INVALID_ARGUMENT.MESH_DEGENERATE"
 
 
-def test_a_cell_type_in_another_node_order_is_told_so(mesh):
+def test_a_cell_type_in_another_node_order_is_reported_as_such(mesh):
     mesh.points = np.vstack([mesh.points, [[1.25, 0], [1.25, 0.25], [1.25, 0.5]]])
     mesh.cells["quad"] = np.array([[4, 9, 25, 26], [9, 14, 26, 27]])
     assert "type 'quad'" in refused(mesh, r"cell 32 \(quad").hint
@@ -244,8 +244,8 @@ def test_hanging_nodes_are_refused(dimension, hanging):
     assert (facet.min(axis=0) <= points[node]).all()
     assert (points[node] <= facet.max(axis=0)).all()
     interface = np.flatnonzero(points[:, 0] == 0.5)
-    told = checked_mesh(points, cells, patches | {"interface": Patch("fixed", interface)})  # two meshes that meet
-    assert not any("hangs" in warning for warning in told.warnings)
+    named = checked_mesh(points, cells, patches | {"interface": Patch("fixed", interface)})  # two meshes that meet
+    assert not any("hangs" in warning for warning in named.warnings)
 
 
 def test_a_node_hangs_on_a_facet_whose_corners_are_all_in_patches():

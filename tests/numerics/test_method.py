@@ -10,7 +10,7 @@ from mesh_motion_server.numerics.method import KEYS, Method
 from mesh_motion_server.settings import MethodSettings
 
 
-def test_nobody_has_to_choose_among_more_than_eighteen() -> None:
+def test_there_are_at_most_eighteen_choices() -> None:
     assert len(KEYS) <= 18
     assert all(key.admits(key.default) for key in KEYS.values())
     assert all(key.meaning.endswith(".") and key.when.endswith(".") for key in KEYS.values())
@@ -68,7 +68,7 @@ def test_what_is_refused(choices: dict[str, object], says: str) -> None:
     ],
 )
 def test_what_is_left_out_is_chosen(named: dict[str, Any], correction: str, displacement: str) -> None:
-    """A coupled run needs nothing; whoever names a key of another kind of motion gets that kind, as before."""
+    """A coupled run needs nothing; a key of another kind of motion chooses that kind, as before."""
     method = Method(**named)
     assert (method.correction, method.displacement) == (correction, displacement)
     settings = MethodSettings.from_mapping(named)

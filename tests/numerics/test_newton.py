@@ -87,7 +87,7 @@ def test_the_coarse_level_spares_most_iterations() -> None:
     assert made[0] < 0.6 * made[1]
 
 
-def test_it_stops_when_told_that_it_is_good_enough() -> None:
+def test_it_stops_when_it_is_good_enough() -> None:
     points, region = shaken("tetra", 0.015)
     asked: list[int] = []
 

@@ -75,17 +75,17 @@ def sampled(m: int) -> np.ndarray:
 
 @pytest.mark.parametrize("other", [-1.0, 0.2, 0.5, 1.0])
 def test_a_sample_that_misleads_costs_time_only(other):
-    told = sampled(MANY)
-    assert told.sum() == MANY // 16
-    assert_exact(np.where(told, RANDOM.uniform(0.2, 0.5, MANY), other))
-    assert_exact(np.where(told, other, RANDOM.uniform(0.2, 0.5, MANY)))
+    chosen = sampled(MANY)
+    assert chosen.sum() == MANY // 16
+    assert_exact(np.where(chosen, RANDOM.uniform(0.2, 0.5, MANY), other))
+    assert_exact(np.where(chosen, other, RANDOM.uniform(0.2, 0.5, MANY)))
 
 
 def test_a_sample_of_cells_that_misleads_costs_time_only():
     m = 40_000
-    told = sampled(m)
+    chosen = sampled(m)
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.8]])
-    points = (corners + RANDOM.uniform(-0.1, 0.1, (m, 3, 2)) * told[:, None, None]).reshape(-1, 2)
+    points = (corners + RANDOM.uniform(-0.1, 0.1, (m, 3, 2)) * chosen[:, None, None]).reshape(-1, 2)
     cells = CellTable.from_arrays({"triangle": np.arange(3 * m).reshape(-1, 3)})
     sizes = reference_sizes(np.tile(corners, (m, 1)), cells)
     assert mesh_summary(points, cells, sizes) == summarize(cell_quality(points, cells, sizes), points, cells)

@@ -84,7 +84,7 @@ def test_a_mixture_is_read_as_one_orientation():
     np.testing.assert_array_equal(mixed.blocks[0].nodes, square(clockwise)[1].blocks[0].nodes)  # not changed
 
 
-def test_two_types_are_told_in_one_line():
+def test_two_types_are_reported_in_one_line():
     points = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1], [2, 0.5]])
     cells = CellTable.from_arrays({"triangle": np.array([[1, 2, 4]]), "quad": np.array([[0, 1, 2, 3]])})
     (line,) = oriented(points, cells).warnings

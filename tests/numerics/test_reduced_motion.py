@@ -95,9 +95,9 @@ def test_the_field_itself_is_exact_at_the_boundary() -> None:
     model = model_of(reduction="greedy", reduction_tolerance=0.1)
     trial = trial_of(model)
     moving = model.roles.moving
-    told = turned(model) - model.points[moving]
+    prescribed = turned(model) - model.points[moving]
     assert 0.01 < trial.reduction_error <= 0.1
-    np.testing.assert_allclose(displacement_by(trial, model.points[moving]), told, atol=1e-11)
+    np.testing.assert_allclose(displacement_by(trial, model.points[moving]), prescribed, atol=1e-11)
 
 
 def test_the_boundarys_factorization_is_made_only_for_a_correction_that_asks() -> None:

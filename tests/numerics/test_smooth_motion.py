@@ -306,7 +306,7 @@ def test_a_motion_that_is_impossible_is_refused_with_the_part_that_is_not() -> N
 
 @pytest.mark.parametrize("flat", [1.0, 0.05])
 @pytest.mark.parametrize("kind", CELL_KINDS)
-def test_a_rank_tells_every_cell_that_resists(kind, flat):
+def test_a_rank_sends_every_cell_that_resists(kind, flat):
     """By its worst corner, which says what the distortion says but for the smoothing of its size."""
     box, random = box_mesh(kind, 4), np.random.default_rng(7)
     points = box.points * np.array([1.0, flat, 1.0])[: box.points.shape[1]]
@@ -314,9 +314,9 @@ def test_a_rank_tells_every_cell_that_resists(kind, flat):
     smooth = SmoothMotion.build(points, box.cells, np.zeros(len(points), dtype=bool), None)
     for shake in (1e-3, 0.02, 0.05):
         moved = points + shake * flat * random.standard_normal(points.shape)
-        told = corner_quality(moved, box.cells, rest, cell_quality(moved, box.cells, rest).skew)
+        smallest = corner_quality(moved, box.cells, rest, cell_quality(moved, box.cells, rest).skew)
         corners = corner_distortions(moved, smooth.corners, smooth.law.norm)
         counts = np.concatenate([np.full(len(block), len(block.type.corners)) for block in box.cells])
         worst = np.maximum.reduceat(corners, np.cumsum(counts) - counts)
-        assert (told <= np.exp(-worst) * (1.0 + 1e-12)).all()
-        np.testing.assert_allclose(told, np.exp(-worst), rtol=0.05)
+        assert (smallest <= np.exp(-worst) * (1.0 + 1e-12)).all()
+        np.testing.assert_allclose(smallest, np.exp(-worst), rtol=0.05)

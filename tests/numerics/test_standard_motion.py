@@ -38,7 +38,7 @@ def test_a_mesh_carried_as_a_whole_is_reproduced(displacement: str, degrees: flo
     np.testing.assert_allclose(trial.points, carried(mesh[0], degrees, (0.3, -0.2)), atol=2e-14)
 
 
-def test_told_nodes_are_where_they_were_told_to_be_bitwise() -> None:
+def test_prescribed_nodes_are_bitwise_at_their_positions() -> None:
     mesh = square_frame()
     motion = motion_of(mesh)
     targets = carried(mesh[0][motion.roles.moving], 20.0, (0.1, 0.05))

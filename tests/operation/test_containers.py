@@ -41,7 +41,7 @@ def test_what_is_waited_for_has_a_health_check(name):
         assert set(SERVICES[name]["profiles"]) <= set(SERVICES[other]["profiles"])
 
 
-def test_every_image_is_built_here_and_runs_as_nobody_special():
+def test_every_image_is_built_here_and_runs_without_rights():
     built = {service["image"]: service["build"]["target"] for service in SERVICES.values() if "build" in service}
     assert {service["image"] for service in SERVICES.values()} == set(built)
     for target in built.values():

@@ -54,7 +54,7 @@ def test_the_answer_is_that_of_the_moment(disk: Disk, tmp_path: Path) -> None:
     assert watch.silence() == 0.0
 
 
-def test_a_disk_that_is_silent_is_asked_once_and_holds_up_nobody(
+def test_a_disk_that_is_silent_is_asked_once_and_holds_up_no_request(
     disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(disk_watch, "_FRESH_SECONDS", 0.2)
@@ -95,7 +95,7 @@ def test_without_memory_for_a_thread_the_last_answer_stays(
     assert watch.silence() == 0.0
 
 
-def test_silence_is_told_before_what_the_disk_said_last() -> None:
+def test_silence_is_reported_before_what_the_disk_said_last() -> None:
     well = Readiness(False, False, True, False, DiskRoom(10, 100, True), 0.0, 5)
     assert well.missing() == ""
     silent = Readiness(False, False, True, False, DiskRoom(0, 100, False), 12.3, 5)

@@ -1,4 +1,4 @@
-"""The whole life of sessions at level debug, with refusals and crashes, tells events and nothing of what was sent."""
+"""The whole life of sessions at level debug, with refusals and crashes, logs events and nothing of what was sent."""
 
 import base64
 import json
@@ -56,7 +56,7 @@ def use(server: Served, keys: Keys) -> list[Any]:
 
 
 @pytest.mark.slow
-def test_no_line_tells_a_payload_and_each_is_whole(serve: Any, tmp_path: Path) -> None:
+def test_no_line_has_a_payload_and_each_is_whole(serve: Any, tmp_path: Path) -> None:
     folder = tmp_path / "keys"
     make_server_keys(folder / "server")
     public = make_client_keys("alice", folder / "alice")

@@ -23,15 +23,15 @@ def lint(text: str) -> list[str]:
     wrong = []
     helps = dict(re.findall(r"^# HELP (\S+) ?(.*)$", text, re.MULTILINE))
     for name, kind in re.findall(r"^# TYPE (\S+) (\S+)$", text, re.MULTILINE):
-        told = helps.get(name, "")
+        help_text = helps.get(name, "")
         faults = {
             "a name is lower case with the prefix": not re.fullmatch(rf"{PREFIX}[a-z][a-z0-9_]*", name),
-            "no help text": not told.endswith("."),
+            "no help text": not help_text.endswith("."),
             "_total is for counters, and they have it": (kind == "counter") != name.endswith("_total"),
             "this ending is a histogram's own": name.endswith(("_count", "_sum", "_bucket")),
             "use the base unit": bool(_OTHER_UNITS.search(name)),
-            "seconds belong into the name": "in seconds" in told and "seconds" not in name,
-            "bytes belong into the name": "bytes" in told.lower() and "bytes" not in name,
+            "seconds belong into the name": "in seconds" in help_text and "seconds" not in name,
+            "bytes belong into the name": "bytes" in help_text.lower() and "bytes" not in name,
         }
         wrong += [f"{name}: {fault}" for fault, found in faults.items() if found]
     for family in text_string_to_metric_families(text):

@@ -92,7 +92,7 @@ def test_every_kind_of_session_is_there_after_a_restart(serve: Any, background: 
 
         assert server.stop() == 0  # idle is at a step, trial has one that is not committed
         wait_until(lambda: server.events("stopped"), "stopped")
-        committed = background(trial.commit)  # asks while nobody is there
+        committed = background(trial.commit)  # asks while no server is there
         server.start()
         assert committed().digest == digest
         np.testing.assert_array_equal(idle.points(), trial.points())
@@ -106,7 +106,7 @@ def test_every_kind_of_session_is_there_after_a_restart(serve: Any, background: 
 
 
 @pytest.mark.nightly
-def test_an_upload_is_begun_anew_at_the_next_server(serve: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_upload_is_begun_again_at_the_next_server(serve: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     server, honest, opened = serve(), Session.upload, []
 
     def interrupted(session: Session, *arguments: Any, **options: Any) -> Any:

@@ -52,7 +52,7 @@ def test_version_1(machine: Path) -> None:
     assert available_memory(machine / "proc", machine / "cg") == 51_000
 
 
-def test_a_system_that_does_not_tell(tmp_path: Path) -> None:
+def test_a_system_that_does_not_say(tmp_path: Path) -> None:
     assert available_memory(tmp_path, tmp_path) is None
     assert resident_bytes(1, tmp_path) == anonymous_bytes(1, tmp_path) == 0
 

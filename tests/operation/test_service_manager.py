@@ -24,7 +24,7 @@ def manager(tmp_path: Path) -> Iterator[socket.socket]:
         yield listener
 
 
-def test_nobody_listens() -> None:
+def test_no_manager_listens() -> None:
     ServiceManager("").tell("READY=1")
     ServiceManager("/nowhere/at/all").tell("READY=1")
 
@@ -43,16 +43,16 @@ def test_a_service_says_ready_lives_and_stops(serve: Any, manager: socket.socket
     server = serve(environment={"NOTIFY_SOCKET": str(tmp_path / "notify")})
     said: list[str] = []
 
-    def hear(word: str) -> bool:
+    def received(word: str) -> bool:
         said.extend(manager.recv(1000).decode().splitlines())
         return word in said
 
-    wait_until(lambda: hear("READY=1"), "ready")
+    wait_until(lambda: received("READY=1"), "ready")
     assert f"MAINPID={server.process.pid}" in said
-    wait_until(lambda: hear("WATCHDOG=1"), "the loop turns")
+    wait_until(lambda: received("WATCHDOG=1"), "the loop turns")
     assert any(line.startswith("STATUS=0 sessions") for line in said)
     server.process.terminate()
-    wait_until(lambda: hear("STOPPING=1"), "stopping")
+    wait_until(lambda: received("STOPPING=1"), "stopping")
     assert server.stop() == 0
 
 
@@ -70,5 +70,5 @@ def test_the_unit_is_one(tmp_path: Path) -> None:
 def test_the_unit_gives_the_server_no_more_than_it_needs() -> None:
     """systemd's own measure: 0 is nothing, 10 all; what is left is the network, folders and priorities."""
     run = ["systemd-analyze", "security", "--offline=yes", "--threshold=20", str(UNIT)]
-    told = subprocess.run(run, capture_output=True, text=True, check=False)
-    assert told.returncode == 0, told.stdout[-2000:]
+    ended = subprocess.run(run, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stdout[-2000:]

@@ -45,7 +45,7 @@ def test_it_requires_three_packages_and_has_the_project_s_licence(client_wheel: 
 @pytest.mark.parametrize(
     ("kind", "where"), [("wheel", f" @ {(ROOT / FOLDER).as_uri()}"), ("editable", f"=={__version__}")]
 )
-def test_a_checkout_installs_the_client_beside_it(kind: str, where: str, tmp_path: Path) -> None:
+def test_a_checkout_installs_the_client_too(kind: str, where: str, tmp_path: Path) -> None:
     if not (ROOT / ".git").exists():
         pytest.skip("no checkout")
     hook = f"import build_backend; print(build_backend.prepare_metadata_for_build_{kind}({str(tmp_path)!r}))"

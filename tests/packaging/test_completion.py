@@ -1,4 +1,4 @@
-"""Tab in a real bash, and what zsh and fish are told."""
+"""Tab in a real bash, and the completions that zsh and fish get."""
 
 import os
 import subprocess

@@ -37,7 +37,7 @@ def test_every_package_is_typed(wheel: Path) -> None:
     assert {f"{folder.name}/py.typed" for folder in FOLDERS} <= names_in(wheel)
 
 
-def test_the_wheel_tells_its_licence_version_and_commands(wheel: Path) -> None:
+def test_the_wheel_has_its_licence_version_and_commands(wheel: Path) -> None:
     about = f"mesh_motion_server-{__version__}.dist-info"
     with ZipFile(wheel) as archive:
         metadata = Parser().parsestr(archive.read(f"{about}/METADATA").decode())

@@ -19,7 +19,7 @@ ROTATION = ROOT / "examples" / "thesis_rotation" / "case.toml"
 WITHOUT_SERVER = sorted(set(EXTRAS) - {"server", "all", "dev"})
 
 
-def told(run: subprocess.CompletedProcess[str], extra: str) -> None:
+def asks_for_extra(run: subprocess.CompletedProcess[str], extra: str) -> None:
     """Status 69 and one line that names the extra."""
     assert run.returncode == ExitStatus.UNAVAILABLE, run.stderr
     assert run.stderr.count("\n") == 1, run.stderr
@@ -48,7 +48,7 @@ def test_without_a_server_the_client_says_what_to_install(installed: Installed) 
 def test_no_command_starts_without_the_server_and_each_says_so(installed: Installed, extras: list[str]) -> None:
     run = installed(*extras)
     for arguments in (["serve"], ["--help"], ["play", "case.toml", "--out", "out"]):
-        told(run("mesh-motion", *arguments), "server")
+        asks_for_extra(run("mesh-motion", *arguments), "server")
 
 
 @pytest.mark.nightly
@@ -60,7 +60,7 @@ def test_the_server_alone_plays_and_says_what_is_missing_for_more(installed: Ins
     assert "mesh-motion-server[plot]" in played.stderr
     assert "0 inverted cells" in played.stdout
     (tmp_path / "mesh.cgns").touch()
-    told(run("mesh-motion", "check", tmp_path / "mesh.cgns"), "mesh")
+    asks_for_extra(run("mesh-motion", "check", tmp_path / "mesh.cgns"), "mesh")
 
 
 @pytest.mark.nightly

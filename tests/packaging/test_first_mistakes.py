@@ -75,9 +75,9 @@ MESHES: dict[str, tuple[Callable[[], Any], str]] = {
 @pytest.mark.parametrize("name", MESHES)
 def test_before_a_server_is_asked(name: str) -> None:
     do, words = MESHES[name]
-    with pytest.raises(MeshMotionError) as told:
+    with pytest.raises(MeshMotionError) as error:
         do()
-    assert re.search(words, str(told.value)), told.value
+    assert re.search(words, str(error.value)), error.value
 
 
 # --- what is wrong with a session ------------------------------------------------------------------------------------
@@ -136,9 +136,9 @@ OPENS: dict[str, tuple[Callable[[Server], Any], str]] = {
 @pytest.mark.parametrize("name", OPENS)
 def test_when_a_session_is_opened_or_left(server: Server, name: str) -> None:
     do, words = OPENS[name]
-    with pytest.raises(MeshMotionError) as told:
+    with pytest.raises(MeshMotionError) as error:
         do(server)
-    assert re.search(words, str(told.value)), told.value
+    assert re.search(words, str(error.value)), error.value
 
 
 MOVES: dict[str, tuple[Callable[[Session], Any], str]] = {
@@ -168,9 +168,9 @@ MOVES: dict[str, tuple[Callable[[Session], Any], str]] = {
 @pytest.mark.parametrize("name", MOVES)
 def test_within_a_session(session: Session, name: str) -> None:
     do, words = MOVES[name]
-    with pytest.raises(MeshMotionError) as told:
+    with pytest.raises(MeshMotionError) as error:
         do(session)
-    assert re.search(words, str(told.value)), told.value
+    assert re.search(words, str(error.value)), error.value
 
 
 def test_narrow_and_whole_numbers_are_taken(session: Session) -> None:
@@ -179,7 +179,7 @@ def test_narrow_and_whole_numbers_are_taken(session: Session) -> None:
     session.rollback()
 
 
-def test_a_closed_server_is_told_at_once() -> None:
+def test_a_closed_server_raises_at_once() -> None:
     server = connect()
     server.close()
     with pytest.raises(MeshMotionError, match="connection to the server is closed"):
@@ -225,10 +225,10 @@ def test_at_the_command_line(
     monkeypatch.setattr(sys, "argv", ["mesh-motion", *line.replace("{taken}", str(taken)).split()])
     with pytest.raises(SystemExit) as ended:
         main()
-    told = capfd.readouterr().err
-    assert ended.value.code == status, told
-    assert "Traceback" not in told
-    assert re.search(words.replace("{taken}", str(taken)), told), told
+    error = capfd.readouterr().err
+    assert ended.value.code == status, error
+    assert "Traceback" not in error
+    assert re.search(words.replace("{taken}", str(taken)), error), error
 
 
 def test_there_are_forty() -> None:

@@ -123,9 +123,9 @@ def test_a_check_refuses(
 ) -> None:
     spoil(clone)
     assert main([VERSION, "--root", str(clone), "--only-checks"]) == 1
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
-    assert re.search(words, told), told
+    complaint = capsys.readouterr().err
+    assert complaint.count("\n") == 1
+    assert re.search(words, complaint), complaint
 
 
 def test_news_fragments_become_a_section_that_may_be_released(clone: Path) -> None:

@@ -57,11 +57,11 @@ def test_files_that_are_kept_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     os.close(kept)
 
 
-#: Takes 32 MiB when told to, then waits. A process of its own: this one may have memory to reuse from earlier tests.
+#: Waits for a line, takes 32 MiB, waits again. A process of its own: this one may reuse memory of earlier tests.
 _KEEPER = "import sys; input(); kept = bytearray(b'x') * (32 << 20); print(len(kept), flush=True); input()"
 
 
-def test_memory_that_is_kept_is_told() -> None:
+def test_memory_that_is_kept_is_reported() -> None:
     command = [sys.executable, "-c", "print('ready', flush=True);" + _KEEPER]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1) as keeper:
         assert keeper.stdin is not None

@@ -1,4 +1,4 @@
-"""The row of authorisation: all questions once, and servers that answer wrongly or tell strangers something."""
+"""The row of authorisation: all questions once, and servers that answer wrongly or reveal something to strangers."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -30,7 +30,7 @@ def stage(folder: Path) -> Iterator[Stage]:
 
 
 @pytest.mark.slow  # it waits for the delay of what is not found
-def test_some_questions_and_all_that_is_beside_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_some_questions_and_all_that_the_table_does_not_have(monkeypatch: pytest.MonkeyPatch) -> None:
     cells = list(role_cells())
     monkeypatch.setattr(row, "_TIMED", 5)
     monkeypatch.setattr(row, "role_cells", lambda: Random(3).sample(cells, 40))
@@ -79,7 +79,7 @@ def test_wrong_cells_are_found(seed: Seed, tmp_path: Path) -> None:
         # as this server never looks again, the subject is what the list says at its start
         assert "UNAUTHENTICATED, got PONG" in found(made, Cell((), "PING", "control", True))
         assert "expected NOT_FOUND, got PROBED" in found(made, Cell(("owner",), "PROBE", "control", False))
-    seed("a monitor may close", "an admin may not list", "statuses tell places")
+    seed("a monitor may close", "an admin may not list", "statuses show places")
     (tmp_path / "second").mkdir()
     with stage(tmp_path / "second") as made:
         assert "PERMISSION_DENIED, got CLOSED" in found(made, Cell(("monitor",), "CLOSE", "data", False))
@@ -89,7 +89,7 @@ def test_wrong_cells_are_found(seed: Seed, tmp_path: Path) -> None:
 
 
 @pytest.mark.nightly
-def test_what_tells_strangers_is_found(seed: Seed, tmp_path: Path) -> None:
+def test_what_reveals_a_session_is_found(seed: Seed, tmp_path: Path) -> None:
     seed("no delay of not found", "another hint where there is a session")
     with stage(tmp_path) as made, Wire(made.server.endpoint, made.subject) as control:
         existing = {"open": made.held(False).known}

@@ -34,17 +34,17 @@ def test_the_full_plan_has_all_cases() -> None:
         assert timed.seconds == 5.0
 
 
-def test_a_failure_and_a_case_that_was_left_out_are_told() -> None:
+def test_a_failure_and_a_case_that_was_left_out_are_reported() -> None:
     outcomes = [
         Outcome(Case("2", "good", "a demand", lambda stage: None), "PASS", 0.1),
         Outcome(Case("3", "bad", "a demand", lambda stage: None), "FAIL", 0.1, "PONG", "ERROR", "PING"),
         Outcome(Case("8", "FROZEN", "a demand", lambda stage: None), "SKIP", 0.0),
         Outcome(Case("9", "odd", "a demand", lambda stage: None), "SKIP", 0.0, got="nobody is there"),
     ]
-    told = verdict("server", outcomes)
-    assert (told["cases"], told["passed"], told["skipped"]) == (4, 1, ["8-FROZEN", "9-odd"])
-    assert [case["id"] for case in told["failed"]] == ["3-bad", "9-odd"]
-    result = conformance._result({"server": told, "Python": verdict("Python", outcomes[:1])})
+    counted = verdict("server", outcomes)
+    assert (counted["cases"], counted["passed"], counted["skipped"]) == (4, 1, ["8-FROZEN", "9-odd"])
+    assert [case["id"] for case in counted["failed"]] == ["3-bad", "9-odd"]
+    result = conformance._result({"server": counted, "Python": verdict("Python", outcomes[:1])})
     assert not result.passed
     assert result.got == "2 of 5 failed: server 3-bad, server 9-odd"
     assert conformance._result({"Python": verdict("Python", outcomes[:1])}).got.endswith("C, C++, Fortran not built")

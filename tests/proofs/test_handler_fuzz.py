@@ -207,5 +207,5 @@ print(result.passed, result.got)
 @pytest.mark.nightly
 @pytest.mark.parametrize(("size", "verdict"), [(8192, "False"), (1, "True")])
 def test_memory_that_is_kept_of_refused_requests_is_found(size: int, verdict: str) -> None:
-    told = subprocess.run([sys.executable, "-c", _HOARDS.format(kept=size)], capture_output=True, text=True, check=True)
-    assert told.stdout.split()[0] == verdict, told.stdout
+    run = subprocess.run([sys.executable, "-c", _HOARDS.format(kept=size)], capture_output=True, text=True, check=True)
+    assert run.stdout.split()[0] == verdict, run.stdout

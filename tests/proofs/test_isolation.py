@@ -81,7 +81,7 @@ def test_neighbours_that_do_no_harm_are_found() -> None:
 
 
 class NoPings:
-    """Asks nobody."""
+    """Sends no PING."""
 
     def ask(self) -> dict[str, float]:
         return {}
@@ -89,7 +89,7 @@ class NoPings:
 
 @pytest.mark.nightly
 def test_the_row(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Times do not travel to a machine that runs tests: the harm is done and the figures are told."""
+    """Times do not travel to a machine that runs tests: the harm is done and the figures are reported."""
     monkeypatch.setattr(isolation, "_ROUNDS", 1)
     result = CHECK.run(1, Budget(300))
     details: dict[str, Any] = result.details

@@ -39,7 +39,7 @@ def test_a_few_sessions(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_sessions_that_are_mixed_up_are_found(seed: Seed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "seeded").mkdir()
     monkeypatch.setenv("SEEDED_FOLDER", str(tmp_path / "seeded"))
-    seed("one reply store for all sessions", "tokens that nobody looks at", "the reference mesh after a resume")
+    seed("one reply store for all sessions", "tokens that are not checked", "the reference mesh after a resume")
     with fleet(tmp_path, 2, 2) as made:
         one, other = made.live
         row.advance(one, Random(1))

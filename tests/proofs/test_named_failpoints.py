@@ -24,7 +24,7 @@ def lasting() -> Iterator[Rig]:
 @pytest.mark.parametrize(
     ("task", "point", "fault", "hit"),
     [
-        # each of these has once ended the server, hung, or told something false
+        # each of these has once ended the server, hung, or given a wrong reply
         ("look", "store.list", "raise:EMFILE", 1),
         ("open", "supervisor.fork", "raise:EAGAIN", 1),
         ("open", "template.fork", "raise:EAGAIN", 1),
@@ -45,7 +45,7 @@ def test_a_fault_is_survived(lasting: Rig, task: str, point: str, fault: str, hi
     let_fail(lasting, task, point, fault, hit)
 
 
-def test_passages_are_counted_and_a_point_that_is_not_passed_is_told(lasting: Rig) -> None:
+def test_passages_are_counted_and_a_point_that_is_not_passed_is_reported(lasting: Rig) -> None:
     found = passages(lasting, ["step", "look"])
     assert (found["step"]["journal.commit.start"], found["look"]["store.list"]) == (1, 1)
     assert "journal.commit.start" not in found["look"]

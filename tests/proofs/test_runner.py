@@ -51,7 +51,7 @@ GOOD, MISSED, BROKEN = check("good", count_up), check("missed", misses), check("
 
 def proved(out: Path, *checks: Check, **plan: Any) -> tuple[bool, list[str], dict[str, Any]]:
     lines: list[str] = []
-    passed = prove(checks, Plan(**plan), out, tell=lines.append)
+    passed = prove(checks, Plan(**plan), out, report=lines.append)
     return passed, lines, json.loads((out / "proof.json").read_text())
 
 
@@ -117,7 +117,7 @@ def test_a_proof_that_was_cut_short_is_none(tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        prove([GOOD, check("cut", interrupted)], Plan(), tmp_path, tell=lambda line: None)
+        prove([GOOD, check("cut", interrupted)], Plan(), tmp_path, report=lambda line: None)
     proof = json.loads((tmp_path / "proof.json").read_text())
     assert (proof["passed"], proof["finished"]) == (False, None)
     assert [each["check"] for each in proof["checks"]] == ["good"]
@@ -139,7 +139,7 @@ def command_of(process: psutil.Process) -> str:
         pytest.param(signal.SIGKILL, -signal.SIGKILL, marks=pytest.mark.nightly),
     ],
 )
-def test_a_proof_that_is_told_to_end_leaves_no_process_behind(tmp_path: Path, how: int, status: int) -> None:
+def test_a_proof_that_gets_a_signal_leaves_no_process_behind(tmp_path: Path, how: int, status: int) -> None:
     proof = psutil.Popen([sys.executable, "-m", "proofs", "--only", "soak", "-o", str(tmp_path)])
 
     def soaking() -> list[psutil.Process]:
@@ -171,10 +171,10 @@ def test_what_is_not_counted_is_a_tenth_of_the_plan() -> None:
     assert [timed.warms_up(done, 3) for done in (2, 3)] == [True, False]
 
 
-def test_progress_is_told(tmp_path: Path) -> None:
-    told: list[str] = []
-    prove([GOOD], Plan(), tmp_path, tell=lambda line: None, progress=told.append)
-    assert told == ["good: 0 of 2", "good: 1 of 2", "good: 2 of 2"]
+def test_progress_is_reported(tmp_path: Path) -> None:
+    lines: list[str] = []
+    prove([GOOD], Plan(), tmp_path, report=lambda line: None, progress=lines.append)
+    assert lines == ["good: 0 of 2", "good: 1 of 2", "good: 2 of 2"]
 
 
 def test_checks_are_chosen_by_name() -> None:

@@ -1,4 +1,4 @@
-"""What the kernel tells of a process' turns."""
+"""What the kernel counts of a process' turns."""
 
 import os
 

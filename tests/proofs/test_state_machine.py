@@ -74,7 +74,7 @@ def test_a_seed_repeats_a_life(protection: Protection) -> None:
     assert str(Life.of(stories[0])) == stories[0]
 
 
-def test_a_story_is_read_as_it_is_told() -> None:
+def test_a_story_is_read_as_it_is_written() -> None:
     actions = [Action("MOVE", ALL, "far", 3), Action("LEASE_END"), Action("COMMIT", 2, "", 7)]
     assert read_story(story(actions)) == actions
 
@@ -132,8 +132,8 @@ def test_a_closed_session_stays_closed_when_its_lease_ends() -> None:
     )
 
 
-def test_a_disk_that_fails_behind_a_reply_is_told_unasked() -> None:
-    """A worker tells its supervisor at its next waking, so LIST shows FROZEN although nobody has asked the session."""
+def test_a_disk_that_fails_behind_a_reply_is_reported_without_a_request() -> None:
+    """A worker reports to its supervisor at its next waking, so LIST shows FROZEN without a request to the session."""
     replay(
         "partitions=2 level=relaxed numerics=stand-in JOIN/*//0 UPLOAD/*//1 UPLOAD/*//2 UPLOAD/*//3 UPLOAD/*//4 "
         "UPLOAD/*//5 BUILD/*//6 MOVE/*//7 BREAK/2//13 COMMIT/*//13 LIST/*/monitor/16"
@@ -220,7 +220,7 @@ def a_close_that_fails_has_closed(patch: Patch) -> None:
     patch.setattr(dispatch.SessionHost, "_delete_unless_kept", late)
 
 
-def a_commit_is_told_before_it_is_durable(patch: Patch) -> None:
+def a_commit_is_answered_before_it_is_durable(patch: Patch) -> None:
     patch.setattr(Journal, "_write_slot", lambda self, *arguments: None)
 
 
@@ -253,7 +253,7 @@ def those_who_wait_are_forgotten(patch: Patch) -> None:
     patch.setattr(execution.Execution, "abandon", lambda self, error: [])
 
 
-def more_is_told_durable_than_is(patch: Patch) -> None:
+def more_is_called_durable_than_is(patch: Patch) -> None:
     patch.setattr(state_machine, "LEVELS", ("relaxed",))
     patch.setattr(RelaxedKeeper, "durable_after", lambda self, step: step)
 
@@ -274,8 +274,8 @@ SEEDED: tuple[Callable[[Patch], None], ...] = (
     does_not_look_at_the_step, resume_keeps_the_trial, frozen_admits_commit, takes_another_content_for_a_repeat,
     a_second_join_leaves_the_first, takes_requests_of_strangers, does_not_compare_what_partitions_ask_for,
     a_suspension_keeps_the_trial, strangers_are_let_in, a_build_forgets_the_epoch, a_close_that_fails_has_closed,
-    a_commit_is_told_before_it_is_durable, fetch_shows_the_trial, the_digest_is_of_another_order,
-    a_dropped_reply_is_executed_again, those_who_wait_are_forgotten, more_is_told_durable_than_is,
+    a_commit_is_answered_before_it_is_durable, fetch_shows_the_trial, the_digest_is_of_another_order,
+    a_dropped_reply_is_executed_again, those_who_wait_are_forgotten, more_is_called_durable_than_is,
     replay_loses_a_logged_step,
 )  # fmt: skip
 
@@ -306,8 +306,8 @@ def test_what_fails_is_shortened_and_can_be_replayed(monkeypatch: Patch) -> None
     rollback_keeps_the_trial(monkeypatch)
     with pytest.raises(BrokenPromise, match="iteration") as caught:
         CHECK.run(1, Budget(100))
-    (told,) = [note for note in caught.value.__notes__ if note.startswith("(replay: ")]
-    text = told.removeprefix("(replay: ").removesuffix(")")
+    (note_of_replay,) = [note for note in caught.value.__notes__ if note.startswith("(replay: ")]
+    text = note_of_replay.removeprefix("(replay: ").removesuffix(")")
     words = text.split()
     assert len(words) <= 12
     assert words[-1].startswith("ROLLBACK")

@@ -1,4 +1,4 @@
-"""Request digests tell a repeat from a conflict; the state digest is the one SPEC.md defines."""
+"""Request digests separate a repeat from a conflict; the state digest is the one SPEC.md defines."""
 
 import hashlib
 import struct

@@ -54,5 +54,5 @@ def arrays(dimension: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def save(name: str, **mesh: np.ndarray) -> None:
-    """Beside this file."""
+    """Saves in this file's folder."""
     np.savez_compressed(Path(__file__).with_name(f"{name}.npz"), **mesh)

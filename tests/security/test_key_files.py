@@ -129,7 +129,7 @@ def test_admit_and_revoke(tmp_path):
         ("#" * ((1 << 20) + 1), "at most"),
     ],
 )  # fmt: skip
-def test_what_is_no_allow_list_admits_nobody(tmp_path, text, says):
+def test_what_is_no_allow_list_admits_no_key(tmp_path, text, says):
     path = tmp_path / "allow.toml"
     path.write_text(text)
     path.chmod(0o644)

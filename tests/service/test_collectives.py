@@ -64,7 +64,7 @@ def test_a_partition_that_does_not_come_is_named(pair: Any) -> None:
     assert len(pair.send(move(pair, 1))) == 2
 
 
-def test_building_waits_for_everybody_and_nobody_uploads_meanwhile(store: Any) -> None:
+def test_building_waits_for_all_partitions_and_none_uploads_meanwhile(store: Any) -> None:
     driver = make_driver(store, split_mesh(grid_mesh(), 2))
     driver.join()
     driver.upload()
@@ -106,10 +106,10 @@ def test_discarding_is_done_when_all_have_left(pair: Any, store: Any) -> None:
     assert store.sessions() == []
 
 
-def test_who_waits_when_the_lease_ends_is_told(pair: Any) -> None:
+def test_a_waiting_partition_gets_an_error_when_the_lease_ends(pair: Any) -> None:
     pair.send(move(pair, 0))
-    (told,) = pair.host.suspend()
-    assert told.message.code == "ABORTED"
+    (answer,) = pair.host.suspend()
+    assert answer.message.code == "ABORTED"
     assert pair.host.state is State.SUSPENDED
 
 
@@ -131,7 +131,7 @@ def test_a_partition_without_moving_nodes_takes_part(store: Any) -> None:
     assert moved[1].displacement.shape == meshes[1].points.shape
 
 
-def test_the_end_of_the_run_is_told_until_another_one_is(pair: Any, store: Any) -> None:
+def test_the_end_of_the_run_is_shown_until_another_one_is(pair: Any, store: Any) -> None:
     """With several partitions the largest counts: each may estimate it by itself."""
     pair.move(1)
     replies = pair.send(pair.request(Commit, 0, step=1, final_step=40))
@@ -141,7 +141,7 @@ def test_the_end_of_the_run_is_told_until_another_one_is(pair: Any, store: Any) 
     pair.host.close()
     again = resume_driver(pair, store)
     assert again.ask(Status).report["final_step"] == 50
-    again.advance(2)  # tells none
+    again.advance(2)  # names none
     assert "final_step" not in again.ask(Status).report
     committed = [e for e in read_events(store.root / "sessions" / SESSION) if e["event"] == "committed"]
     assert [event.get("final_step") for event in committed] == [50, None]

@@ -41,7 +41,7 @@ def test_a_life(driver: Any, store: Any) -> None:
         x = x + moved.displacement
         (committed,) = driver.all(Commit, step=step)
         assert (committed.step, committed.durable_step) == (step, step)
-        # whoever adds up the answers has the server's coordinates bitwise, and can prove it
+        # a client that adds up the answers has the server's coordinates bitwise, and can prove it
         assert committed.digest == state_digest(step, x)
         fetched = driver.ask(Fetch)
         assert fetched.points.tobytes() == x.tobytes()
@@ -90,7 +90,7 @@ def test_status(ready: Any) -> None:
     assert report.report["peak_memory_bytes"] > 1e6
 
 
-def test_words_that_nobody_knows_are_refused_and_change_nothing(driver: Any) -> None:
+def test_unknown_words_are_refused_and_change_nothing(driver: Any) -> None:
     """At a socket the table of bad inputs asks with many more of them."""
     driver.join()
     assert driver.ask(Upload, item="edges", rows=np.zeros((1, 2))).code == "INVALID_ARGUMENT.VALUE"
@@ -124,7 +124,7 @@ def test_a_close_that_the_disk_refuses_changes_nothing() -> None:
 
 
 def test_a_session_resumed_before_it_is_built_keeps_its_epoch(driver: Any, store: Any) -> None:
-    """Found by the state machine: the journal began at epoch 1 again, and later fenced nobody who had epoch 2."""
+    """Found by the state machine: the journal began at epoch 1 again, and later fenced no holder of epoch 2."""
     assert driver.host.reclaim(TOKEN) == 2
     driver.open()
     driver.host.close()

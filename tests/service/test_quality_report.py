@@ -1,4 +1,4 @@
-"""What a later coupling iteration tells of the quality: as much as the first, or what decides alone, as exact."""
+"""What a later coupling iteration reports of the quality: as much as the first, or what decides alone, as exact."""
 
 from typing import Any
 
@@ -23,49 +23,49 @@ def pushed(driver: Any, by: float) -> list[Any]:
 
 
 def test_later_iterations_leave_the_distributions_to_the_commit(store: Any, tmp_path: Any) -> None:
-    told = opened(store)
+    pair = opened(store)
     for step in (1, 2):
-        (first,) = told.all(Move, pushed(told, 0.01), step=step)
+        (first,) = pair.all(Move, pushed(pair, 0.01), step=step)
         assert set(first.quality["corrected"]) == SUMMARY
-        (later,) = told.all(Move, pushed(told, 0.02), step=step)
+        (later,) = pair.all(Move, pushed(pair, 0.02), step=step)
         for name in ("standard", "corrected"):
             assert set(later.quality[name]) == {"metric", "inverted", "cells", "worst"}
             assert set(later.quality[name]["metric"]) == {"min"}
-        (committed,) = told.all(Commit, step=step)
+        (committed,) = pair.all(Commit, step=step)
         assert set(committed.quality) == SUMMARY
         for name in ("inverted", "cells", "worst"):
             assert later.quality["corrected"][name] == committed.quality[name]
         assert later.quality["corrected"]["metric"]["min"] == committed.quality["metric"]["min"]
-    told.host.close()
+    pair.host.close()
 
 
-def test_after_a_rollback_the_first_is_told_in_full(store: Any) -> None:
-    told = opened(store)
-    told.all(Move, pushed(told, 0.01), step=1)
-    told.all(Move, pushed(told, 0.01), step=1)
-    told.all(Rollback, step=1)
-    (first,) = told.all(Move, pushed(told, 0.01), step=1)
+def test_after_a_rollback_the_first_is_given_in_full(store: Any) -> None:
+    pair = opened(store)
+    pair.all(Move, pushed(pair, 0.01), step=1)
+    pair.all(Move, pushed(pair, 0.01), step=1)
+    pair.all(Rollback, step=1)
+    (first,) = pair.all(Move, pushed(pair, 0.01), step=1)
     assert set(first.quality["standard"]) == SUMMARY
-    told.host.close()
+    pair.host.close()
 
 
-def test_every_move_tells_all_where_that_is_asked_for(store: Any) -> None:
-    told = opened(store, quality_report="every-move")
+def test_every_move_gives_all_where_that_is_asked_for(store: Any) -> None:
+    pair = opened(store, quality_report="every-move")
     for _ in range(2):
-        (moved,) = told.all(Move, pushed(told, 0.01), step=1)
+        (moved,) = pair.all(Move, pushed(pair, 0.01), step=1)
         assert set(moved.quality["standard"]) == SUMMARY
-    told.host.close()
+    pair.host.close()
 
 
 def test_displacement_and_refusal_do_not_depend_on_it(store: Any) -> None:
     moves = []
     for session, report in ("3" * 32, "every-move"), ("4" * 32, "first-and-commit"):
-        told = opened(store, session, quality_report=report, quality_threshold=0.5, correction="optimised")
-        told.all(Move, pushed(told, 0.01), step=1)
-        (moved,) = told.all(Move, pushed(told, 0.25), step=1)
-        (refused,) = told.all(Move, pushed(told, 3.0), step=1)
+        pair = opened(store, session, quality_report=report, quality_threshold=0.5, correction="optimised")
+        pair.all(Move, pushed(pair, 0.01), step=1)
+        (moved,) = pair.all(Move, pushed(pair, 0.25), step=1)
+        (refused,) = pair.all(Move, pushed(pair, 3.0), step=1)
         moves.append((moved, refused))
-        told.host.close()
+        pair.host.close()
     (moved, refused), (other, other_refused) = moves
     assert moved.displacement.tobytes() == other.displacement.tobytes()
     assert moved.correction == other.correction

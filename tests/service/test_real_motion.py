@@ -97,7 +97,7 @@ def test_warnings_use_the_senders_numbers(store: Any) -> None:
     driver.host.close()
 
 
-def test_faces_are_told_of_the_reference_mesh_and_of_the_answer(store: Any) -> None:
+def test_faces_are_those_of_the_reference_mesh_and_of_the_answer(store: Any) -> None:
     mesh = boxed(12)
     cells = CellTable.from_arrays(mesh.cells)
     driver = driver_of(store, [mesh])
@@ -107,18 +107,18 @@ def test_faces_are_told_of_the_reference_mesh_and_of_the_answer(store: Any) -> N
     (asked,) = driver.all(Move, bulge(driver, 0.15), step=1, report="faces")
     assert asked.displacement.tobytes() == silent.displacement.tobytes()
     for name, points in (("before", mesh.points), ("after", mesh.points + asked.displacement)):
-        expected, told = face_measures(points, cells, mesh.points), asked.faces[name]
-        assert {key: told[key] for key in expected.numbers()} == pytest.approx(expected.numbers(), rel=1e-9)
-        for face in told["worst"]:
+        expected, reported = face_measures(points, cells, mesh.points), asked.faces[name]
+        assert {key: reported[key] for key in expected.numbers()} == pytest.approx(expected.numbers(), rel=1e-9)
+        for face in reported["worst"]:
             here, there = (set(mesh.cells["triangle"][cell["cell"]]) for cell in (face, face["neighbour"]))
             assert face["centre"] == pytest.approx(points[sorted(here & there)].mean(axis=0).tolist())
     assert asked.faces["after"]["max_non_orthogonality"] > asked.faces["before"]["max_non_orthogonality"]
-    (told,) = [event for event in read_events(store.root / "sessions" / SESSION) if event.get("faces")]
-    assert told["faces"]["after"] == {key: value for key, value in asked.faces["after"].items() if key != "worst"}
+    (reported,) = [event for event in read_events(store.root / "sessions" / SESSION) if event.get("faces")]
+    assert reported["faces"]["after"] == {key: value for key, value in asked.faces["after"].items() if key != "worst"}
     driver.host.close()
 
 
-def test_of_several_partitions_those_that_ask_are_told_of_all_faces(store: Any) -> None:
+def test_of_several_partitions_those_that_ask_get_all_faces(store: Any) -> None:
     whole = boxed(12)
     driver = driver_of(store, split_mesh(whole, 3))
     driver.open()
@@ -127,11 +127,11 @@ def test_of_several_partitions_those_that_ask_are_told_of_all_faces(store: Any) 
         replies += driver.send(driver.request(Move, partition, step=1, displacement=rows, report=report))
     assert [bool(reply.faces) for reply in replies] == [False, True, True]
     expected = face_measures(whole.points, CellTable.from_arrays(whole.cells))
-    told = replies[1].faces
-    assert told == replies[2].faces
-    assert told["before"]["faces"] == expected.faces
-    assert told["before"]["max_non_orthogonality"] == pytest.approx(expected.max_non_orthogonality, rel=1e-9)
-    assert {face["partition"] for name in ("before", "after") for face in told[name]["worst"]} <= {0, 1, 2}
+    reported = replies[1].faces
+    assert reported == replies[2].faces
+    assert reported["before"]["faces"] == expected.faces
+    assert reported["before"]["max_non_orthogonality"] == pytest.approx(expected.max_non_orthogonality, rel=1e-9)
+    assert {face["partition"] for name in ("before", "after") for face in reported[name]["worst"]} <= {0, 1, 2}
     driver.host.close()
 
 

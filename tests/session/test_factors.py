@@ -40,7 +40,7 @@ def test_what_a_step_has_not_used_is_dropped_when_it_is_committed() -> None:
         assert len(cache) == 2
 
 
-def test_kinds_share_one_budget_and_are_told_apart() -> None:
+def test_kinds_share_one_budget_and_are_kept_apart() -> None:
     cache = FactorCache(100)
     factorization, _ = cache.get_or_make(b"a", lambda: Sized(40))
     operators, reused = cache.get_or_make(b"a", lambda: Sized(5), "operators")
@@ -117,15 +117,15 @@ def test_coupling_iterations_reuse_what_a_step_has_made_and_a_step_makes_its_own
     model, *displacements = _disc()
     cache, committed = FactorCache(1 << 24), model.points
     for _ in range(3):
-        told = []
+        reported = []
         for iteration in range(3):
             targets = committed[model.roles.moving] + displacements[iteration % 2]
             motion = model.move(committed, targets, cache)
-            told.append((motion.caches["factorization"], motion.caches["operators"]))
+            reported.append((motion.caches["factorization"], motion.caches["operators"]))
             alone = model.move(committed, targets)
             assert motion.points.tobytes() == alone.points.tobytes()
             assert alone.caches["bytes"] == {}
-        assert told == [("made", "made"), ("reused", "reused"), ("reused", "reused")]
+        assert reported == [("made", "made"), ("reused", "reused"), ("reused", "reused")]
         assert motion.caches["bytes"] == cache.held()
         assert set(cache.held()) == {"factorization", "operators"}
         committed = motion.points
@@ -136,8 +136,8 @@ def test_steps_that_all_start_from_the_reference_mesh_make_nothing_after_the_fir
     cache, committed = FactorCache(1 << 24), model.points
     for step in range(1, 4):
         motion = model.move(committed, model.points[model.roles.moving] + step * displacement, cache)
-        told = "made" if step == 1 else "reused"
-        assert (motion.caches["factorization"], motion.caches["operators"]) == (told, told)
+        reported = "made" if step == 1 else "reused"
+        assert (motion.caches["factorization"], motion.caches["operators"]) == (reported, reported)
         committed = motion.points
     assert (cache.made, cache.reused) == ({"factorization": 1, "operators": 1}, {"factorization": 2, "operators": 2})
 

@@ -81,7 +81,7 @@ def test_an_error_that_is_swallowed_is_found(monkeypatch: pytest.MonkeyPatch) ->
         fail_each_call(errno.ENOSPC, for_ever=False)
 
 
-def test_a_failure_in_the_background_that_is_not_told_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_in_the_background_that_is_not_reported_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("proofs.io_faults._PATIENCE", 0.5)
     monkeypatch.setattr(RelaxedKeeper, "frozen", False)
     with pytest.raises(BrokenPromise, match="step 1 does not become durable"):

@@ -52,7 +52,7 @@ def test_a_torn_tail_is_unfinished(folder: Path) -> None:
     ("name", "offset", "failing"),
     [("slot-0", -1, "state"), ("mesh.bin", -1, "mesh"), ("spec.json", 5, "spec"), ("manifest", PAGE + 70, "journal")],
 )
-def test_damage_is_told_apart(folder: Path, name: str, offset: int, failing: str) -> None:
+def test_kinds_of_damage_are_distinguished(folder: Path, name: str, offset: int, failing: str) -> None:
     data = bytearray((folder / name).read_bytes())
     data[offset] ^= 1
     (folder / name).write_bytes(data)
@@ -71,7 +71,7 @@ def test_a_session_without_its_manifest_and_a_folder_that_is_none(folder: Path, 
         inspect_session(tmp_path)
 
 
-def test_a_missing_slot_is_told(folder: Path) -> None:
+def test_a_missing_slot_is_reported(folder: Path) -> None:
     (folder / "slot-1").unlink()
     found = inspect_session(folder)
     assert found.state == "damaged"

@@ -20,8 +20,8 @@ def test_a_few_kills() -> None:
 
 def test_a_reply_that_is_asked_for_again_is_counted() -> None:
     witness = Witness()
-    witness.hear(["resumed 0 0.1", "reply 1 1 aa"])
-    witness.hear(["resumed 1 0.1", "reply 1 1 aa", "reply 2 2 bb"])
+    witness.check(["resumed 0 0.1", "reply 1 1 aa"])
+    witness.check(["resumed 1 0.1", "reply 1 1 aa", "reply 2 2 bb"])
     assert (witness.repeats, witness.last, len(witness.recoveries)) == (1, 2, 1)
 
 
@@ -41,33 +41,33 @@ def test_a_session_that_answers_otherwise_is_found(tmp_path: Path) -> None:
         (["resumed 1 0.1"], "resumes at step 1, 2 was acknowledged"),
         (["resumed 4 0.1"], "resumes at step 4, 2 was acknowledged"),
         (["resumed 2 0.1", "reply 2 2 ee"], "repeated reply of step 2 differs"),
-        (["resumed 2 0.1", "reply 3 2 ee"], "step 3 was acknowledged, 2 told as durable"),
+        (["resumed 2 0.1", "reply 3 2 ee"], "step 3 was acknowledged, 2 was durable"),
         (["ended by itself"], "ended by itself"),
     ],
 )
 def test_a_loss_is_found(lines: list[str], said: str) -> None:
     witness = Witness()
-    witness.hear(["resumed 0 0.1", "reply 1 1 aa", "reply 2 2 bb"])
+    witness.check(["resumed 0 0.1", "reply 1 1 aa", "reply 2 2 bb"])
     with pytest.raises(BrokenPromise, match=said):
-        witness.hear(lines)
+        witness.check(lines)
 
 
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
-        (["resumed 0 0.1"], "resumes at step 0, 3 was acknowledged, 1 told as durable"),
+        (["resumed 0 0.1"], "resumes at step 0, 3 was acknowledged, 1 was durable"),
         (["resumed 1 0.1", "reply 1 1 aa", "reply 2 1 ee"], "repeated reply of step 2 differs"),
         (["resumed 2 0.1", "reply 2 2 bb", "reply 3 2 cc"], ""),
     ],
 )
 def test_what_a_relaxed_session_may_lose_and_what_not(lines: list[str], said: str) -> None:
     witness = Witness(level="relaxed")
-    witness.hear(["resumed 0 0.1", "reply 1 0 aa", "reply 2 1 bb", "reply 3 1 cc"])
+    witness.check(["resumed 0 0.1", "reply 1 0 aa", "reply 2 1 bb", "reply 3 1 cc"])
     if said:
         with pytest.raises(BrokenPromise, match=said):
-            witness.hear(lines)
+            witness.check(lines)
     else:
-        witness.hear(lines)
+        witness.check(lines)
         assert (witness.last, witness.durable, witness.lost) == (3, 2, 1)
 
 

@@ -115,7 +115,7 @@ def test_a_resume_that_is_refused_changes_nothing(
 
 @pytest.mark.parametrize("durability", ["full", "relaxed", "replay"])
 @pytest.mark.parametrize("steps", [0, 3])
-def test_an_older_backups_mark_beside_newer_files_removes_nothing(
+def test_an_older_backups_mark_among_newer_files_removes_nothing(
     store: SessionStore, durability: str, steps: int
 ) -> None:
     """A folder of before BUILD was copied over it, and the manifest was lost."""
@@ -123,7 +123,7 @@ def test_an_older_backups_mark_beside_newer_files_removes_nothing(
     (folder / UNBUILT).touch()
     (folder / "manifest").unlink()
     lost = [["slot-0", "slot-1"], ["mesh.bin"], ["manifest.new"]] if steps else [["slot-0", "slot-1"], ["mesh.bin"]]
-    for names in lost:  # one after the other: at last the history alone tells of the steps
+    for names in lost:  # one after the other: at last the history alone has the steps
         for name in names:
             (folder / name).unlink()
         before = content(folder)

@@ -82,15 +82,15 @@ def test_what_the_boundary_did_is_recorded_and_its_file_given_back(session: Sess
     assert opened() == []
 
 
-def test_moving_nodes_are_bitwise_where_they_were_told_to_be(session: Session) -> None:
+def test_moving_nodes_are_bitwise_at_their_prescribed_positions(session: Session) -> None:
     random = np.random.default_rng(3)
     rows = [0.02 * random.random((5, 2))]
     before = session.coordinates("committed")[session.mesh.moving]
-    told = session.mesh.gather_moving(rows)
+    displacement = session.mesh.gather_moving(rows)
     outcome = session.move("committed", rows)
     assert outcome.displacements[0][session.mesh.moving_local[0]].tobytes() == rows[0].tobytes()
     commit(session)
-    assert session.coordinates("committed")[session.mesh.moving].tobytes() == (before + told).tobytes()
+    assert session.coordinates("committed")[session.mesh.moving].tobytes() == (before + displacement).tobytes()
 
 
 def test_a_failure_changes_nothing(session: Session) -> None:
@@ -252,7 +252,7 @@ def apart(root: Path, loose: tuple[tuple[float, float], ...] = (), **changes: An
     return session
 
 
-def told_region(extent: Extent, *, whole: bool = True) -> list[Region]:
+def whole_region(extent: Extent, *, whole: bool = True) -> list[Region]:
     """The triangles between the body's left side and the frame's, about a node too near to the body."""
     points = np.array([[0.4, 0.4], [0.4, 0.6], [0.0, 0.0], [0.0, 0.5], [0.0, 1.0], [0.2, 0.5]])
     ids, fan = np.array([0, 1, 4, 5, 6, 12]), [[5, 2, 0], [5, 0, 1], [5, 1, 4], [5, 4, 3], [5, 3, 2]]
@@ -296,14 +296,14 @@ def test_a_trial_whose_cells_are_with_the_client_is_corrected_and_so_again_once_
     session.move("reference", still)
     extent = session.judge(bad).extent
     assert extent is not None
-    assert session.correct("trial", told_region(extent, whole=False)).extent == replace(extent, rings=2 * extent.rings)
+    assert session.correct("trial", whole_region(extent, whole=False)).extent == replace(extent, rings=2 * extent.rings)
     assert session.judge(bad).extent == extent  # nothing is corrected yet
-    found = session.correct("trial", told_region(extent))
+    found = session.correct("trial", whole_region(extent))
     assert (found.extent, found.nodes.tolist()) == (None, [12])
     assert session.judge(good).correction is found.correction
     assert commit(session).corrected
     assert (session.region("committed"), session.region("reference")) == (extent, None)
-    again = session.correct("committed", told_region(extent))
+    again = session.correct("committed", whole_region(extent))
     np.testing.assert_array_equal(again.displacement, found.displacement)
     session.move("reference", still)
     assert session.judge(good).correction is None
@@ -340,7 +340,7 @@ def with_a_trial(level: str) -> tuple[Session, FailingFiles]:
 
 
 @pytest.mark.parametrize("level", ["full", "replay"])
-def test_a_commit_that_the_disk_refuses_is_told_and_changes_nothing_but_the_state(level: str) -> None:
+def test_a_commit_that_the_disk_refuses_is_reported_and_changes_only_the_state(level: str) -> None:
     session, files = with_a_trial(level)
     files.fail_at = files.count + 1
     with pytest.raises(JournalError, match="committing step 1") as caught:
@@ -363,7 +363,7 @@ def test_a_commit_that_the_journal_does_not_take_can_be_repeated(level: str, mon
     session.close()
 
 
-def test_a_failure_that_a_commit_has_told_is_not_told_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_that_a_commit_has_reported_is_not_reported_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """With "relaxed" the disk may fail between a request's admission and its commit; CLOSE goes on then."""
     session, _ = with_a_trial("relaxed")
     keeper = session._built.keeper  # type: ignore[union-attr]
@@ -382,7 +382,7 @@ def test_a_failure_that_a_commit_has_told_is_not_told_again(monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
-def test_a_resume_that_the_disk_refuses_is_told_and_keeps_the_epoch(level: str) -> None:
+def test_a_resume_that_the_disk_refuses_is_reported_and_keeps_the_epoch(level: str) -> None:
     session, files = with_a_trial(level)
     files.fail_at = files.count + 1
     with pytest.raises(JournalError, match="raising the epoch"):

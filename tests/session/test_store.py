@@ -95,20 +95,20 @@ def test_closing_a_session_that_was_never_built_removes_it(store: SessionStore) 
     assert list((store.root / "sessions").iterdir()) == []
 
 
-def test_a_large_mesh_is_written_beside_its_check(
+def test_a_large_mesh_is_written_during_its_check(
     store: SessionStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     build(store).host.close()
     written = (store.root / "sessions" / SESSION / "mesh.bin").read_bytes()
     monkeypatch.setattr(store_module, "_LARGE_MESH", 0)
-    beside = SessionStore(tmp_path / "beside")
-    build(beside).host.close()
-    folder = beside.root / "sessions" / SESSION
+    second = SessionStore(tmp_path / "beside")
+    build(second).host.close()
+    folder = second.root / "sessions" / SESSION
     assert (folder / "mesh.bin").read_bytes() == written
     monkeypatch.setattr("mesh_motion_server.session.session.checked_model", raising(InvalidInput("unusable")))
-    refused = make_driver(beside, [grid_mesh()], session=OTHER)
+    refused = make_driver(second, [grid_mesh()], session=OTHER)
     assert refused.open()[-1].message == "unusable"
-    assert not (beside.root / "sessions" / OTHER / "mesh.bin").exists()
+    assert not (second.root / "sessions" / OTHER / "mesh.bin").exists()
     refused.host.close()
 
 

@@ -110,17 +110,17 @@ def test_a_load_that_fails_gives_the_journal_back(store: SessionStore, files: Co
     folder.release()
 
 
-@pytest.mark.parametrize(("spare", "beside"), [(0, True), (1, False)])
+@pytest.mark.parametrize(("spare", "in_thread"), [(0, True), (1, False)])
 def test_a_large_mesh_is_written_while_it_is_checked(
-    store: SessionStore, monkeypatch: pytest.MonkeyPatch, spare: int, beside: bool
+    store: SessionStore, monkeypatch: pytest.MonkeyPatch, spare: int, in_thread: bool
 ) -> None:
     mesh = grid_mesh()
     monkeypatch.setattr(store_module, "_LARGE_MESH", mesh.points.nbytes + spare)
     folder = store.create(make_spec())
     with folder.writing_mesh([mesh]):
-        if beside:
+        if in_thread:
             folder._mesh.wait()
-        assert ("mesh.bin" in in_folder(store)) == beside
+        assert ("mesh.bin" in in_folder(store)) == in_thread
     folder.release()
 
 
@@ -172,7 +172,7 @@ def test_a_lock_is_given_back_when_opening_fails(
     store.open(SESSION, TOKEN).release()
 
 
-def test_a_lock_that_the_system_refuses_is_told(store: SessionStore, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lock_that_the_system_refuses_is_reported(store: SessionStore, monkeypatch: pytest.MonkeyPatch) -> None:
     build(store)
     monkeypatch.setattr(Counted, "lock", raising(OSError(errno.EMFILE, "Too many open files")))
     with pytest.raises(ResourceError, match="the session cannot be opened: Too many open files") as caught:

@@ -96,7 +96,7 @@ class Browser:
         return found
 
     def wait(self, holds: Callable[[], Any], what: str) -> Any:
-        """Until it holds; a page that complained meanwhile is told."""
+        """Wait until it holds; the error has what the page complained of meanwhile."""
         try:
             return wait_until(holds, what, _PATIENCE)
         except Exception as error:

@@ -37,18 +37,20 @@ def made_up_events(steps: int, *, seed: int = 0, dimension: int = 2, iterations:
     }
     epoch = 1
     for step in range(1, steps + 1):
-        told = []
+        of_step = []
         if step % 1000 == 0:
             epoch += 1
-            told.append({"event": "resumed", "step": step - 1, "epoch": epoch, "version": "0.0.0", "maker": "made up"})
+            of_step.append(
+                {"event": "resumed", "step": step - 1, "epoch": epoch, "version": "0.0.0", "maker": "made up"}
+            )
         if step % 97 == 0:
-            told.append(_moved(step, 1, chance, dimension))
-            told.append({"event": "rolled_back", "step": step, "iteration": 1})
-            told.append(refused(step))
-        told += [_moved(step, iteration, chance, dimension) for iteration in range(1, iterations + 1)]
-        told[-1]["faces"] = {"before": _faces(24.5), "after": _faces(largest_angle(step))}
-        told.append(_committed(step, chance, dimension))
-        for event in told:
+            of_step.append(_moved(step, 1, chance, dimension))
+            of_step.append({"event": "rolled_back", "step": step, "iteration": 1})
+            of_step.append(refused(step))
+        of_step += [_moved(step, iteration, chance, dimension) for iteration in range(1, iterations + 1)]
+        of_step[-1]["faces"] = {"before": _faces(24.5), "after": _faces(largest_angle(step))}
+        of_step.append(_committed(step, chance, dimension))
+        for event in of_step:
             at += 0.05
             yield {"at": at, **event}
 
@@ -99,7 +101,7 @@ def largest_angle(step: int) -> float:
 
 
 def _faces(angle: float) -> dict[str, Any]:
-    """What a history is told of the faces of a mesh."""
+    """What a history has of the faces of a mesh."""
     above = {f"faces_above_{limit}": int(max(0.0, angle - limit)) for limit in (65, 75)}
     shares = {"max_skewness": 0.5, "min_volume_ratio": 0.25, "shortest_edge": 0.5, "smallest_face": 0.375}
     return {"faces": 1050, "max_non_orthogonality": angle, **above, **shares}
@@ -160,7 +162,7 @@ def _committed(step: int, chance: random.Random, dimension: int) -> dict[str, An
 
 
 def refused(step: int, message: str = "no valid mesh found: 3 of 722 cells are inverted") -> dict[str, Any]:
-    """A refusal as a history tells it, without the time."""
+    """A refusal as a history has it, without the time."""
     return {
         "event": "refused",
         "request": "MOVE",

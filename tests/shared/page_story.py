@@ -1,4 +1,4 @@
-"""A page's code blocks as the story they tell: one shell session, in the order of the page.
+"""A page's code blocks as one story: one shell session, in the order of the page.
 
 ``sh`` blocks are run, ``python`` blocks too, each by a process of its own; ``toml`` is checked as a case, a method or
 settings; a ``text`` block marked as output is held against what was printed before it. A comment right above a block
@@ -31,8 +31,8 @@ ROOT = Path(__file__).resolve().parents[2]
 #: Languages whose blocks have to be run, or say why not.
 LANGUAGES = ("python", "sh", "bash", "toml", "c")
 MARKS = ("file", "more of", "fails", "output", "run by", "not run")
-#: What a reader has beside the page's own files: the checkout's folders.
-_BESIDE = ("examples", "adapters", "docs", "protocol")
+#: What a reader has in addition to the page's own files: the checkout's folders.
+_FOLDERS = ("examples", "adapters", "docs", "protocol")
 _END = "END_OF_THE_BLOCK"
 _BLOCK = re.compile(
     r"(?:^[ ]*<!-- (?P<mark>[a-z ]+?)(?:: (?P<value>[^>]+?))? -->\n)?"
@@ -65,14 +65,14 @@ def blocks_of(page: str) -> list[Block]:
     return found
 
 
-def told(blocks: list[Block]) -> list[Block]:
+def steps_of(blocks: list[Block]) -> list[Block]:
     """Those that the page's own story consists of."""
     return [block for block in blocks if block.mark not in ("not run", "run by")]
 
 
 def play(blocks: list[Block], folder: Path) -> list[str]:
     """Play a page's story in a folder; one line for each thing that was not as the page says."""
-    story = told(blocks)
+    story = steps_of(blocks)
     wrong = [fault for block in story for fault in _unreadable(block)]
     if wrong or not any(_runs(block) for block in story):
         return wrong
@@ -137,7 +137,7 @@ def _run(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
         program.parent.mkdir(exist_ok=True)
         program.write_text(f'#!/bin/sh\nexec {sys.executable}{module} "$@"\n')
         program.chmod(0o755)
-    for name in _BESIDE:
+    for name in _FOLDERS:
         (folder / name).symlink_to(ROOT / name)
     for port in ("7440", "9464", "8080"):
         script = script.replace(f"127.0.0.1:{port}", f"127.0.0.1:{_free_port()}")

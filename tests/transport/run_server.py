@@ -14,8 +14,8 @@ from mesh_motion_server.transport.hosting import Hosting
 from mesh_motion_server.transport.serve import serve
 
 
-def announce_and_stop(*told):
-    announce(*told)
+def announce_and_stop(*given):
+    announce(*given)
     os.kill(os.getpid(), signal.SIGTERM)
 
 

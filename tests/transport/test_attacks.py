@@ -259,7 +259,7 @@ def test_the_self_test_passes_where_the_handler_decides():
 
 
 @pytest.mark.parametrize("status", [b"400", b"300", b"500", None])
-def test_the_self_test_sees_a_handler_that_admits_nobody(status):
+def test_the_self_test_sees_a_handler_that_admits_no_key(status):
     with protected(status) as (endpoint, protection, turn), pytest.raises(ProtectionError, match="does not admit"):
         check_admits(endpoint, protection, SECRET, turn)
 
@@ -278,7 +278,7 @@ def test_libzmq_takes_no_handler_for_everybodys_leave_and_the_self_test_sees_it(
         check_refuses(endpoint, protection, turn)
 
 
-def test_as_we_set_it_nobody_is_let_in_without_a_handler():
+def test_as_we_set_it_no_connection_is_let_in_without_a_handler():
     with protected(None, handled=False) as (endpoint, protection, turn):
         check_refuses(endpoint, protection, turn)
         with pytest.raises(ProtectionError, match="does not admit"):

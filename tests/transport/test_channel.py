@@ -1,4 +1,4 @@
-"""The line between the supervisor and its children: nobody waits for an end that does not read."""
+"""The line between the supervisor and its children: neither end waits for one that does not read."""
 
 import time
 from collections.abc import Iterator
@@ -46,7 +46,7 @@ def test_a_message_to_an_end_that_does_not_read_is_given_up(ends: Ends) -> None:
     assert here.send({"number": count})
 
 
-def test_whoever_waits_for_a_word_waits_so_long_at_most(ends: Ends) -> None:
+def test_a_wait_for_a_word_has_a_limit(ends: Ends) -> None:
     here, there = ends
     assert here.receive(0.01) is None
     there.send({"word": 1})
@@ -84,7 +84,7 @@ def test_a_gateway_answers_while_the_supervisor_does_not_read(ends: Ends) -> Non
         gateway._take(b"peer", "", [bytes(f) for f in encode(List(client=bytes(16), sequence=number))])
     refused = sent.pop()
     assert (refused.code, refused.retryable, refused.sequence) == ("UNAVAILABLE", True, number)
-    gateway._obey({"order": "ping"})  # nobody can be told that its loop turns
+    gateway._obey({"order": "ping"})  # the report that its loop turns cannot be sent
     gateway._take(b"peer", "", [bytes(f) for f in encode(Ping(client=bytes(16), sequence=1))])
     assert sent.pop().type == "PONG"
     assert [here.receive(0.0) is not None for _ in range(number)] == [True] * (number - 1) + [False]
@@ -123,8 +123,8 @@ def test_a_failure_fits_a_message_however_much_it_says() -> None:
         InvalidInput("y" * 300_000, details={"nodes": list(range(100_000))}),
     ):
         assert there.send({"event": "failed"} | _failure(error))
-        told = here.receive(30.0)
-        assert len(told["message"]) < 10_000
-        assert told["details"] == {}
+        received = here.receive(30.0)
+        assert len(received["message"]) < 10_000
+        assert received["details"] == {}
     there.close()
     here.close()

@@ -54,11 +54,11 @@ class Scripted:
 
 def served(folder: Path) -> tuple[Scripted, Any]:
     """A session was opened; its worker serves."""
-    told = Scripted(folder)
-    told.ask(Open(client=CLIENT, sequence=1, dimension=2, settings={}))
-    told.serving(1)
-    (live,) = told.control.registry.live.values()
-    return told, live
+    scripted = Scripted(folder)
+    scripted.ask(Open(client=CLIENT, sequence=1, dimension=2, settings={}))
+    scripted.serving(1)
+    (live,) = scripted.control.registry.live.values()
+    return scripted, live
 
 
 @pytest.mark.parametrize("is_stored", [True, False])
@@ -66,120 +66,120 @@ def test_a_worker_that_ended_as_it_should_says_nothing_of_the_next_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_stored: bool
 ) -> None:
     """The session is over just when RESUMEs ask for it: another worker takes it up if it is stored, and dies later."""
-    told, live = served(tmp_path)
-    (opened,) = told.replies
+    scripted, live = served(tmp_path)
+    (opened,) = scripted.replies
     assert isinstance(opened, Opened)
     for sequence in (2, 3):
-        told.ask(Resume(client=CLIENT, sequence=sequence, session=opened.session, token=opened.token))
-    told.control.heard(live, {"event": "over"})
+        scripted.ask(Resume(client=CLIENT, sequence=sequence, session=opened.session, token=opened.token))
+    scripted.control.heard(live, {"event": "over"})
     if is_stored:
         monkeypatch.setattr(SessionStore, "check_token", lambda *_: SimpleNamespace(owner="", label=""))
-        monkeypatch.setattr(told.control.registry, "owner", lambda _: "")
-    told.control.gone(live, 0)
+        monkeypatch.setattr(scripted.control.registry, "owner", lambda _: "")
+    scripted.control.gone(live, 0)
     if not is_stored:
-        assert (told.started, told.control.registry.live) == (1, {})
-        told.control.keep_time(time.monotonic() + 60)
-        assert [reply.code for reply in told.replies[1:]] == ["NOT_FOUND"] * 2
+        assert (scripted.started, scripted.control.registry.live) == (1, {})
+        scripted.control.keep_time(time.monotonic() + 60)
+        assert [reply.code for reply in scripted.replies[1:]] == ["NOT_FOUND"] * 2
         return
-    (taken_up,) = told.control.registry.live.values()
-    assert (told.started, taken_up.asked is not None, len(taken_up.queue)) == (2, True, 1)
-    told.serving(2)
-    told.serving(3)
-    assert [reply.epoch for reply in told.replies] == [1, 2, 3]
-    told.control.gone(taken_up, -9)
-    told.ask(Probe(client=CLIENT, sequence=4, session=opened.session, token=opened.token))
-    assert isinstance(told.replies[-1], Probed)
-    assert told.replies[-1].worker == "dead"
+    (taken_up,) = scripted.control.registry.live.values()
+    assert (scripted.started, taken_up.asked is not None, len(taken_up.queue)) == (2, True, 1)
+    scripted.serving(2)
+    scripted.serving(3)
+    assert [reply.epoch for reply in scripted.replies] == [1, 2, 3]
+    scripted.control.gone(taken_up, -9)
+    scripted.ask(Probe(client=CLIENT, sequence=4, session=opened.session, token=opened.token))
+    assert isinstance(scripted.replies[-1], Probed)
+    assert scripted.replies[-1].worker == "dead"
 
 
 def test_a_process_that_the_system_refuses_is_an_answer_and_a_repeat_a_new_try(tmp_path: Path) -> None:
-    told = Scripted(tmp_path)
+    scripted = Scripted(tmp_path)
     opening = Open(client=CLIENT, sequence=1, dimension=2, settings={})
-    told.refusal = BlockingIOError(11, "Resource temporarily unavailable")
-    told.ask(opening)
-    assert (told.replies[-1].code, told.replies[-1].retryable) == ("RESOURCE_EXHAUSTED", True)
-    assert not told.control.registry.live
-    told.refusal = None
-    told.ask(opening)
-    told.serving(1)
-    opened = told.replies[-1]
+    scripted.refusal = BlockingIOError(11, "Resource temporarily unavailable")
+    scripted.ask(opening)
+    assert (scripted.replies[-1].code, scripted.replies[-1].retryable) == ("RESOURCE_EXHAUSTED", True)
+    assert not scripted.control.registry.live
+    scripted.refusal = None
+    scripted.ask(opening)
+    scripted.serving(1)
+    opened = scripted.replies[-1]
     assert isinstance(opened, Opened)
-    (live,) = told.control.registry.live.values()
-    told.refusal = OSError(12, "Cannot allocate memory")
-    told.ask(Resume(client=CLIENT, sequence=2, session=opened.session, token=opened.token))
-    told.control.gone(live, -9)  # while it should take the new holder
-    assert told.replies[-1].code == "RESOURCE_EXHAUSTED"
+    (live,) = scripted.control.registry.live.values()
+    scripted.refusal = OSError(12, "Cannot allocate memory")
+    scripted.ask(Resume(client=CLIENT, sequence=2, session=opened.session, token=opened.token))
+    scripted.control.gone(live, -9)  # while it should take the new holder
+    assert scripted.replies[-1].code == "RESOURCE_EXHAUSTED"
     assert (live.status, live.reclaiming) == ("dead", False)
-    told.ask(Resume(client=CLIENT, sequence=3, session=opened.session, token=opened.token))
-    assert (told.replies[-1].code, live.status) == ("RESOURCE_EXHAUSTED", "dead")
-    told.refusal = None
-    told.ask(Resume(client=CLIENT, sequence=4, session=opened.session, token=opened.token))
-    told.serving(2)
-    assert told.replies[-1].epoch == 2
+    scripted.ask(Resume(client=CLIENT, sequence=3, session=opened.session, token=opened.token))
+    assert (scripted.replies[-1].code, live.status) == ("RESOURCE_EXHAUSTED", "dead")
+    scripted.refusal = None
+    scripted.ask(Resume(client=CLIENT, sequence=4, session=opened.session, token=opened.token))
+    scripted.serving(2)
+    assert scripted.replies[-1].epoch == 2
 
 
 def test_a_socket_file_that_cannot_be_removed_ends_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    told, live = served(tmp_path)
+    scripted, live = served(tmp_path)
     live.endpoint = f"ipc://{tmp_path}/w1.ipc"
     monkeypatch.setattr(Path, "unlink", raising(OSError(30, "Read-only file system")))
-    told.control.gone(live, -9)
+    scripted.control.gone(live, -9)
     assert live.status == "dead"
 
 
 def test_a_worker_that_writes_for_a_new_holder_is_given_the_time_of_a_drain(tmp_path: Path) -> None:
     """What it writes may have been answered: killing it would lose commits of level "relaxed"."""
-    told, live = served(tmp_path)
-    told.control.heard(live, {"event": "reclaiming"})
+    scripted, live = served(tmp_path)
+    scripted.control.heard(live, {"event": "reclaiming"})
     assert live.deadline is None
-    told.ask(Resume(client=CLIENT, sequence=2, session=live.session, token=live.token))
+    scripted.ask(Resume(client=CLIENT, sequence=2, session=live.session, token=live.token))
     assert live.deadline is not None
     computing = live.deadline
-    told.control.heard(live, {"event": "reclaiming"})
+    scripted.control.heard(live, {"event": "reclaiming"})
     assert live.deadline > computing + 20
 
 
 def test_so_many_resumes_of_one_session_wait_and_no_more(tmp_path: Path) -> None:
-    told, live = served(tmp_path)
+    scripted, live = served(tmp_path)
     for number in range(100):
-        told.ask(Resume(client=CLIENT, sequence=2 + number, session=live.session, token=live.token))
-    refused = told.replies[1:]
+        scripted.ask(Resume(client=CLIENT, sequence=2 + number, session=live.session, token=live.token))
+    refused = scripted.replies[1:]
     assert {(reply.code, reply.retryable) for reply in refused} == {("UNAVAILABLE", True)}
     assert len(live.queue) == 99 - len(refused) == 32
-    told.ask(Resume(client=CLIENT, sequence=101, session=live.session, token=live.token))
-    assert told.replies[-1].code == "UNAVAILABLE"  # a repeat is a new try
-    told.serving(2)
-    told.ask(Resume(client=CLIENT, sequence=101, session=live.session, token=live.token))
+    scripted.ask(Resume(client=CLIENT, sequence=101, session=live.session, token=live.token))
+    assert scripted.replies[-1].code == "UNAVAILABLE"  # a repeat is a new try
+    scripted.serving(2)
+    scripted.ask(Resume(client=CLIENT, sequence=101, session=live.session, token=live.token))
     assert len(live.queue) == 32
-    assert told.replies[-1].type == "RESUMED"
+    assert scripted.replies[-1].type == "RESUMED"
 
 
 def test_of_sessions_whose_worker_fell_only_the_latest_are_remembered(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(registry_module, "_FALLEN", 3)
-    told = Scripted(tmp_path)
+    scripted = Scripted(tmp_path)
     opened = []
     for number in range(6):
-        told.ask(Open(client=CLIENT, sequence=number + 1, dimension=2, settings={}))
-        live = list(told.control.registry.live.values())[-1]
+        scripted.ask(Open(client=CLIENT, sequence=number + 1, dimension=2, settings={}))
+        live = list(scripted.control.registry.live.values())[-1]
         opened.append(live)
-        told.control.heard(live, {"event": "serving", "endpoint": "", "epoch": 1, "state": "NEW", "step": 0})
+        scripted.control.heard(live, {"event": "serving", "endpoint": "", "epoch": 1, "state": "NEW", "step": 0})
         if number:
-            told.control.gone(live, -9)
+            scripted.control.gone(live, -9)
     kept = [opened[number].session for number in (0, 3, 4, 5)]
-    assert list(told.control.registry.live) == kept
+    assert list(scripted.control.registry.live) == kept
 
 
-def test_a_disk_that_hangs_holds_up_nobody_and_tells_nobody_what_there_is(
+def test_a_disk_that_hangs_holds_up_no_request_and_reveals_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told, live = served(tmp_path)
-    monkeypatch.setattr(told.disk, "silence", lambda: 100.0)
-    monkeypatch.setattr(told.disk, "_answered", threading.Event())
-    monkeypatch.setattr(told.disk, "ask", lambda: None)
-    monkeypatch.setattr(told.control.registry, "_store", None)  # asking it would hang
-    told.ask(Probe(client=CLIENT, sequence=2, session=live.session, token=live.token))
-    assert told.replies[-1].worker == "alive"
+    scripted, live = served(tmp_path)
+    monkeypatch.setattr(scripted.disk, "silence", lambda: 100.0)
+    monkeypatch.setattr(scripted.disk, "_answered", threading.Event())
+    monkeypatch.setattr(scripted.disk, "ask", lambda: None)
+    monkeypatch.setattr(scripted.control.registry, "_store", None)  # asking it would hang
+    scripted.ask(Probe(client=CLIENT, sequence=2, session=live.session, token=live.token))
+    assert scripted.replies[-1].worker == "alive"
     refused = [
         Open(client=CLIENT, sequence=3, dimension=2, settings={}),
         List(client=CLIENT, sequence=4),
@@ -188,24 +188,24 @@ def test_a_disk_that_hangs_holds_up_nobody_and_tells_nobody_what_there_is(
         Resume(client=CLIENT, sequence=7, session="1" * 32, token=live.token),
     ]
     for request in refused:
-        told.ask(request)
-    answers = {(reply.code, reply.message) for reply in told.replies[-len(refused) :]}
+        scripted.ask(request)
+    answers = {(reply.code, reply.message) for reply in scripted.replies[-len(refused) :]}
     assert answers == {("RESOURCE_EXHAUSTED.DISK", "the disk of the state folder does not answer")}
 
 
 def test_a_worker_that_computes_steps_again_is_not_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    told = Scripted(tmp_path)
-    told.ask(Open(client=CLIENT, sequence=1, dimension=2, settings={}))
-    (live,) = told.control.registry.live.values()
+    scripted = Scripted(tmp_path)
+    scripted.ask(Open(client=CLIENT, sequence=1, dimension=2, settings={}))
+    (live,) = scripted.control.registry.live.values()
     killed: list[float] = []
     monkeypatch.setattr(live.child, "kill", lambda: killed.append(1.0))
     began = time.monotonic()
     for step in range(1, 10):
         monkeypatch.setattr(time, "monotonic", lambda step=step: began + 500 * step)
-        told.control.keep_time(time.monotonic())
-        told.control.heard(live, {"event": "recomputed", "step": step})
+        scripted.control.keep_time(time.monotonic())
+        scripted.control.heard(live, {"event": "recomputed", "step": step})
     assert not killed
-    told.serving(2)
+    scripted.serving(2)
     assert live.deadline is None
-    told.control.heard(live, {"event": "recomputed", "step": 10})  # said before it served, heard after
+    scripted.control.heard(live, {"event": "recomputed", "step": 10})  # said before it served, heard after
     assert live.deadline is None

@@ -44,7 +44,7 @@ def test_a_path_that_leaves_no_room_for_the_workers():
         Endpoint.parse("ipc:///" + "x" * 100 + "/c")
 
 
-def test_workers_listen_beside_the_control_endpoint():
+def test_workers_listen_next_to_the_control_endpoint():
     assert Endpoint.parse("ipc:///run/mm/control").worker_address == f"ipc:///run/mm/w{os.getpid()}.ipc"
     assert Endpoint.parse("tcp://127.0.0.1:7440").worker_address == "tcp://127.0.0.1:*"
 
@@ -81,7 +81,7 @@ def test_tcp_needs_no_lock():
     assert lock_folder(Endpoint.parse("tcp://127.0.0.1:0")) is None
 
 
-def test_data_endpoints_take_a_port_of_their_range_and_are_told_under_another_host():
+def test_data_endpoints_take_a_port_of_their_range_and_are_given_under_another_host():
     control = Endpoint.parse("tcp://127.0.0.1:7440")
     assert control.worker_addresses("7441-7443") == [f"tcp://127.0.0.1:{port}" for port in (7441, 7442, 7443)]
     assert control.worker_addresses(None) == ["tcp://127.0.0.1:*"]

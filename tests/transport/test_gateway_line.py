@@ -76,7 +76,7 @@ def started(script: Script) -> Script:
     return script
 
 
-def test_a_gateway_that_does_not_read_holds_nobody_up_and_gets_what_was_kept(started: Script) -> None:
+def test_a_gateway_that_does_not_read_holds_no_request_up_and_gets_what_was_kept(started: Script) -> None:
     (theirs,) = started.theirs
     frame = bytes(60_000)
     for number in range(1000):

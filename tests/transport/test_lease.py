@@ -16,7 +16,7 @@ from proofs.limited_context import limited_context
 
 
 class Line:
-    """The supervisor's end, in this process: whoever waits for the endpoint connects before anything else happens."""
+    """The supervisor's end, in this process: a client that waits for the endpoint connects before all else."""
 
     def __init__(self, connect):
         self.connect, self.events = connect, []

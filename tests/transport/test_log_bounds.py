@@ -1,4 +1,4 @@
-"""What is logged is bounded, tells nothing that was sent, and says how much was left out."""
+"""What is logged is bounded, contains nothing that was sent, and says how much was left out."""
 
 import io
 import json
@@ -38,14 +38,14 @@ def test_values_are_cut():
     assert values["count"] == 3
 
 
-def test_an_exception_is_told_by_type_and_places_only():
+def test_an_exception_is_logged_by_type_and_places_only():
     try:
         raise ValueError("coordinates 0.123456789 1.5 are wrong")
     except ValueError as error:
-        told = places_of_exception(error)
-    assert told["exception"] == "ValueError"
-    assert "test_log_bounds.py" in told["trace"][-1]
-    assert "0.123" not in json.dumps(told)
+        logged = places_of_exception(error)
+    assert logged["exception"] == "ValueError"
+    assert "test_log_bounds.py" in logged["trace"][-1]
+    assert "0.123" not in json.dumps(logged)
 
 
 @pytest.fixture
@@ -87,9 +87,9 @@ def test_both_ways_to_log_give_the_same_bounded_lines(lines):
         logging.getLogger("below").warning("again and again")
         log().warning("over and over")
     tell_suppressed()
-    told = {line["of"]: line["lines"] for line in lines() if line["event"] == "suppressed"}
+    logged = {line["of"]: line["lines"] for line in lines() if line["event"] == "suppressed"}
     assert sum(line["event"] == "served" for line in lines()) == 300
-    assert told == {"again and again": 200, "over and over": 200}
+    assert logged == {"again and again": 200, "over and over": 200}
 
 
 def test_an_attacker_does_not_fill_the_disk_with_logs(start, connect):

@@ -1,4 +1,4 @@
-"""Where no line is taken: a pipe that nobody reads, and what is written once somebody does."""
+"""Where no line is taken: a pipe without a reader, and what is written once somebody does."""
 
 import io
 import os
@@ -24,7 +24,7 @@ def pipe() -> Iterator[Pipe]:
     os.close(reader)
 
 
-def test_a_reader_that_stops_stops_nobody(pipe: Pipe) -> None:
+def test_a_reader_that_stops_does_not_stop_the_server(pipe: Pipe) -> None:
     reader, stream = pipe
     log = Unfailing(stream)
     line = "x" * 999 + "\n"

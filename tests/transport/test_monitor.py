@@ -58,18 +58,18 @@ def test_a_loop_that_stands_still_is_unhealthy(start, connect):
     for name, pid in (("supervisor", server.process.pid), ("gateway", server.children()[0])):
         with stopped(pid):
 
-            def tells(name=name):
+            def shows(name=name):
                 status, text = get(server, "/healthz")
                 return status == 503 and text.startswith(f"{name}: silent for ")
 
-            wait_until(tells, f"the {name} is told")
+            wait_until(shows, f"the {name} is told")
             assert get(server, "/readyz")[0] == 503
         wait_until(lambda: get(server, "/healthz")[0] == 200, "healthy again")
     assert connect(server.endpoint).ask(Ping).type == "PONG"
 
 
 @pytest.mark.nightly
-def test_a_gateway_that_is_stopped_holds_nobody_up(start, connect):
+def test_a_gateway_that_is_stopped_holds_no_request_up(start, connect):
     """The supervisor has more replies for it than the line takes."""
     server = start_watched(start, stuck_seconds=3.0)
     entry = {"label": "\N{GREEK SMALL LETTER PI}" * 200, "owner": "", "state": "READY", "step": 0, "partitions": 1}
@@ -83,8 +83,8 @@ def test_a_gateway_that_is_stopped_holds_nobody_up(start, connect):
                 control.send(List)
             assert control.ask(Ping).type == "PONG"  # it has handed on what came before
             still.enter_context(stopped(gateway))
-        told = wait_until(lambda: unwell(server), "a loop stands still")
-        assert told.startswith("gateway: ")
+        reason = wait_until(lambda: unwell(server), "a loop stands still")
+        assert reason.startswith("gateway: ")
     wait_until(lambda: get(server, "/healthz")[0] == 200, "healthy again")
     assert server.children()[0] == gateway
     assert control.receive().type == "LISTED"
@@ -102,7 +102,7 @@ def watched(make_module_server):
     return start_watched(make_module_server)
 
 
-def test_a_monitor_that_falls_comes_back_and_nobody_else_notices(watched, connect, open_session):
+def test_a_monitor_that_falls_comes_back_and_no_client_notices(watched, connect, open_session):
     server = watched
     _, data, _ = open_session(server)
     fallen = server.children()[1]
@@ -185,7 +185,7 @@ def test_the_memory_is_looked_at_behind_the_disk(tmp_path):
     check_room(request, ServerSettings(reserve_disk_bytes=0, reserve_memory_bytes=0), disk)
 
 
-def test_before_the_first_news_nothing_is_ready_and_then_silence_is_told(monkeypatch):
+def test_before_the_first_news_nothing_is_ready_and_then_silence_is_reported(monkeypatch):
     now = [100.0]
     monkeypatch.setattr(monitor.time, "monotonic", lambda: now[0])
     pages = Pages({"version": "1"}, stuck_seconds=5.0)

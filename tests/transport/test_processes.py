@@ -42,7 +42,7 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "only_the_parent_has", os)
 
 
-def told(*names: str, **options: Any) -> dict[str, Any]:
+def threads_of(*names: str, **options: Any) -> dict[str, Any]:
     """What a child says, which then ends with 7."""
     child = spawn("says", *names, **options)
     said = child.channel.receive(30.0)
@@ -51,10 +51,10 @@ def told(*names: str, **options: Any) -> dict[str, Any]:
     return said
 
 
-@pytest.mark.parametrize("anew", [False, True])
-def test_the_threads_of_loops_and_of_blas_are_told(anew: bool) -> None:
+@pytest.mark.parametrize("fresh", [False, True])
+def test_the_threads_of_loops_and_of_blas_are_reported(fresh: bool) -> None:
     expected = {"MESH_MOTION_THREADS": "3", "OPENBLAS_NUM_THREADS": "1"} | repeatable_libraries()
-    assert told(*expected, threads=3, anew=anew)["names"] == expected
+    assert threads_of(*expected, threads=3, fresh=fresh)["names"] == expected
 
 
 LIBRARIES = """
@@ -84,7 +84,7 @@ def test_a_child_has_its_own_counts_signals_and_descriptors() -> None:
     before = signal.signal(signal.SIGTERM, lambda *_: None)
     ours, theirs = socket.socketpair()
     try:
-        said = told()
+        said = threads_of()
         assert TALLY
     finally:
         signal.signal(signal.SIGTERM, before)
@@ -96,7 +96,7 @@ def test_a_child_has_its_own_counts_signals_and_descriptors() -> None:
 
 
 def test_what_listens_to_other_machines_has_none_of_the_supervisors_memory() -> None:
-    assert not told(anew=True)["parent"]
+    assert not threads_of(fresh=True)["parent"]
 
 
 def test_a_module_that_cannot_be_imported_is_a_failure_of_the_child_alone(

@@ -39,7 +39,7 @@ def with_keys(start, folder, make_keys, **settings):
 def outcome(wire, seconds=10.0):
     """How the handshake of a wire that is not connected yet ends; watched from its start, as some are not repeated.
 
-    Nothing is sent: a socket whose handshake was refused by then has nobody to send to, and the send waits.
+    Nothing is sent: a socket whose handshake was refused by then has no peer to send to, and the send waits.
     """
     events = wire.socket.get_monitor_socket(zmq.EVENT_ALL)
     wire.connect()
@@ -75,7 +75,7 @@ def test_the_largest_frames_pass(keyed, connect):
     ).all()
 
 
-def test_at_a_foreign_worker_even_garbage_tells_nothing(keyed, connect):
+def test_at_a_foreign_worker_even_garbage_reveals_nothing(keyed, connect):
     opened = opened_by(connect, keyed, keyed.alice)
     mine, foreign = connect(opened.endpoint, keyed.alice), connect(opened.endpoint, keyed.bob)
     for wire, state in ((mine, "READY"), (foreign, "")):
@@ -101,7 +101,7 @@ def test_anothers_routing_id_gives_no_rights(keyed, connect):
     thief = connect(opened.endpoint, keyed.bob, routing_id=b"solver")
     thief.send(Status, **at)
     assert owner.ask(Status, **at).type == "STATUS_REPORT"
-    assert not thief.socket.poll(200)  # the id is taken: nobody answers
+    assert not thief.socket.poll(200)  # the id is taken: no answer comes
     owner.socket.close()
 
     def late():

@@ -1,4 +1,4 @@
-"""Real processes and sockets: sessions come and go, workers and servers die, and nobody else notices."""
+"""Real processes and sockets: sessions come and go, workers and servers die, and no other client notices."""
 
 import json
 import os
@@ -60,7 +60,7 @@ def test_what_cannot_be_opened_says_why(start, connect):
 
 
 @pytest.mark.nightly
-def test_resume_does_not_wait_for_a_computation_nobody_wants(start, connect, open_session):
+def test_resume_does_not_wait_for_a_computation_of_a_lost_holder(start, connect, open_session):
     server = start()
     opened, old, at = open_session(server, label="slow")
     old.send(Move, **at, step=1, frame="reference", displacement=ONES)
@@ -158,7 +158,7 @@ def test_a_signal_and_the_end_of_the_lifeline_are_one_drain(start, open_session)
     assert (server.state / f"closed-{opened.session}").exists()
 
 
-def test_a_session_nobody_is_connected_to_is_suspended_and_then_put_away(start, connect):
+def test_a_session_without_connections_is_suspended_and_then_put_away(start, connect):
     server = start(lease_seconds=0.2, idle_seconds=1.0)
     control = connect(server.endpoint)
     opened = control.ask(Open, dimension=2)
@@ -221,7 +221,7 @@ def test_an_endless_message_meets_the_memory_limit_and_ends_its_connection_only(
 
 
 def test_a_server_whose_workers_cannot_start_ends_with_70(start):
-    """Rather than let every client wait for a session that nobody can serve."""
+    """Rather than let every client wait for a session that no worker can serve."""
     server = start("no-numerics", ready=False)
     assert server.process.wait(PATIENCE) == 70
     assert len(server.events("template_ended")) == 3
@@ -260,7 +260,7 @@ def test_sessions_with_long_labels_are_listed_in_pages_that_fit(start, connect):
 
 
 @pytest.mark.nightly
-def test_a_worker_that_is_slow_to_end_holds_nobody_up(start, connect, open_session):
+def test_a_worker_that_is_slow_to_end_holds_no_request_up(start, connect, open_session):
     server = start()
     opened, data, at = open_session(server, label="lingers")
     pid = worker_pid(data, at)

@@ -132,7 +132,7 @@ def test_a_monitor_that_the_system_refuses_ends_nothing(scripted: Scripted) -> N
 @pytest.mark.parametrize(
     "nonsense", [{}, [], {"event": "bound"}, {"event": "bound", "address": 7}, {"event": "unbound"}]
 )
-def test_a_monitor_that_talks_nonsense_is_ended_and_nobody_else(scripted: Scripted, nonsense: Any) -> None:
+def test_a_monitor_that_talks_nonsense_is_ended_and_no_other_process(scripted: Scripted, nonsense: Any) -> None:
     supervisor = scripted.supervisor
     watched = supervisor._watch.metrics
     supervisor._attend(watched)
@@ -141,7 +141,7 @@ def test_a_monitor_that_talks_nonsense_is_ended_and_nobody_else(scripted: Script
     assert watched.child is scripted.children[1]
 
 
-def test_the_page_is_told_of_the_working_sessions_however_many_fell(
+def test_the_page_knows_the_working_sessions_however_many_fell(
     scripted: Scripted, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("mesh_motion_server.transport.watch._MOST_SESSIONS", 3)
@@ -154,11 +154,11 @@ def test_the_page_is_told_of_the_working_sessions_however_many_fell(
         live[str(number)] = Live(str(number), b"", "", scripted.children[0], status=status)
     supervisor._watch.beat(supervisor._control.registry, supervisor._gateway, supervisor._template, draining=False)
     live.clear()
-    told = msgpack.unpackb(scripted.theirs[-1].recv(1 << 16))
-    assert {entry[0] for entry in told["sessions"]} == {"0", "3", "5"}
+    sent = msgpack.unpackb(scripted.theirs[-1].recv(1 << 16))
+    assert {entry[0] for entry in sent["sessions"]} == {"0", "3", "5"}
 
 
-def test_a_monitor_that_hangs_while_it_starts_again_holds_nobody_up(scripted: Scripted) -> None:
+def test_a_monitor_that_hangs_while_it_starts_again_holds_no_request_up(scripted: Scripted) -> None:
     supervisor = scripted.supervisor
     supervisor._template = supervisor._next_template()
     watched = supervisor._watch.metrics

@@ -16,7 +16,7 @@ class Line:
     """The channel, with one order on it; what is said and done goes into one list."""
 
     def __init__(self, order: dict[str, Any]) -> None:
-        self.order, self.told = order, list[str]()
+        self.order, self.events = order, list[str]()
 
     def receive(self) -> dict[str, Any]:
         """See Channel."""
@@ -24,7 +24,7 @@ class Line:
 
     def send(self, message: dict[str, Any]) -> None:
         """See Channel."""
-        self.told.append(message["event"])
+        self.events.append(message["event"])
 
 
 class Host:
@@ -38,11 +38,11 @@ class Host:
     def reclaim(self, token: bytes) -> int:
         """See SessionHost."""
         assert token == b"t"
-        self.line.told.append("written")
+        self.line.events.append("written")
         return 2
 
 
-def test_a_new_holder_is_heard_of_before_anything_is_written_for_him() -> None:
+def test_a_new_holder_is_known_before_anything_is_written_for_him() -> None:
     line = Line({"order": "reclaim", "token": b"t"})
     context = limited_context()
     socket = context.socket(zmq.ROUTER)
@@ -53,11 +53,11 @@ def test_a_new_holder_is_heard_of_before_anything_is_written_for_him() -> None:
         worker.disconnect()
         socket.close()
         context.term()
-    assert line.told == ["reclaiming", "written", "reclaimed"]
+    assert line.events == ["reclaiming", "written", "reclaimed"]
 
 
-def test_a_worker_tells_each_step_that_it_computes_again() -> None:
-    told: list[dict[str, Any]] = []
+def test_a_worker_reports_each_step_that_it_computes_again() -> None:
+    events: list[dict[str, Any]] = []
 
     class Hosts:
         @staticmethod
@@ -66,7 +66,7 @@ def test_a_worker_tells_each_step_that_it_computes_again() -> None:
             progress(7)
             return session
 
-    channel: Any = SimpleNamespace(offer=told.append)
+    channel: Any = SimpleNamespace(offer=events.append)
     order = {"order": "resume", "session": "s", "token": b"t"}
     found = _host(order, Hosts, None, ServerSettings(), partial(_tell_progress, channel))
-    assert (found, told) == ("s", [{"event": "recomputed", "step": 7}])
+    assert (found, events) == ("s", [{"event": "recomputed", "step": 7}])

@@ -209,12 +209,12 @@ class Session(Described):
         )
         moved = self._courier.deliver(move, messages.Moved, seconds)
         self._courier.trial, self._courier.iteration = (replace(move, compute_limit_ms=0),), moved.iteration
-        told = vars(moved)
+        answered = vars(moved)
         if own is not None:
-            told = told | own.take_trial(moved, seconds)
-        for text in told["warnings"]:
+            answered = answered | own.take_trial(moved, seconds)
+        for text in answered["warnings"]:
             warnings.warn(text, MeshMotionWarning, stacklevel=2)
-        return Moved(**told, mesh=self._mesh, is_total=frame == "reference", session=self)
+        return Moved(**answered, mesh=self._mesh, is_total=frame == "reference", session=self)
 
     def _rows(self, values: ArrayLike | Mapping[str, ArrayLike], extent: float | None = None) -> NDArray[np.float64]:
         """(k, d) rows of the moving nodes, given by nodes or by patches; patches agree up to a part of the extent."""

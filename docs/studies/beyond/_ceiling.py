@@ -130,11 +130,11 @@ def _standard(body: Body, turn: Turn, radius: float | None = None) -> Floats:
     return _interpolated(body.points, displacement[body.held], body, radius)
 
 
-def _interpolated(points: Floats, told: Floats, body: Body, radius: float) -> Floats:
+def _interpolated(points: Floats, prescribed: Floats, body: Body, radius: float) -> Floats:
     """Points (n, d) moved by the interpolation of the given displacements of the held nodes (h, d)."""
-    interpolant = factorize(points[body.held], support_radius=radius).solve(told)
+    interpolant = factorize(points[body.held], support_radius=radius).solve(prescribed)
     moved = points + evaluation.displacement(interpolant, points)
-    moved[body.held] = points[body.held] + told
+    moved[body.held] = points[body.held] + prescribed
     return moved
 
 

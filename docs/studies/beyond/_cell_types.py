@@ -50,9 +50,9 @@ def graded(kind: str) -> Body:
     return Body.build(points, table, np.flatnonzero(body), np.flatnonzero(outer))
 
 
-def _axis(beside: int, along: int) -> Floats:
+def _axis(second: int, along: int) -> Floats:
     """Grid lines: so many boxes next to the body, finer towards it, and along it."""
-    side = 0.4 * (1.0 - np.linspace(1.0, 0.0, beside + 1) ** _GRADING)
+    side = 0.4 * (1.0 - np.linspace(1.0, 0.0, second + 1) ** _GRADING)
     return np.concatenate([side[:-1], np.linspace(0.4, 0.6, along + 1), 1.0 - side[-2::-1]])
 
 

@@ -40,11 +40,11 @@ def flag() -> Case:
         moving = np.sort(data["patch_flag"])
         outer = np.unique(np.concatenate(sides))  # the ends of the flag are on the cylinder, too
         mesh = Subject(data["points"], CellTable.from_arrays(cells), {"flag": moving}, outer)
-    told = np.zeros((PERIOD, *mesh.points.shape))
+    prescribed = np.zeros((PERIOD, *mesh.points.shape))
     with np.load(folder / "motion.npz") as motion:
-        told[:, motion["node_ids"]] = motion["displacement"][:PERIOD]
-    told[np.abs(told).max(axis=(1, 2)) < 1e-12] = 0.0  # the sine's rounding at whole half periods
-    return Case(mesh, list(mesh.points[moving] + told[:, moving]), _choices(0.4))
+        prescribed[:, motion["node_ids"]] = motion["displacement"][:PERIOD]
+    prescribed[np.abs(prescribed).max(axis=(1, 2)) < 1e-12] = 0.0  # the sine's rounding at whole half periods
+    return Case(mesh, list(mesh.points[moving] + prescribed[:, moving]), _choices(0.4))
 
 
 def turning(name: str, amplitude: float, **choices: Any) -> Case:

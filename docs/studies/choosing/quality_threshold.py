@@ -22,9 +22,9 @@ def corrected(name: str, threshold: float) -> list[Cell]:
     """Plain and reached quality, share of nodes that were freed, milliseconds of the correction."""
     path, motion = CASES[name]
     model = stored(path).model(quality_threshold=threshold, correction_target="threshold")
-    told = motion(model.points[model.roles.moving])
-    model.move(model.points, told)  # what is loaded once belongs to no threshold
-    found = model.move(model.points, told)
+    positions = motion(model.points[model.roles.moving])
+    model.move(model.points, positions)  # what is loaded once belongs to no threshold
+    found = model.move(model.points, positions)
     share = found.correction.freed_nodes / len(model.points)
     return [found.standard.metric.min, found.corrected.metric.min, share, 1000.0 * found.seconds["correct"]]
 

@@ -28,10 +28,10 @@ def predictions() -> dict[str, tuple[Floats, Floats]]:
     mesh = stored(MESH)
     block, outer = mesh.patches["block"].nodes, mesh.patches["outer"].nodes
     centres = np.concatenate([block, outer])
-    told = np.zeros_like(mesh.points)
-    told[block] = MOTION(mesh.points[block]) - mesh.points[block]
+    displacement = np.zeros_like(mesh.points)
+    displacement[block] = MOTION(mesh.points[block]) - mesh.points[block]
     sizes = reference_sizes(mesh.points, mesh.cells)
-    found = factorize(mesh.points[centres], support_radius=0.5).solve(told[centres])
+    found = factorize(mesh.points[centres], support_radius=0.5).solve(displacement[centres])
     field = InterpolantField(found)
     points = mesh.points + evaluation.displacement(found, mesh.points)
     actual = cell_quality(points, mesh.cells, sizes).metric("size-skew")

@@ -48,7 +48,7 @@ class Line:
         return np.array([0.0, *self.places, 1.0])
 
     @property
-    def told(self) -> Floats:
+    def displacement(self) -> Floats:
         """(4,) their displacements."""
         return np.array([0.0, *self.moves, 0.0])
 
@@ -58,7 +58,7 @@ class Line:
         """Thesis (4.9) with enrichment points (nc,); slopes by (4.1) unless given."""
         settings = ImposedGradient(self.support_radius, self.enrichment_radius, function=function)
         imposed = None if slopes is None else np.asarray(slopes, dtype=np.float64)
-        return solve_imposed_gradient(self.boundary, self.told, points, settings, slopes_at_points=imposed)
+        return solve_imposed_gradient(self.boundary, self.displacement, points, settings, slopes_at_points=imposed)
 
     def worst_places(self, threshold: float = 0.9) -> Floats:
         """Cell centres that are minima of the predicted size below a threshold, thesis (4.11)."""
@@ -90,7 +90,7 @@ def best_slope(line: Line, points: Floats, slopes: Floats) -> tuple[float, float
 
 def draw_displacement(ax: Any, line: Line, curves: dict[str, EnrichedInterpolant]) -> None:
     """Displacement of the field, the nodes marked, with the ideal straight lines."""
-    ax.plot(line.boundary, line.told, "k--", lw=1, label="ideal")
+    ax.plot(line.boundary, line.displacement, "k--", lw=1, label="ideal")
     for label, interpolant in curves.items():
         drawn = ax.plot(FINE, interpolant.displacement(FINE), lw=1.2, label=label)
         ax.plot(NODES, interpolant.displacement(NODES), ".", ms=4, color=drawn[0].get_color())
@@ -111,7 +111,7 @@ def draw_parts(ax: Any, line: Line, interpolant: EnrichedInterpolant) -> None:
     ax.plot(FINE, own, label="RBFs")
     ax.plot(FINE, total - own, label="enrichment")
     ax.plot(FINE, total, "k", label="sum")
-    ax.plot(line.boundary, line.told, "ks", ms=4)
+    ax.plot(line.boundary, line.displacement, "ks", ms=4)
     ax.plot(interpolant.enrichment_points, np.zeros(len(interpolant.enrichment_points)), "r^", ms=5)
     ax.set_xlabel("x")
     ax.legend(fontsize=7)

@@ -50,8 +50,8 @@ class PlaneCase:
         """The interpolant of all boundary nodes of a mesh."""
         moved = np.array(self.direction) * (self.shift if shift is None else shift)
         turn = self.degrees if degrees is None else degrees
-        told = rigid(mesh.points[mesh.body], turn, np.array(self.centre), moved)
-        return mesh.field(told, RADIUS)
+        body = rigid(mesh.points[mesh.body], turn, np.array(self.centre), moved)
+        return mesh.field(body, RADIUS)
 
 
 def convergence(case: PlaneCase, levels: int, *, fixed_field: bool) -> dict[str, list[Errors]]:

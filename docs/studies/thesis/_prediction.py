@@ -44,8 +44,8 @@ class Mesh:
     def field(self, body_displacement: Floats, radius: float) -> InterpolantField:
         """The standard motion: Wendland C2 on all nodes of both boundaries, nothing corrected."""
         nodes = np.concatenate([self.outer, self.body])
-        told = np.concatenate([np.zeros((len(self.outer), self.points.shape[1])), body_displacement])
-        return InterpolantField(factorize(self.points[nodes], support_radius=radius).solve(told))
+        displacement = np.concatenate([np.zeros((len(self.outer), self.points.shape[1])), body_displacement])
+        return InterpolantField(factorize(self.points[nodes], support_radius=radius).solve(displacement))
 
 
 class Errors(NamedTuple):

@@ -40,8 +40,8 @@ def steps_of(mesh: Mesh, body: list[Floats], radius: float) -> list[InterpolantF
 def approach(mesh: Mesh, count: int) -> list[InterpolantField]:
     """1D: both inner boundaries come 0.15 closer, in equal steps."""
     start = mesh.points[mesh.body]
-    told = np.array([[0.15], [-0.15]])
-    return steps_of(mesh, [start + told * k / count for k in range(1, count + 1)], 0.4)
+    displacement = np.array([[0.15], [-0.15]])
+    return steps_of(mesh, [start + displacement * k / count for k in range(1, count + 1)], 0.4)
 
 
 def turn(mesh: Mesh, count: int) -> list[InterpolantField]:

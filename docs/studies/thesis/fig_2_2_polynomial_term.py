@@ -31,20 +31,20 @@ BLOCK = Turn((-0.1, 0.1), 45.0)
 WHOLE = Turn((0.3, -0.2), 60.0, centre=(0.5, 0.5))
 
 
-def moved(mesh: StoredMesh, told: Floats, controls: NDArray[np.int64], radius: float, polynomial: str) -> Floats:
+def moved(mesh: StoredMesh, prescribed: Floats, controls: NDArray[np.int64], radius: float, polynomial: str) -> Floats:
     """Nodes (n, d) after the bare interpolation of ``told`` (n, d) at the control nodes."""
     factorization = factorize(mesh.points[controls], support_radius=radius)
     system = WithPolynomial(factorization) if polynomial == "linear" else factorization
-    interpolant = system.solve((told - mesh.points)[controls])
+    interpolant = system.solve((prescribed - mesh.points)[controls])
     return mesh.points + evaluation.displacement(interpolant, mesh.points)
 
 
-def told_block(mesh: StoredMesh) -> Floats:
+def turned_block(mesh: StoredMesh) -> Floats:
     """Nodes with the block turned and everything else at rest."""
     block = mesh.patches["block"].nodes
-    told = mesh.points.copy()
-    told[block] = BLOCK(mesh.points[block])
-    return told
+    prescribed = mesh.points.copy()
+    prescribed[block] = BLOCK(mesh.points[block])
+    return prescribed
 
 
 def run(quick: bool) -> Outcome:
@@ -78,7 +78,7 @@ def _rigid_error(mesh: StoredMesh, controls: NDArray[np.int64], radius: float, p
 
 def _fixed_wall(mesh: StoredMesh, roles: BoundaryRoles, radius: float, polynomial: str) -> tuple[float, float]:
     """Minimum size-skew, and how far the nodes near the outer wall move on average."""
-    points = moved(mesh, told_block(mesh), roles.all, radius, polynomial)
+    points = moved(mesh, turned_block(mesh), roles.all, radius, polynomial)
     quality = cell_quality(points, mesh.cells, reference_sizes(mesh.points, mesh.cells)).metric("size-skew")
     near = np.abs(mesh.points - 0.5).max(axis=1) > 0.4
     return float(quality.min()), float(np.linalg.norm(points - mesh.points, axis=1)[near].mean())
@@ -86,7 +86,7 @@ def _fixed_wall(mesh: StoredMesh, roles: BoundaryRoles, radius: float, polynomia
 
 def _free_wall(mesh: StoredMesh, roles: BoundaryRoles, radius: float, polynomial: str) -> float:
     """How far the outer wall moves when it is not held."""
-    points = moved(mesh, told_block(mesh), roles.moving, radius, polynomial)
+    points = moved(mesh, turned_block(mesh), roles.moving, radius, polynomial)
     return float(np.linalg.norm(points - mesh.points, axis=1)[roles.fixed].max())
 
 
@@ -109,7 +109,7 @@ def draw(figure: Any) -> None:
     axes = figure.subplots(2, 2).ravel()
     cases = [(roles.all, p, "wall held") for p in POLYNOMIALS] + [(roles.moving, p, "block alone") for p in POLYNOMIALS]
     for axis, (controls, polynomial, what) in zip(axes, cases, strict=True):
-        points = moved(mesh, told_block(mesh), controls, 0.5, polynomial)
+        points = moved(mesh, turned_block(mesh), controls, 0.5, polynomial)
         axis.triplot(points[:, 0], points[:, 1], triangles, color="0.35", linewidth=0.3, antialiased=False)
         axis.set_aspect("equal")
         axis.set_title(f"{what}, {'no' if polynomial == 'none' else 'with'} polynomial", fontsize=10)

@@ -58,7 +58,7 @@ def _asymmetric_table() -> Table:
     rows: list[list[Cell]] = []
     for name, (line, printed, standard, enriched) in ASYMMETRIC.items():
         places = line.worst_places()
-        found = bracketing_slopes(line.boundary, line.told, places)
+        found = bracketing_slopes(line.boundary, line.displacement, places)
         row: list[Cell] = [name, _pair(line.places), _pair(line.moves), _pair(places), _pair(printed), _pair(found)]
         rows.append([*row, standard, smallest(line.solve()), enriched, smallest(line.solve(places))])
     columns = ["Fig", "moving nodes", "displacements", "enrichment points", "J, thesis", "J by (4.1)"]

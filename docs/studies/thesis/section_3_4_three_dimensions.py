@@ -29,8 +29,8 @@ METRIC = "size-skew-product"
 def smooth_field() -> InterpolantField:
     """A cube turned by 20° about z and shifted, in a fixed outer cube: the interpolant of the coarsest mesh's nodes."""
     mesh = boxes("hexahedron", 5)
-    told = rigid(mesh.points[mesh.body], 20.0, np.full(3, 0.5), np.array([0.08, 0.04, 0.06]))
-    return mesh.field(told, 1.0)
+    body = rigid(mesh.points[mesh.body], 20.0, np.full(3, 0.5), np.array([0.08, 0.04, 0.06]))
+    return mesh.field(body, 1.0)
 
 
 def run(quick: bool) -> Outcome:

@@ -97,9 +97,9 @@ class Moving:
             interpolant = factorize(controls, support_radius=radius).solve(values)
             return lambda places: evaluation.displacement(interpolant, places)
 
-        told = points.copy()
-        told[roles.moving] = self.turn(points[roles.moving])
-        displacement = (told - points)[roles.all]
+        positions = points.copy()
+        positions[roles.moving] = self.turn(points[roles.moving])
+        displacement = (positions - points)[roles.all]
         boundary = points[roles.all]
         return VolumeProblem(
             boundary=boundary,

@@ -7,7 +7,7 @@ event            content, in addition to ``at`` and ``event``
                  quality (as BUILT's), seconds_total, version, maker
 ``moved``        step, iteration, quality, correction, caches, seconds, warnings (as MOVED's), seconds_total,
                  enrichment_points (rows of coordinates)
-``committed``    step, quality (as COMMITTED's), digest (hexadecimal), seconds_total; final_step if COMMIT told it
+``committed``    step, quality (as COMMITTED's), digest (hexadecimal), seconds_total; final_step if COMMIT named it
 ``rolled_back``  step, iteration: the trial that was dropped, iteration 0 without one
 ``refused``      request, step, code, message, hint, details
 ``resumed``      step, epoch, version, maker

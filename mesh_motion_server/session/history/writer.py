@@ -82,7 +82,7 @@ class History:
             self.attempt(lambda: self._write_boundary(pack_outcome(step, digest), step + 1))
 
     def take_up(self, step: int, digest: bytes) -> None:
-        """The session continues at a committed step; its digest tells whether the boundary log continues from there."""
+        """The session continues at a committed step; its digest shows whether the boundary log continues there."""
         self.attempt(lambda: self._take_up(step, digest))
 
     def attempt(self, write: Callable[[], None]) -> None:

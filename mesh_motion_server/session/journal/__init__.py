@@ -11,6 +11,6 @@
                          the levels: what a commit waits for
     replies.py           exactly once: the stored replies
     mesh_store.py        the mesh on disk
-    filesystem.py, beside.py
+    filesystem.py, background_call.py
                          all that this asks of a file system, which tests replace; a call in a thread of its own
 """

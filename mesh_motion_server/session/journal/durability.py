@@ -5,7 +5,7 @@
 ``replay``
     A commit stores what its state is computed from, in a record: one sync, and bytes as the boundary has nodes. Every
     ``snapshot_steps`` commits, or once ``log_bytes`` were logged or a minute has passed, one stores its state instead;
-    so does each whose input is so large beside the state that logging it would cost the disk as much. Whoever opens
+    so does each whose input is so large, compared with the state, that the log would cost the disk as much. Opening
     the journal computes the states behind the last stored one again (:mod:`~mesh_motion_server.session.replay`): about
     a minute's work. Nothing that was answered is lost, as with ``full``. Closing stores the state, so that a planned
     restart, and another version of the server, finds nothing to compute.
@@ -115,7 +115,7 @@ def keeper_of(journal: Journal) -> Keeper:
 
 @contextmanager
 def logged_failure(session: str) -> Iterator[None]:
-    """Nobody waits for an answer: what fails is logged, and the next request is refused."""
+    """No client waits for an answer: what fails is logged, and the next request is refused."""
     try:
         yield
     except JournalError as error:

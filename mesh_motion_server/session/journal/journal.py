@@ -34,7 +34,7 @@ import numpy as np
 from mesh_motion_server.errors import JournalError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.session.journal.beside import Beside
+from mesh_motion_server.session.journal.background_call import BackgroundCall
 from mesh_motion_server.session.journal.files import (
     KEPT_COMMITS,
     MANIFEST,
@@ -86,7 +86,7 @@ class Journal:
         self._files = files
         self._end = end
         self._handles: list[int] = []
-        self._ahead: tuple[Floats, Beside[None]] | None = None
+        self._ahead: tuple[Floats, BackgroundCall[None]] | None = None
 
     @classmethod
     def create(
@@ -186,7 +186,7 @@ class Journal:
             if large:
                 self._files.sync(self._handles[1 + slot])
 
-        self._ahead = state, Beside(write, worth_a_thread=large)
+        self._ahead = state, BackgroundCall(write, worth_a_thread=large)
 
     def _take_ahead(self) -> Floats | None:
         """The coordinates that were written ahead, once they are written."""
@@ -341,7 +341,7 @@ class Journal:
         """Make durable what was read, and clean up after a crash; a crash in between is settled again.
 
         What was read may be in the page cache only, left there by a write whose sync failed, and a sync alone would not
-        write it again: so the last record and its slot are written anew. Slots are cleaned last, for a torn manifest
+        write it again: so the last record and its slot are written again. Slots are cleaned last, for a torn manifest
         is judged by them. What may be refused comes first, so that a refusal changes nothing.
         """
         state = self.read_state() if self.ledger.snapshot else None

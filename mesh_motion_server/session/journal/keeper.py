@@ -40,7 +40,7 @@ class Keeper(ABC):
 
     @abstractmethod
     def prepare(self, state: Floats) -> None:
-        """Announce the state (n, d) of the next commit, which nobody changes; the level may start to write it.
+        """Announce the state (n, d) of the next commit, which never changes; the level may start to write it.
 
         Raises
         ------
@@ -50,7 +50,7 @@ class Keeper(ABC):
 
     @abstractmethod
     def commit(self, entry: Commit, state: Floats, boundary: Callable[[], BoundaryInput]) -> None:
-        """Take a commit: its state (n, d), ascending by global id, which nobody changes, and what determines it.
+        """Take a commit: its state (n, d), ascending by global id, which never changes, and what determines it.
 
         Raises
         ------

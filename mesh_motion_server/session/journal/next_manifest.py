@@ -1,7 +1,8 @@
 """The file that becomes the next manifest: its space is held before it is needed, and never given back in between.
 
-``manifest.new`` lies in the session's folder with the size of a manifest, all zeros. A manifest that starts anew is
-written into that very file, which is then renamed: emptying it first would hand its space to whoever fills the disk.
+``manifest.new`` lies in the session's folder with the size of a manifest, all zeros. A new manifest is
+written into that very file, which is then renamed: emptying it first would free its space, and another program could
+fill the disk.
 """
 
 from contextlib import suppress
@@ -18,7 +19,7 @@ __all__ = ["create_manifest", "manifest_capacity", "replace_manifest", "reserve"
 _PART = 1 << 20
 #: Smallest manifest: some 250 commits of one partition.
 _LEAST_CAPACITY = 1 << 20
-#: A manifest holds at least this many records of the largest size beside its checkpoint.
+#: A manifest holds at least this many records of the largest size and its checkpoint.
 _LEAST_RECORDS = 16
 
 

@@ -30,7 +30,7 @@ class Backlog:
         return len(self._commits)
 
     def accept(self, entry: Commit, state: Floats) -> None:
-        """Add a commit; nobody changes its state (n, d)."""
+        """Add a commit; its state (n, d) never changes."""
         self._commits, self._state = (*self._commits, entry)[-KEPT_COMMITS:], state
 
     def take(self) -> Callable[[], None]:

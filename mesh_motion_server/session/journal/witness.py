@@ -1,7 +1,7 @@
 """The last page of a manifest of level "replay": which of its records is known to be durable.
 
 A commit whose state is stored leaves a copy of its record in the slot. One that is only logged does not: if the last
-record of a manifest does not verify, nothing would tell a write that a crash has torn, which nobody was answered, from
+record of a manifest does not verify, it may be a write that a crash has torn and no client got a reply for, or
 one that was answered and damaged later. So the page names the newest record that was synced before; it is written with
 the next record and takes no sync of its own::
 

@@ -201,7 +201,7 @@ class MergedMesh:
 
     @cached_property
     def _moving_places(self) -> list[tuple[Integers, Integers]]:
-        """Per partition: its local moving nodes, whoever listed them, and their rows in ``moving``."""
+        """Per partition: its local moving nodes, of any partition's list, and their rows in ``moving``."""
         is_moving = np.zeros(len(self.points), dtype=bool)
         is_moving[self.moving] = True
         local = [np.flatnonzero(is_moving[node_map]) for node_map in self.node_maps]

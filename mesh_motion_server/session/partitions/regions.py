@@ -1,4 +1,4 @@
-"""One region of a mesh whose cells stay with the client, from what its ranks tell of it.
+"""One region of a mesh whose cells stay with the client, from what its ranks send of it.
 
 Nodes and cells come into the order that they have in the whole mesh: a correction that sees the region then does what
 it does with the whole mesh, bit for bit.
@@ -35,7 +35,7 @@ class MergedRegion:
         Nodes on patches.
     elsewhere : Elsewhere
     between, settled : (k,), (s,) int64 arrays
-        Global ids of the nodes here that several ranks have; and of those of them whose cells are all told.
+        Global ids of the nodes here that several ranks have; and of those of them whose cells are all sent.
     """
 
     ids: Integers
@@ -48,14 +48,14 @@ class MergedRegion:
     settled: Integers
 
 
-def merge_regions(mesh: MergedMesh, told: Sequence[Region], known: Callable[[Integers], Floats]) -> MergedRegion:
+def merge_regions(mesh: MergedMesh, regions: Sequence[Region], known: Callable[[Integers], Floats]) -> MergedRegion:
     """Unite the regions of all partitions.
 
     Parameters
     ----------
     mesh : MergedMesh
         The boundary.
-    told : sequence of Region
+    regions : sequence of Region
         One of each partition; ids are global.
     known : callable
         Indices (k,) of nodes in ``mesh`` → positions (k, d) to which the interpolation takes them.
@@ -63,9 +63,9 @@ def merge_regions(mesh: MergedMesh, told: Sequence[Region], known: Callable[[Int
     Raises
     ------
     InvalidInput
-        If a partition tells of cells or nodes that cannot be.
+        If a partition sends cells or nodes that cannot be.
     """
-    for number, one in enumerate(told):
+    for number, one in enumerate(regions):
         if one.points.shape[1] != mesh.points.shape[1]:
             raise InvalidInput(
                 f"CORRECT of partition {number}: expected points of shape (r, {mesh.points.shape[1]}), "
@@ -73,26 +73,26 @@ def merge_regions(mesh: MergedMesh, told: Sequence[Region], known: Callable[[Int
                 code="INVALID_ARGUMENT.SHAPE",
                 details={"partition": number},
             )
-    sent = [np.isin(mesh.global_ids[node_map], one.ids) for node_map, one in zip(mesh.node_maps, told, strict=True)]
+    sent = [np.isin(mesh.global_ids[node_map], one.ids) for node_map, one in zip(mesh.node_maps, regions, strict=True)]
     here = np.unique(np.concatenate([m[there] for m, there in zip(mesh.node_maps, sent, strict=True)]))
     spanning = np.concatenate([mesh.points.argmin(axis=0), mesh.points.argmax(axis=0)])  # for the order along the curve
     own = np.union1d(here, spanning)
     parts = [PartitionMesh(mesh.points[own], mesh.global_ids[own], {}, {})]
-    parts += [PartitionMesh(one.points, one.ids, one.cells, {}) for one in told if len(one.ids)]
+    parts += [PartitionMesh(one.points, one.ids, one.cells, {}) for one in regions if len(one.ids)]
     whole = merge(parts)
     row_of = Rows(whole.global_ids)
     positions, rim = np.empty_like(whole.points), np.zeros(len(whole.points), dtype=bool)
-    for one in told:
+    for one in regions:
         rows = row_of(one.ids)
         positions[rows] = one.positions
         rim[rows[~one.whole]] = True
     positions[row_of(mesh.global_ids[own])] = known(own)
-    for node_map, there in zip(mesh.node_maps, sent, strict=True):  # a rank that told nothing of a node has cells at it
+    for node_map, there in zip(mesh.node_maps, sent, strict=True):  # a rank that sent nothing of a node has cells at it
         absent = np.intersect1d(node_map[~there], here)
         rim[row_of(mesh.global_ids[absent])] = True
     held = np.isin(whole.global_ids, mesh.global_ids[np.union1d(mesh.on_patches, np.setdiff1d(spanning, here))])
-    free = len(mesh.points) - len(mesh.on_patches) + sum(one.interior for one in told)
-    skews, sizes = zip(*(one.extremes for one in told), strict=True)
+    free = len(mesh.points) - len(mesh.on_patches) + sum(one.interior for one in regions)
+    skews, sizes = zip(*(one.extremes for one in regions), strict=True)
     elsewhere = Elsewhere(rim, free - int(np.count_nonzero(~held)), (min(skews), min(sizes)))
     holders = np.bincount(np.concatenate(mesh.node_maps), minlength=len(mesh.points))
     between = mesh.global_ids[here[holders[here] > 1]]

@@ -15,7 +15,7 @@ __all__ = ["MOST_POINTS", "Followed", "plain_column"]
 MOST_POINTS = 5000
 #: Number of the latest warnings, refusals and state changes that are kept.
 _NOTABLE = 200
-_TOLD = ("refused", "resumed", "suspended", "joined", "closed", "frozen", "failed", "boundary_ended", "built")
+_NOTED = ("refused", "resumed", "suspended", "joined", "closed", "frozen", "failed", "boundary_ended", "built")
 _DIGITS = 5
 
 
@@ -86,21 +86,21 @@ class Followed:
             setattr(self, f"_{kind}", dict(event))
         if kind in ("rolled_back", "resumed"):
             self._moved = {}  # the trial of this prediction no longer exists
-        if kind in _TOLD and kind != "built":
+        if kind in _NOTED and kind != "built":
             self._note({name: event[name] for name in event if name != "details"})
         for warning in event.get("warnings", ()):
             self._note({"at": event["at"], "event": "warning", "step": event.get("step", 0), "message": warning})
 
-    def _note(self, told: dict[str, Any]) -> None:
+    def _note(self, message: dict[str, Any]) -> None:
         """Keep a message; a repeat of the newest message only increases its count."""
         self._counted += 1
         same = ("event", "code", "message", "request")
         newest = self._notable[-1] if self._notable else {}
-        if newest and all(newest.get(name) == told.get(name) for name in same):
+        if newest and all(newest.get(name) == message.get(name) for name in same):
             since = newest.get("since", newest["at"])
-            self._notable[-1] = told | {"times": newest.get("times", 1) + 1, "since": since}
+            self._notable[-1] = message | {"times": newest.get("times", 1) + 1, "since": since}
         else:
-            self._notable.append(told)
+            self._notable.append(message)
 
     def _worst(self) -> dict[str, Any]:
         """The worst cells of the last evaluation: a trial's prediction, or the committed coordinates."""

@@ -16,7 +16,7 @@ __all__ = ["Overview"]
 #: Maximum number of listed sessions, the last changed first.
 _LISTED = 200
 #: Values for a session that the supervisor does not know.
-_NOBODY = ("", "none")
+_UNHELD = ("", "none")
 #: What is not known of a session whose mesh is not stored.
 _UNKNOWN: dict[str, Any] = {
     "label": "",
@@ -46,7 +46,7 @@ class Overview:
         """
         known = {entry[0]: entry for entry in live or ()}
         stored = self._sessions.views()
-        first = sorted(stored, key=lambda view: known.get(view.session, _NOBODY)[1] != "alive")[:_LISTED]
+        first = sorted(stored, key=lambda view: known.get(view.session, _UNHELD)[1] != "alive")[:_LISTED]
         chosen = {view.session for view in first}
         views = [view for view in stored if view.session in chosen]
         self._latest = {view.session: self._latest.get(view.session) or Latest(Path(view.folder)) for view in views}
@@ -68,8 +68,8 @@ class Overview:
             state, step = (live[2], max(step, live[3])) if worker == "alive" else (state, step)
         if worker == "none" and state in ("TRIAL", "COMMITTING"):
             state = "READY"  # a trial ends with its worker
-        told = recent.rests.get("event") == "failed"  # by the session itself, with its reason
-        lost = worker != "alive" and view.state in (UNREADABLE, State.FAILED) and not told
+        reported = recent.rests.get("event") == "failed"  # by the session itself, with its reason
+        lost = worker != "alive" and view.state in (UNREADABLE, State.FAILED) and not reported
         minima = [None if math.isnan(commit.minimum) else round(commit.minimum, 6) for commit in recent.commits]
         return {
             "session": view.session,
@@ -100,5 +100,5 @@ class Overview:
 def _unbuilt(live: list[Any]) -> dict[str, Any]:
     """A session whose mesh is not stored."""
     session, worker, state, step, epoch = live
-    told = {"session": session, "worker": worker, "state": state, "step": step, "minimum_of": step}
-    return _UNKNOWN | told | {"version": f"new-{epoch}-{state}", "verdict": asdict(verdict(Recent(), 0.0))}
+    found = {"session": session, "worker": worker, "state": state, "step": step, "minimum_of": step}
+    return _UNKNOWN | found | {"version": f"new-{epoch}-{state}", "verdict": asdict(verdict(Recent(), 0.0))}

@@ -93,7 +93,7 @@ class Sessions:
         except OSError:
             return SessionView(session, "", str(folder), 0, 0, "", 0, UNREADABLE, None, 0.0, recorded=False)
         is_held = None if held is None else inode in held
-        told = 0 if event is None or is_held is False else event.get("step", 0) - (event["event"] in _AHEAD)
+        begun = 0 if event is None or is_held is False else event.get("step", 0) - (event["event"] in _AHEAD)
         return SessionView(
             session=session,
             label=stored.label,
@@ -101,7 +101,7 @@ class Sessions:
             dimension=stored.dimension,
             partitions=stored.partitions,
             durability=self._durability(folder),
-            step=max(stored.step, told),
+            step=max(stored.step, begun),
             state=str(_STATES[event["event"]] if event and stored.state == State.READY else stored.state),
             held=is_held,
             changed_at=changed_at,

@@ -210,12 +210,12 @@ def _stands(recent: Recent) -> str:
     if not recent.commits:
         return f"trial {recent.iteration} of step 1" if recent.iteration else "no step yet"
     latest = recent.commits[-1]
-    told = [f"step {latest.step}" + (f" of {recent.final_step}" if recent.final_step >= latest.step else "")]
+    words = [f"step {latest.step}" + (f" of {recent.final_step}" if recent.final_step >= latest.step else "")]
     if not math.isnan(latest.minimum):
-        told.append(f"minimum {latest.minimum:.3f}")
+        words.append(f"minimum {latest.minimum:.3f}")
     if recent.hourly is not None:
-        told.append(f"{recent.hourly:,.0f} steps an hour".replace(",", "\u202f"))
-    return ", ".join(told)
+        words.append(f"{recent.hourly:,.0f} steps an hour".replace(",", "\u202f"))
+    return ", ".join(words)
 
 
 def _fell(recent: Recent, worker: str) -> Verdict | None:
@@ -224,8 +224,8 @@ def _fell(recent: Recent, worker: str) -> Verdict | None:
     if end == "closed":
         return Verdict("closed", "", _stands(recent), recent.changed_at)
     if worker == "dead" or end in ("failed", "frozen"):
-        told = str(recent.rests.get("message", "")) or _stands(recent)
-        return Verdict(end or "worker fell", "bad", told, recent.changed_at)
+        words = str(recent.rests.get("message", "")) or _stands(recent)
+        return Verdict(end or "worker fell", "bad", words, recent.changed_at)
     return None
 
 

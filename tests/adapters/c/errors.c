@@ -39,7 +39,7 @@ int main(int count, char **arguments)
     mm_context *server = mm_context_new();
     EXPECT(mm_error(server) == MM_OK && strcmp(mm_error_code(server), "") == 0 && mm_error_details(server) == NULL);
 
-    /* nobody there: told within the time, and sticky until it is cleared */
+    /* no server there: the error comes within the time, and stays until it is cleared */
     mm_set_timeouts(server, 0.3, 0.3);
     EXPECT(mm_connect(server, "tcp://127.0.0.1:9") == MM_UNAVAILABLE);
     EXPECT(strlen(mm_error_hint(server)) > 0);
@@ -52,7 +52,7 @@ int main(int count, char **arguments)
     EXPECT(mm_connect(server, arguments[count > 1]) == MM_OK && mm_ping(server) == MM_OK);
     EXPECT(mm_report_integer(mm_welcome(server), "limits.max_header_bytes", 0) == 65536);
 
-    /* told before anything is sent */
+    /* the error comes before anything is sent */
     mm_session *session = mm_session_new(server);
     EXPECT(mm_open(session) == MM_INVALID_ARGUMENT);
     mm_clear_error(server);
@@ -142,7 +142,7 @@ int main(int count, char **arguments)
     EXPECT(mm_list(server, "ffffffffffffffffffffffffffffffff") == MM_OK);
     EXPECT(mm_report_count(mm_listed(server), "sessions") == 0);
 
-    /* fenced: another holder resumes, this one is told; its close is no error */
+    /* fenced: another holder resumes, this one gets the error; its close is no error */
     mm_session *holder = mm_session_new(server);
     mm_set_credentials(holder, mm_id(session), mm_token(session));
     EXPECT(mm_resume(holder) == MM_OK && mm_step(holder) == 1);

@@ -8,7 +8,7 @@ program shapes
    integer(int32) :: cells(3, 2) = 1, ids(3) = 1
    real(real64) :: points(2, 4) = 0
 
-   call server%connect("tcp://127.0.0.1:9", 0.1_real64, 0.1_real64) ! nobody is there, nor needed
+   call server%connect("tcp://127.0.0.1:9", 0.1_real64, 0.1_real64) ! no server is there, and none is needed
    call server%clear_error()
    call session%create(server)
    call session%points(points)

@@ -128,7 +128,7 @@ def test_killed_again_and_again(installed, server):
 
 
 def test_two_threads_lose_their_worker(installed, server):
-    """Two ranks, each with a context and a thread of its own; told of the loss, one resumes and the other joins."""
+    """Two ranks, each with a context and a thread of its own: both see the loss, one resumes and the other joins."""
     alone = Driver(installed, server.endpoint).build()
     expected = [(alone.move(step, 1), alone.commit())[1] for step in (1, 2)]
     alone.close()
@@ -155,7 +155,7 @@ def test_two_threads_lose_their_worker(installed, server):
 
 
 def test_enrichment_points_of_another_dimension_are_refused(installed):
-    """Whoever reads mm_dimension coordinates of each would read beyond them."""
+    """A caller that reads mm_dimension coordinates of each would read beyond them."""
     scripted = ScriptedServer([], {})
     try:
         driver = Driver(installed, scripted.endpoint)
@@ -168,7 +168,7 @@ def test_enrichment_points_of_another_dimension_are_refused(installed):
             return reply
 
         scripted.session.answer, scripted.session.state = narrow, "READY"
-        driver.call("mm_resume", driver.session)  # which tells that there are 4 nodes, of which 2 move
+        driver.call("mm_resume", driver.session)  # its reply says that there are 4 nodes, of which 2 move
         rows, answer = np.zeros((2, 2)), np.zeros((4, 2))
         sizes = driver.size(2), driver.address(rows), driver.size(4), driver.address(answer)
         assert driver.library.mm_move(driver.session, 0, *sizes) == INTERNAL
@@ -179,7 +179,7 @@ def test_enrichment_points_of_another_dimension_are_refused(installed):
 
 
 def test_each_session_keeps_the_number_of_its_unanswered_opening(installed):
-    """Two sessions of one context are opened while nobody answers: asked again, each is the request that it was."""
+    """Two sessions of one context are opened while the server is silent: asked again, each is the same request."""
     scripted = ScriptedServer([Disturbance("OPEN", "drop", nth=2, times=2)], {})
     try:
         driver = Driver(installed, scripted.endpoint)

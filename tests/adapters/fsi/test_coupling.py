@@ -121,9 +121,9 @@ def test_a_run_that_is_taken_up_gives_the_same_rows(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         make(tmp_path / "cut", kept).run(stop)
-    told = []
-    rows = make(tmp_path / "cut", kept).run(told.append)
-    assert [row.window for row in told] == [4, 5, 6, 7, 8]
+    reported = []
+    rows = make(tmp_path / "cut", kept).run(reported.append)
+    assert [row.window for row in reported] == [4, 5, 6, 7, 8]
     assert [(row.x, row.y, row.iterations) for row in rows] == [(row.x, row.y, row.iterations) for row in whole]
     assert [path.name for path in (tmp_path / "cut").glob("coupling-*")] == ["coupling-8.npz"]
     assert make(tmp_path / "cut", kept).run() == rows  # nothing is left to do
@@ -131,7 +131,7 @@ def test_a_run_that_is_taken_up_gives_the_same_rows(tmp_path):
         assert [int(row["window"]) for row in csv.DictReader(file)] == list(range(1, 9))
 
 
-def test_a_row_that_a_kill_cut_off_is_written_anew(tmp_path):
+def test_a_row_that_a_kill_cut_off_is_written_again(tmp_path):
     kept = {}
     rows = make(tmp_path, kept).run()
     path = tmp_path / "history.csv"

@@ -114,7 +114,7 @@ def test_a_run_that_is_killed_goes_on_at_its_last_window(undisturbed, tmp_path):
     np.testing.assert_allclose([row.x for row in rows[:5]], [row.x for row in undisturbed[1]], rtol=0.01)
 
 
-def test_a_fluid_that_fails_is_told_with_its_words(flap, tmp_path):
+def test_a_fluid_that_fails_is_reported_with_its_words(flap, tmp_path):
     make_case(EXAMPLE / "fluid", tmp_path / "fluid", "laplacian", ADAPTER, {})
     path = tmp_path / "fluid" / "constant" / "transportProperties"
     path.write_text(path.read_text().replace("nu ", "nonsense "))

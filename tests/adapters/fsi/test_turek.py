@@ -156,7 +156,7 @@ def test_the_verdict_is_that_of_the_fine_mesh(scripts, tmp_path, change, good):
     assert not proof.judge("fsi3", {"control": known(scripts)})[1]
 
 
-def test_the_kept_histories_are_those_that_the_pages_tell(scripts):
+def test_the_kept_histories_are_those_of_the_pages(scripts):
     proof, tables = scripts["proof"], []
     of_openfoam, of_kratos = ["coarse", "middle", "fine"], ["kratos-coarse", "kratos", "kratos-control"]
     for case, names in (("fsi2", of_openfoam[:2]), ("fsi2", of_kratos), ("fsi3", of_openfoam)):

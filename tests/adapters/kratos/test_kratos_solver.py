@@ -71,7 +71,7 @@ def test_restart_without_its_session_goes_on_from_the_mesh(job, plate):
 
 
 def test_a_space_of_several_elements(job):
-    """A brick, a prism beside it and a pyramid on it turn as a whole: their nodes are in the protocol's order."""
+    """A brick, a prism at its side and a pyramid on it turn as a whole: their nodes are in the protocol's order."""
     points = np.array(
         [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1],
          [2, 0, 0], [2, 0, 1], [0.5, 0.5, 2]], dtype=float,

@@ -94,7 +94,7 @@ def test_without_kratos_it_says_how_to_install_it(monkeypatch, tmp_path, capsys)
     assert "environment.sh" in said
 
 
-def test_a_run_that_fails_is_told_with_its_last_words(monkeypatch, tmp_path, capsys):
+def test_a_run_that_fails_is_reported_with_its_last_words(monkeypatch, tmp_path, capsys):
     stand_in = tmp_path / "python"
     stand_in.write_text('#!/bin/sh\n[ "$1" = -m ] || exit 0\necho "step 1 of 2"; echo "Error: diverged" >&2; exit 3\n')
     stand_in.chmod(0o755)

@@ -62,7 +62,7 @@ class Case:
         path.write_text(text)
 
     def method(self, text, further=""):
-        """The settings, and what stands beside them."""
+        """The settings, and further entries of the dictionary."""
         path = self.folder / "constant" / "dynamicMeshDict"
         head = path.read_text().split("    method")[0]
         path.write_text(f"{head}    method {{ {text} }}\n    {further}\n}}\n")

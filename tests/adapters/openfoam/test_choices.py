@@ -1,4 +1,4 @@
-"""Roles that a patch's type brings, polygons in the plane, and the choices beside the method."""
+"""Roles that a patch's type brings, polygons in the plane, and the choices that do not belong to the method."""
 
 import re
 
@@ -161,7 +161,7 @@ def test_every_move_is_a_step_where_asked(make_case, commit, steps):
     assert re.search(r"step\s+(\d+);", state)[1] == str(steps)
 
 
-def test_the_end_of_the_run_is_told(make_case, mesh_motion_server):
+def test_the_end_of_the_run_is_sent(make_case, mesh_motion_server):
     case = make_case(steps=2)
     case.method("quality_threshold 0.3;", "atEnd keep;")
     case.run("moveDynamicMesh")
@@ -181,7 +181,7 @@ def test_a_session_is_kept_or_discarded(make_case, mesh_motion_server, at_end, l
         def kept():
             return [entry["step"] for entry in server.sessions() if entry["label"] == label.strip('"')]
 
-        # the list tells of what has ended when its worker has
+        # the list shows the end of a session once its worker has ended
         wait_until(lambda: kept() == ([2] if at_end == "keep" else []), f"the session after {at_end}")
 
 
@@ -219,7 +219,7 @@ def test_a_wrong_choice_is_named(make_case, further, words):
     ],
     ids=["two values", "a dictionary", "a pattern", "beside the coefficients"],
 )
-def test_what_nobody_would_read_is_refused(make_case, was, becomes, words):
+def test_settings_without_an_effect_are_refused(make_case, was, becomes, words):
     case = make_case(steps=1)
     change(case, "constant/dynamicMeshDict", (was, becomes))
     case.run("moveDynamicMesh", expect=1)

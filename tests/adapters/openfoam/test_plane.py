@@ -80,7 +80,7 @@ def test_two_ranks_move_the_mesh_as_one(make_case):
 
 
 def test_a_quadrilateral_with_a_concave_corner_is_judged_in_triangles(make_case):
-    """As snappyHexMesh leaves some: a point goes past a diagonal of a face beside it."""
+    """As snappyHexMesh leaves some: a point goes past a diagonal of a neighbouring face."""
     serial, parallel = make_case("serial", steps=2), make_case("parallel", steps=2)
     for case in (serial, parallel):
         points, faces = case.numbers("constant/polyMesh/points", 3), case.faces()

@@ -8,7 +8,7 @@ import pytest
 from mesh_motion_server.files.openfoam.polymesh import read_face_mesh
 
 HEADER = "FoamFile {{ version 2.0; format ascii; class {}; object {}; }}\n"
-# a cube, a prism at its side, a pyramid on top of it and a tetrahedron beside the pyramid, as Gmsh writes them
+# a cube, a prism at its side, a pyramid on top of it and a tetrahedron next to the pyramid, as Gmsh writes them
 SHAPES = """$MeshFormat
 2.2 0 8
 $EndMeshFormat

@@ -55,7 +55,7 @@ def several(case, zone="near", others=OTHERS):
 
 
 def single(case, zone="near", others=OTHERS):
-    """The motion solver of the whole mesh, told to move a zone."""
+    """The motion solver of the whole mesh, with the setting to move a zone."""
     write(case, "dynamicFvMesh dynamicMotionSolverFvMesh;" + SOLVER.format(zone, others))
 
 

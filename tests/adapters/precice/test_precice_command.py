@@ -1,4 +1,4 @@
-"""The program beside a server: runs to its end, goes on after a kill, says what is wrong in one line.
+"""The program with a server: runs to its end, goes on after a kill, says what is wrong in one line.
 
 With preCICE's stub, what adapters/precice/README.md begins with.
 """
@@ -103,7 +103,7 @@ def test_several_ranks_are_refused(case, program, monkeypatch):
     assert "is one process, got 2 ranks" in program().stderr
 
 
-def test_the_log_tells_more_or_less(case, program):
+def test_the_log_says_more_or_less(case, program):
     case()
     assert program("--log-level", "warning").stdout == ""
     assert "iteration 1 of t 0.1 is repeated" in program("--log-level", "debug").stdout

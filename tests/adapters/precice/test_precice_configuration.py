@@ -59,7 +59,7 @@ def test_patches_of_the_mesh_and_of_the_file_agree(case, tmp_path):
 
 @pytest.fixture
 def adapter_config(case, tmp_path):
-    """Writes precice-adapter-config.json, and beside it a TOML file without what it says."""
+    """Writes precice-adapter-config.json, and next to it a TOML file without the same keys."""
 
     def write(change=("", ""), more=""):
         text = case().read_text()
@@ -148,7 +148,7 @@ def test_a_far_field_of_500_chords_has_cells_of_a_millionth():
     np.testing.assert_array_equal(nodes_at(written, points, "mesh"), np.arange(len(points)))
 
 
-def test_nodes_at_one_place_cannot_be_told_apart():
+def test_nodes_at_one_place_are_refused():
     points = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
     assert nodes_at(np.array([[0.0, 0.0]]), points, "mesh").tolist() == [0]
     with pytest.raises(InvalidInput, match="are both there"):

@@ -79,7 +79,7 @@ def test_an_inverted_cell_has_one_negative_stretch_and_a_rotation(d):
     assert np.linalg.eigvalsh(polar(B).stretch[0])[0] == pytest.approx(-0.2)
 
 
-def test_eigenvalues_tell_scaling_from_turning():
+def test_eigenvalues_separate_scaling_from_turning():
     scaled, turned = eigen(np.array([np.diag([3.0, -0.5]), turn(0.7)])).values
     np.testing.assert_allclose(scaled, [-0.5, 3.0])
     np.testing.assert_allclose(turned, [np.exp(-0.7j), np.exp(0.7j)])

@@ -19,8 +19,8 @@ from mesh_motion_server.numerics.quality.mesh_summary import lowest_quality
 
 def field_of(problem: CorrectionProblem) -> InterpolantField:
     """The standard motion."""
-    told = (problem.standard - problem.start)[problem.held]
-    return InterpolantField(problem.factorization.solve(told))
+    displacement = (problem.standard - problem.start)[problem.held]
+    return InterpolantField(problem.factorization.solve(displacement))
 
 
 def thesis(threshold: float) -> ExplicitSettings:

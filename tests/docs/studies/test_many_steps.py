@@ -95,12 +95,12 @@ def test_one_dimension_is_the_product_of_the_thesis():
     points = np.linspace(0.0, 1.0, 21)[:, None]
     cells = CellTable.from_arrays({"line": np.c_[np.arange(20), np.arange(1, 21)]})
     sizes, boundary = reference_sizes(points, cells), points[[0, 4, 16, 20]]
-    told = np.array([[0.0], [0.015], [-0.015], [0.0]])
+    changes = np.array([[0.0], [0.015], [-0.015], [0.0]])
     steps, centres, product = [], 0.5 * (points[1:] + points[:-1]), np.ones(20)
     for _ in range(10):
-        step = InterpolantField(factorize(boundary, support_radius=0.4).solve(told))
+        step = InterpolantField(factorize(boundary, support_radius=0.4).solve(changes))
         product *= 1.0 + step.gradient(centres)[:, 0, 0]
-        centres, boundary = centres + step.displacement(centres), boundary + told
+        centres, boundary = centres + step.displacement(centres), boundary + changes
         steps.append(step)
     predicted = predict_many_steps("centre-gradient", points, cells, sizes, steps)
     np.testing.assert_allclose(predicted.size, np.minimum(product, 1.0 / product), rtol=1e-12)

@@ -24,11 +24,11 @@ KINDS = ("quad", "quad + triangle", "tetra", "hexahedron", "wedge", "pyramid")
 def moved_box(kind: str, *, size: float, radius: float = 0.8, n: int = 10) -> tuple[np.ndarray, CellTable, Interpolant]:
     """A mesh and the interpolant of its body's displacement."""
     mesh = box_mesh(kind, n)
-    told = np.zeros((len(mesh.outer) + len(mesh.body), mesh.points.shape[1]))
-    told[len(mesh.outer) :, 0] = size
-    told[len(mesh.outer) :, 1] = 0.5 * size + 0.3 * size * mesh.points[mesh.body, 0]
+    displacement = np.zeros((len(mesh.outer) + len(mesh.body), mesh.points.shape[1]))
+    displacement[len(mesh.outer) :, 0] = size
+    displacement[len(mesh.outer) :, 1] = 0.5 * size + 0.3 * size * mesh.points[mesh.body, 0]
     control = mesh.points[np.concatenate([mesh.outer, mesh.body])]
-    return mesh.points, mesh.cells, factorize(control, support_radius=radius).solve(told)
+    return mesh.points, mesh.cells, factorize(control, support_radius=radius).solve(displacement)
 
 
 def sampled(points, cells, interpolant, **choices) -> tuple[SampledQuality, np.ndarray]:

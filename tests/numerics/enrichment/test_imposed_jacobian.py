@@ -37,11 +37,11 @@ def run(name: str, **choices) -> ImposedJacobians:
 
 @pytest.mark.parametrize("kind", ["H1", "H2", "H3"])
 def test_in_1d_it_is_the_thesis_chapter_4(kind: str) -> None:
-    boundary, told = np.array([0.0, 0.2, 0.7, 1.0]), np.array([0.0, 0.12, -0.216, 0.0])
+    boundary, displacement = np.array([0.0, 0.2, 0.7, 1.0]), np.array([0.0, 0.12, -0.216, 0.0])
     points = np.array([0.33, 0.61])
-    thesis = solve_imposed_gradient(boundary, told, points, ImposedGradient(0.4, 0.5, function=kind))
+    thesis = solve_imposed_gradient(boundary, displacement, points, ImposedGradient(0.4, 0.5, function=kind))
     factor = factorize(boundary[:, None], support_radius=0.4)
-    standard, space = factor.solve(told[:, None]), space_at(points[:, None], factor, kind)
+    standard, space = factor.solve(displacement[:, None]), space_at(points[:, None], factor, kind)
     change = -0.672 - evaluation.gradient(standard, points[:, None])
     coefficients = impose(space.gradients(points[:, None]), change)
     x = np.linspace(0, 1, 21)[:, None]
@@ -56,7 +56,7 @@ def test_elimination_solves_the_printed_system(name: str, kind: str) -> None:
     problem = case(name)
     d, b = problem.start.shape[1], problem.factorization.control_points
     points = problem.cells.centres(problem.start, np.array([3, 50]))
-    told = (problem.standard - problem.start)[problem.held]
+    displacement = (problem.standard - problem.start)[problem.held]
     imposed = np.random.default_rng(1).normal(size=(2, d, d))
     basis = basis_named("wendland-c2")
     rho = points[:, None] - b
@@ -66,9 +66,9 @@ def test_elimination_solves_the_printed_system(name: str, kind: str) -> None:
     phi_c = (slopes(basis, r / RADIUS)[..., None] * rho / RADIUS**2).transpose(0, 2, 1).reshape(-1, len(b))
     h_c = np.concatenate([functions.gradients(kind, points, c, RADIUS) for c in points], axis=1)
     matrix = np.block([[phi_b, h_b], [phi_c, h_c.transpose(0, 2, 1).reshape(2 * d, -1)]])
-    solution = np.linalg.solve(matrix, np.vstack([told, imposed.transpose(0, 2, 1).reshape(-1, d)]))
+    solution = np.linalg.solve(matrix, np.vstack([displacement, imposed.transpose(0, 2, 1).reshape(-1, d)]))
 
-    standard = problem.factorization.solve(told)
+    standard = problem.factorization.solve(displacement)
     space = space_at(points, problem.factorization, kind)
     change = imposed - evaluation.gradient(standard, points)
     coefficients = impose(space.gradients(points), change)

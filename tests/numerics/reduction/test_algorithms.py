@@ -1,4 +1,4 @@
-"""What the reduction algorithms promise alike, and what tells them apart (thesis §2.2.2, §2.2.3)."""
+"""What all reduction algorithms promise, and how they differ (thesis §2.2.2, §2.2.3)."""
 
 import numpy as np
 import pytest

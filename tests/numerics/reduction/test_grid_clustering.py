@@ -37,7 +37,7 @@ def test_dividing_some_leaves_the_others_whole() -> None:
         assert len(np.unique(clusters.label[before == label])) == 1
 
 
-def test_nodes_close_together_are_told_apart() -> None:
+def test_nodes_close_together_are_kept_apart() -> None:
     close = np.array([[0.0, 0.0], [1.0, 1.0], [1.0 - 3e-12, 1.0]])
     clusters = Clusters(close)
     clusters.divide(np.ones(3, dtype=bool))

@@ -47,7 +47,7 @@ def test_a_wrong_row_shows(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("name", ["greedy", "incremental-lu", "recurrence-cholesky", "grouped-circular"])
-def test_nodes_that_cannot_be_told_apart_are_refused(name: str) -> None:
+def test_nodes_that_coincide_are_refused(name: str) -> None:
     points = np.array([[0.0, 0.0], [1e-9, 0.0], [1.0, 0.0]])
     of = ReductionProblem(points, np.array([[1.0], [2.0], [0.0]]), support_radius=2.0, tolerance=0.0)
     with pytest.raises(NumericalError, match="singular to working precision"):

@@ -39,8 +39,8 @@ def moved_by(grid: Grid, targets: Floats) -> tuple[StandardTrial, float]:
     wanted = grid.points.copy()
     wanted[grid.body] = targets
     trial = motion.trial(grid.points, wanted[roles.moving], MakeEachTime(), Stopwatch())
-    told = roles.prescribed
-    left = displacement_by(trial, grid.points[told]) - (wanted - grid.points)[told]
+    nodes_known = roles.prescribed
+    left = displacement_by(trial, grid.points[nodes_known]) - (wanted - grid.points)[nodes_known]
     return trial, float(np.abs(left).max() / np.abs(wanted - grid.points).max())
 
 

@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 
 def _grid(d: int) -> NestedGrid:
-    """Boxes around a tight bundle of coarse points beside a loose one."""
+    """Boxes around a tight bundle of coarse points next to a loose one."""
     rng = np.random.default_rng(d)
     coarse = np.zeros((60, 3))
     coarse[:30, :d] = 0.37 + 0.02 * rng.random((30, d))

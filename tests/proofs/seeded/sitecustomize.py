@@ -43,7 +43,7 @@ def an_admin_may_not_list() -> None:
 
 
 @fault
-def statuses_tell_places() -> None:
+def statuses_show_places() -> None:
     from mesh_motion_server.service import status
 
     status.without_places = lambda reply: reply
@@ -235,7 +235,7 @@ def one_reply_store_for_all_sessions() -> None:
 
 
 @fault
-def tokens_that_nobody_looks_at() -> None:
+def tokens_that_are_not_checked() -> None:
     from mesh_motion_server.session.spec import StoredSpec
     from mesh_motion_server.transport.registry import Registry
 

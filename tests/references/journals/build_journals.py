@@ -2,9 +2,9 @@
 
 ``<format>/<level>.zip`` holds the folder of one session as this version of the server leaves it when it is killed,
 and ``expected.json``, what it must give when it is taken up. From the first release on a journal that is here is
-never written again: every later version has to open it. Until then they are written anew when a key goes. Where the
+never written again: every later version has to open it. Until then they are written again when a key goes. Where the
 format changes, its number is raised (``records.py``, ``spec.py``, ``mesh_store.py``), :data:`FORMATS` below
-says the new one, and what this writes is added beside the old ones.
+says the new one, and what this writes is added to the old ones.
 
 The life: 16 nodes, five steps; after the second one a trial is dropped by another holder, who raises the epoch; a last
 trial is lost. With "replay" the third state is stored. With "relaxed" the fourth is passed over.

@@ -57,7 +57,7 @@ def folder_of(store: SessionStore) -> Path:
     return store.root / "sessions" / SESSION
 
 
-def told(store: SessionStore) -> list[str]:
+def events_of(store: SessionStore) -> list[str]:
     return [event["event"] for event in read_events(folder_of(store))]
 
 
@@ -71,12 +71,12 @@ def digests(driver: Any, steps: range) -> list[bytes]:
     return [driver.advance(step)[-1].digest for step in steps]
 
 
-# --- what is told ----------------------------------------------------------------------------------------------------
+# --- the events ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize("level", DURABILITY_LEVELS)
-def test_every_request_that_took_effect_is_told_once(store: SessionStore, level: str, parts: int) -> None:
+def test_every_request_that_took_effect_has_one_event(store: SessionStore, level: str, parts: int) -> None:
     driver = new(store, parts, spec={"durability": level})
     moved = driver.move(1)[-1]
     driver.move(1)
@@ -101,15 +101,15 @@ def test_every_request_that_took_effect_is_told_once(store: SessionStore, level:
     assert [e["at"] for e in events] == sorted(e["at"] for e in events)
 
 
-def test_a_repeat_is_not_told(store: SessionStore) -> None:
+def test_a_repeat_has_no_event(store: SessionStore) -> None:
     driver = new(store)
     driver.move(1)
     request = driver.request(Commit, step=1)
     assert driver.send(request)[0].digest == driver.send(request)[0].digest
-    assert told(store) == ["built", "moved", "committed"]
+    assert events_of(store) == ["built", "moved", "committed"]
 
 
-def test_a_refusal_is_told_with_its_reasons(store: SessionStore) -> None:
+def test_a_refusal_is_written_with_its_reasons(store: SessionStore) -> None:
     driver = new(store)
     reply = driver.move(7)[-1]
     far = driver.all(Move, [np.full((5, 2), 1e200)], step=1)[-1]
@@ -133,10 +133,10 @@ def test_strangers_do_not_write_into_it(store: SessionStore) -> None:
     for fields in ({}, {"epoch": 9}):
         (reply,) = driver.send(driver.request(Commit, **{"step": 1} | fields), peer=b"somebody")
         assert reply.type == "ERROR"
-    assert told(store) == ["built"]
+    assert events_of(store) == ["built"]
 
 
-def test_a_fenced_holder_uses_nobody_elses_refusals_up(store: SessionStore) -> None:
+def test_a_fenced_holder_uses_no_other_holders_refusals_up(store: SessionStore) -> None:
     driver = new(store)
     stale = driver.request(Commit, step=1)
     driver.host.reclaim(TOKEN)
@@ -175,7 +175,7 @@ def lost(driver: Any) -> None:
 
 
 @pytest.mark.parametrize("level", DURABILITY_LEVELS)
-def test_what_a_kill_kept_from_being_told_is_told_when_it_is_resumed(
+def test_events_that_a_kill_prevented_are_written_at_the_resume(
     store: SessionStore, level: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The commit is durable, its line is not written; the repeated COMMIT is answered from the journal."""
@@ -189,7 +189,7 @@ def test_what_a_kill_kept_from_being_told_is_told_when_it_is_resumed(
         (reply,) = driver.send(request)
     driver.host._session.catch_up()
     lost(driver)
-    assert told(store) == ["built", "moved", "committed", "moved"]
+    assert events_of(store) == ["built", "moved", "committed", "moved"]
     again = resume_driver(driver, store, limits=LIMITS)
     events = list(read_events(folder_of(store)))
     assert [e["event"] for e in events[4:]] == ["committed", "resumed"]
@@ -218,12 +218,12 @@ def test_a_session_without_history_gets_one_when_it_is_resumed(store: SessionSto
     assert BoundaryLog(folder_of(store)).steps == 0
 
 
-def test_a_new_holder_and_a_lost_lease_are_told(store: SessionStore) -> None:
+def test_a_new_holder_and_a_lost_lease_are_events(store: SessionStore) -> None:
     driver = new(store)
     driver.host.reclaim(TOKEN)
     driver.join()
     driver.host.suspend()
-    assert told(store) == ["built", "resumed", "suspended"]
+    assert events_of(store) == ["built", "resumed", "suspended"]
 
 
 def test_what_was_made_twice_counts_the_second_time(tmp_path: Path) -> None:
@@ -241,7 +241,7 @@ def test_what_was_made_twice_counts_the_second_time(tmp_path: Path) -> None:
 
 
 def test_steps_that_were_made_without_a_history_end_the_boundary(store: SessionStore) -> None:
-    """Told were four steps; taken back to two, the third was made otherwise while no history was kept."""
+    """The history has four steps; back at step two, the third was made otherwise while no history was kept."""
     driver = new(store, spec={"durability": "relaxed"})
     driver.advance(1)
     driver.advance(2)
@@ -299,7 +299,7 @@ def test_a_log_does_not_go_on_behind_a_life_that_was_cut(tmp_path: Path) -> None
     assert [(event["step"], "steps before it are missing" in event["message"]) for event in ended] == [(4, True)]
 
 
-def test_a_commit_that_was_lost_and_made_again_untold_is_told(tmp_path: Path) -> None:
+def test_a_commit_that_was_lost_and_made_again_is_written(tmp_path: Path) -> None:
     history = History(tmp_path, 1 << 20)
     for event, step in (("committed", 12), ("resumed", 4)):
         history.tell(event, step=step)
@@ -367,9 +367,9 @@ def test_a_history_that_a_full_disk_ended_goes_on_when_the_session_is_resumed(
     driver.advance(3)
     driver.host.reclaim(TOKEN)
     driver.join()
-    assert told(store) == ["built", "moved", "committed", "committed", "committed", "resumed"]
+    assert events_of(store) == ["built", "moved", "committed", "committed", "committed", "resumed"]
     driver.advance(4)
-    assert told(store)[6:] == ["moved", "boundary_ended", "committed"]
+    assert events_of(store)[6:] == ["moved", "boundary_ended", "committed"]
     assert BoundaryLog(folder_of(store)).steps == 1
 
 
@@ -386,10 +386,10 @@ def test_torn_lines_are_passed_over_and_gone_on_behind(store: SessionStore) -> N
     events.write_bytes(events.read_bytes() + b'{"at":1.0,"event":"moved","st')
     whole = boundary.read_bytes()
     boundary.write_bytes(whole + pack_input(2, "committed", bytes(80), 16)[:-1])
-    assert told(store) == ["built", "moved", "committed"]
+    assert events_of(store) == ["built", "moved", "committed"]
     again = resume_driver(driver, store, limits=LIMITS)
     again.advance(2)
-    assert told(store) == ["built", "moved", "committed", "resumed", "moved", "committed"]
+    assert events_of(store) == ["built", "moved", "committed", "resumed", "moved", "committed"]
     assert boundary.read_bytes().startswith(whole)
     assert BoundaryLog(folder).steps == 2
 
@@ -570,7 +570,7 @@ def test_numbers_that_json_does_not_know_are_null() -> None:
     assert parse_line(line_of(1.0, "refused", {"message": 'a "quoted"\nline \ud800'})) is not None
 
 
-def test_a_summary_that_is_told_twice_is_written_out_twice() -> None:
+def test_a_summary_that_comes_twice_is_written_out_twice() -> None:
     """It is encoded once, for speed; what it says, and what stands around it, does not matter."""
     summary = {"min": 0.5, "worst": [{"type": '"standard":0', "cell": 1}]}
     quality = {"metric": '"corrected":0', "standard": summary, "corrected": summary}
@@ -588,7 +588,7 @@ ERRORS = (errno.ENOSPC, errno.EIO, errno.EROFS, errno.EACCES)
 
 
 def live(root: Path, level: str) -> list[bytes]:
-    """A life with everything that is told; the digests that were acknowledged."""
+    """A life with every kind of event; the digests that were acknowledged."""
     store = SessionStore(root)
     driver = new(store, spec={"durability": level})
     found = digests(driver, range(1, 2))
@@ -651,7 +651,7 @@ def test_a_short_write_is_gone_on_with(store: SessionStore, monkeypatch: pytest.
     write = os.write
     monkeypatch.setattr(os, "write", lambda handle, data: write(handle, bytes(data)[:7]))
     new(store).advance(1)
-    assert told(store) == ["built", "moved", "committed"]
+    assert events_of(store) == ["built", "moved", "committed"]
     assert BoundaryLog(folder_of(store)).steps == 1
 
 
@@ -679,12 +679,12 @@ def test_a_slow_disk_costs_some_slow_steps_and_not_each(
     assert len(slow) in (2, 3)  # the events' and the boundary's are waited for apart
     (warning,) = [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
     assert re.search(r"ends, the session goes on: the disk has let steps wait for 0\.[23] s, now 0\.1 s", warning)
-    before = len(told(store))
+    before = len(events_of(store))
     driver.host.reclaim(TOKEN)
     driver.join()
     driver.advance(6)  # it is tried again when the session is taken up
-    assert told(store)[before:].count("committed") >= 3  # what was not told meanwhile, and this one
-    assert told(store)[-1] == "committed"
+    assert events_of(store)[before:].count("committed") >= 3  # those that were left out meanwhile, and this one
+    assert events_of(store)[-1] == "committed"
 
 
 def test_a_pause_now_and_then_costs_no_history(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: Any) -> None:
@@ -725,14 +725,14 @@ def test_many_bytes_may_take_their_time(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("error", [MemoryError(), RuntimeError("unforeseen"), ValueError()])
-def test_what_nobody_foresaw_ends_the_history_only(
+def test_an_unforeseen_error_ends_the_history_only(
     store: SessionStore, error: Exception, monkeypatch: pytest.MonkeyPatch, caplog: Any
 ) -> None:
     driver = new(store)
     monkeypatch.setattr("mesh_motion_server.session.history.writer.line_of", raising(error))
     assert driver.advance(1)[-1].type == "COMMITTED"
     assert driver.advance(2)[-1].type == "COMMITTED"
-    assert told(store) == ["built"]
+    assert events_of(store) == ["built"]
     assert len(caplog.records) == 1
 
 

@@ -1,4 +1,4 @@
-"""The levels of durability as a session has them: what is told, what is there again, and what is refused."""
+"""The levels of durability as a session has them: what replies say, what is there again, and what is refused."""
 
 import threading
 import time
@@ -66,17 +66,17 @@ def held(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
 
 def records(folder: Path) -> list[str]:
     """The records of the manifest: what they are, and their steps."""
-    told = []
+    reported = []
     for record in read_journal(folder, PosixFileSystem()).records:
         body = record.body
         if record.kind == "snapshot":
-            told.append(f"step {body['step']}, stored")
+            reported.append(f"step {body['step']}, stored")
         elif record.kind == "commit":
-            told.append(f"step {body['step']}" + (", logged" if "rows" in body else ""))
+            reported.append(f"step {body['step']}" + (", logged" if "rows" in body else ""))
         else:
             commits = body.get("commits")
-            told.append(f"epoch {body['epoch']}" + (f", step {commits[-1]['step']}" if commits else ""))
-    return told
+            reported.append(f"epoch {body['epoch']}" + (f", step {commits[-1]['step']}" if commits else ""))
+    return reported
 
 
 def until_durable(driver: Any, step: int) -> Any:
@@ -148,15 +148,15 @@ def test_the_log_is_bounded_by_time(opened: Any, monkeypatch: pytest.MonkeyPatch
     assert records(opened.folder) == ["epoch 1", "step 1, logged", "step 2", "step 3, logged"]
 
 
-def test_each_step_that_is_computed_again_is_told(opened: Any) -> None:
-    """Whoever waits for the session knows that it comes, however long the log of another machine takes here."""
+def test_each_step_that_is_computed_again_is_reported(opened: Any) -> None:
+    """A waiting client knows that the session comes, however long the log of another machine takes here."""
     driver = opened.open("replay")
     for step in (1, 2, 3):
         driver.advance(step)
     driver.host._session.close(keep=False)
-    told: list[int] = []
-    again = resume_driver(driver, opened.store, progress=told.append)
-    assert told == [1, 2, 3]
+    reported: list[int] = []
+    again = resume_driver(driver, opened.store, progress=reported.append)
+    assert reported == [1, 2, 3]
     again.host.close()
 
 
@@ -216,7 +216,7 @@ def test_a_recomputation_that_differs_is_refused(opened: Any, monkeypatch: pytes
     assert (again.host.step, again.host.epoch) == (2, 2)
 
 
-def test_a_recomputation_whose_digest_nobody_compares_is_found(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recomputation_whose_digest_is_not_compared_is_found(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     class Equal(bytes):
         def __ne__(self, other: object) -> bool:
             return False
@@ -243,8 +243,8 @@ def test_a_recomputation_that_is_refused_has_diverged(opened: Any, monkeypatch: 
 
 def test_a_commit_is_answered_before_the_disk_has_it(opened: Any, held: threading.Event) -> None:
     driver = opened.open("relaxed")
-    told = [driver.advance(step)[0].durable_step for step in range(1, 6)]
-    assert told == [0] * 5
+    reported = [driver.advance(step)[0].durable_step for step in range(1, 6)]
+    assert reported == [0] * 5
     status = driver.ask(Status)
     assert (status.step, status.durable_step) == (5, 0)
     held.set()
@@ -359,14 +359,14 @@ def test_a_close_that_cannot_keep_is_refused_once(opened: Any, held: threading.E
 def test_a_session_that_failed_stays_so_when_its_disk_fails_too(
     opened: Any, held: threading.Event, monkeypatch: Any, suspended: bool
 ) -> None:
-    """FROZEN would hand out coordinates that nobody trusts."""
+    """FROZEN would hand out coordinates that are not trusted."""
     driver = opened.open("relaxed")
     driver.advance(1)
     driver.host._session.fail()
     monkeypatch.setattr(PosixFileSystem, "sync", raising(OSError(5, "Input/output error")))
     held.set()
     if suspended:
-        driver.host.suspend()  # the log is told
+        driver.host.suspend()  # the log says it
     else:
         refused = driver.ask(Close)
         assert (refused.code, refused.state) == ("RESOURCE_EXHAUSTED.DISK", "FAILED")
@@ -395,7 +395,7 @@ def test_nothing_is_waited_for_where_nothing_is_kept(opened: Any, held: threadin
     assert not opened.folder.exists()
 
 
-def test_something_unforeseen_in_the_background_is_told(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_something_unforeseen_in_the_background_is_logged(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     driver = opened.open("relaxed")
     monkeypatch.setattr(Journal, "_store", raising(ZeroDivisionError("a defect")))
     driver.advance(1)

@@ -67,6 +67,6 @@ def test_a_write_that_takes_nothing_is_an_error(tmp_path: Path) -> None:
     stuck.close(handle)
 
 
-def test_no_room_is_told_before_anything_is_written(tmp_path: Path) -> None:
+def test_no_room_is_reported_before_anything_is_written(tmp_path: Path) -> None:
     with pytest.raises(OSError, match=r"No space|too large|Invalid"):
         PosixFileSystem().create(tmp_path / "f", 1 << 60)

@@ -99,11 +99,11 @@ def test_a_state_is_written_once_and_a_large_one_is_synced_ahead(
     monkeypatch.setattr(journal_module, "_LARGE_STATE", state.nbytes + spare)
     for name, honest in [(name, getattr(PosixFileSystem, name)) for name in ("write", "sync")]:
 
-        def told(self: Any, handle: int, *rest: Any, name: str = name, honest: Any = honest) -> Any:
+        def watched(self: Any, handle: int, *rest: Any, name: str = name, honest: Any = honest) -> Any:
             done.append((name, ("manifest", "slot-0", "slot-1")[journal._handles.index(handle)]))
             return honest(self, handle, *rest)
 
-        monkeypatch.setattr(PosixFileSystem, name, told)
+        monkeypatch.setattr(PosixFileSystem, name, watched)
     journal.write_ahead(state)
     journal._ahead[1].wait()
     assert done == [("write", "slot-1"), ("sync", "slot-1")][: 2 - spare]
@@ -188,7 +188,7 @@ def test_sequence_numbers_and_the_chain_run_over_the_whole_life(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("name", ["manifest", "slot-0", "slot-1"])
-def test_a_missing_file_is_told(tmp_path: Path, name: str) -> None:
+def test_a_missing_file_is_reported(tmp_path: Path, name: str) -> None:
     write(tmp_path, 3).close()
     (tmp_path / name).unlink()
     with pytest.raises(JournalError, match="No such file"):
@@ -226,7 +226,7 @@ def test_the_record_area_holds_a_receipt_and_every_partition() -> None:
 @pytest.mark.usefixtures("small")
 @pytest.mark.parametrize("fill", ["cut", "zeros"])
 def test_the_tail_torn_at_every_length(tmp_path: Path, fill: str) -> None:
-    """Up to two records lost: their slots complete them. Three: the slots tell that something is missing."""
+    """Up to two records lost: their slots complete them. Three: the slots show that something is missing."""
     write(tmp_path, 3).close()
     whole = {path: path.read_bytes() for path in tmp_path.iterdir()}
     manifest = whole[tmp_path / "manifest"]
@@ -350,7 +350,7 @@ def test_a_record_that_does_not_fit_is_refused(tmp_path: Path, capacity: int, re
     journal.close()
 
 
-def test_an_error_of_the_disk_without_a_number_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_an_error_of_the_disk_without_a_number_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     journal = write(tmp_path, 0)
     with monkeypatch.context() as patch:
         patch.setattr(PosixFileSystem, "sync", raising(OSError("the disk is gone")))

@@ -83,7 +83,7 @@ def test_nothing_that_opening_wrote_is_left_unsynced(level: str) -> None:
 
 
 def test_what_opening_found_in_the_page_cache_is_on_the_disk_then() -> None:
-    """A sync that failed may have lost what reads still show: all of it is written anew."""
+    """A sync that failed may have lost what reads still show: all of it is written again."""
     for fail_at in range(1, 100):
         journal, files = lived("full", steps=2)
         files.fail_at = files.count + fail_at
@@ -101,7 +101,7 @@ def test_what_opening_found_in_the_page_cache_is_on_the_disk_then() -> None:
 
 
 def test_a_logged_step_that_was_witnessed_and_is_gone_is_missed() -> None:
-    """The page behind the records tells that record 2 was synced before record 3 was written."""
+    """The page behind the records says that record 2 was synced before record 3 was written."""
     journal, files = lived("replay", steps=3)
     journal.close()
     manifest = files.entries[FOLDER / "manifest"].cache

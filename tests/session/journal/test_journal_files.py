@@ -19,7 +19,7 @@ CAPACITY = 64 * PAGE
 
 
 class Shown(ModelFiles):
-    """Forbids to open a file for writing, once told so."""
+    """Forbids to open a file for writing, once this is switched on."""
 
     closed_to_writers = False
 
@@ -62,7 +62,7 @@ def test_files_that_were_read_are_given_back() -> None:
 
 
 @pytest.mark.parametrize("read", [read_journal, read_ledger])
-def test_a_journal_that_is_not_there_is_told(read: Any) -> None:
+def test_a_journal_that_is_not_there_is_reported(read: Any) -> None:
     with pytest.raises(JournalError, match="the journal cannot be read"):
         read(FOLDER, ModelFiles())
 

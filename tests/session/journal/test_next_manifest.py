@@ -1,4 +1,4 @@
-"""The space of the next manifest is held from BUILD on, whoever else fills the disk."""
+"""The space of the next manifest is held from BUILD on, even if other programs fill the disk."""
 
 import errno
 from collections.abc import Iterator
@@ -117,7 +117,7 @@ def test_so_it_is_on_a_disk(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [0, 1, (1 << 17) - 1, 1 << 18])
-def test_one_of_another_size_is_made_anew(built: Any, size: int) -> None:
+def test_one_of_another_size_is_made_again(built: Any, size: int) -> None:
     driver, files = built
     driver.host.close()
     whole = len(files.entries[RESERVE].cache)

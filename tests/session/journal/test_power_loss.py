@@ -20,7 +20,7 @@ from proofs.check import BrokenPromise
 from proofs.power_loss import explore, fail_each
 
 SCRIPT = "cceccccccoec"
-#: With what the other levels do beside: "f" catches up, stores what was logged.
+#: With the further commands of the other levels: "f" catches up, stores what was logged.
 LONG_SCRIPT = "ccecfcccccocefcc"
 OTHERS = ("replay", "relaxed")
 
@@ -126,7 +126,7 @@ def test_a_state_over_the_only_good_one_is_found(level: str, monkeypatch: pytest
         explore(LONG_SCRIPT, Random(1), level=level)
 
 
-def test_a_durable_step_told_before_its_sync_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_durable_step_answered_before_its_sync_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RelaxedKeeper, "durable_after", lambda self, step: step)
     with pytest.raises(BrokenPromise, match="was promised"):
         explore(LONG_SCRIPT, Random(1), level="relaxed")

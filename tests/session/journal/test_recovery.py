@@ -1,4 +1,4 @@
-"""What a crash can leave is told from what it cannot."""
+"""What a crash can leave, and what only damage can."""
 
 from dataclasses import replace
 from typing import Any

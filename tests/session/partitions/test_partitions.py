@@ -193,10 +193,10 @@ def test_an_error_about_a_motion_counts_nodes_as_their_senders_do(parts: int) ->
     mesh = merge(meshes)
     node, image = 7, 13
     raised = InvalidInput(f"node {node} and node {image} differ by 7", hint="h", details={"node": node, "image": image})
-    told = in_senders_numbers(raised, mesh)
+    renumbered = in_senders_numbers(raised, mesh)
     ids = mesh.global_ids
-    assert told.message == f"node {ids[node]} and node {ids[image]} differ by 7"
+    assert renumbered.message == f"node {ids[node]} and node {ids[image]} differ by 7"
     assert text_in_senders_numbers(f"moving node {node} is off", mesh) == f"moving node {ids[node]} is off"
-    assert (told.code, told.hint, told.details["image"]) == (raised.code, "h", ids[image])
-    sender = meshes[int(told.details.get("partition", 0))]
-    assert sender.global_ids[told.details["node"]] == ids[node] == told.details.get("global_id", ids[node])
+    assert (renumbered.code, renumbered.hint, renumbered.details["image"]) == (raised.code, "h", ids[image])
+    sender = meshes[int(renumbered.details.get("partition", 0))]
+    assert sender.global_ids[renumbered.details["node"]] == ids[node] == renumbered.details.get("global_id", ids[node])

@@ -1,4 +1,4 @@
-"""Following a history: nothing is missed and nothing told twice, whatever the writer does meanwhile."""
+"""Following a history: nothing is missed and nothing comes twice, whatever the writer does meanwhile."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_the_last_event(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [0, 3])
-def test_a_history_that_was_removed_and_begun_anew_is_followed(number: int, tmp_path: Path) -> None:
+def test_a_history_that_was_removed_and_begun_again_is_followed(number: int, tmp_path: Path) -> None:
     put_events(tmp_path, made_up_events(4), number=3)
     tail = EventTail(tmp_path)
     assert tail.read()
@@ -115,7 +115,7 @@ def shaped(event: dict[str, Any]) -> dict[str, Any]:
 
 
 def judged(event: dict[str, Any]) -> list[dict[str, Any]]:
-    """What an event tells of qualities."""
+    """What an event has of qualities."""
     quality = event.get("quality", {})
     return [part for part in (quality, quality.get("standard"), quality.get("corrected")) if part and "worst" in part]
 

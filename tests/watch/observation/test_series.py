@@ -1,4 +1,4 @@
-"""Columns by step: what was told, what is thinned, what was made twice."""
+"""Columns by step: what was given, what is thinned, what was made twice."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from histories import largest_angle, lowest_quality, made_up_events, resumed_at
 from mesh_motion_server.watch.observation.series import PHASES, Series
 
 
-def test_each_step_has_what_was_told() -> None:
+def test_each_step_has_what_was_given() -> None:
     columns = Series(made_up_events(300)).columns()
     assert columns["step"].tolist() == list(range(1, 301))
     assert [len(Series(made_up_events(few)).columns(10)["step"]) for few in (0, 5)] == [0, 5]
@@ -36,7 +36,7 @@ def test_faces_are_those_of_the_last_move_or_not_known() -> None:
     assert np.isnan(angles).tolist() == [True, False, False]
 
 
-def test_percentiles_are_those_of_the_first_move_where_later_ones_tell_none() -> None:
+def test_percentiles_are_those_of_the_first_move_where_later_ones_have_none() -> None:
     events = list(made_up_events(3))
     for event in events:
         if event["event"] == "moved" and event["iteration"] == 2:
@@ -74,7 +74,7 @@ def test_thinning_keeps_what_sticks_out_in_a_step_that_it_leaves_out(most: int) 
         series._table[567, list(whole).index(name)] = 77.0
     for name in ("predicted_min", "standard_min"):
         series._table[567, list(whole).index(name)] = -77.0
-    series._table[100, list(whole).index("predicted_min")] = np.nan  # not told
+    series._table[100, list(whole).index("predicted_min")] = np.nan  # not given
     thin = series.columns(most)
     assert 568 not in thin["step"]
     for name, value in {"iterations": 77, "inverted": 77, "seconds_correct": 77, "seconds_total": 77}.items():
@@ -102,7 +102,7 @@ def test_steps_that_a_crash_took_are_gone_and_leave_nothing_to_those_made_again(
     assert columns["iterations"].tolist() == [2] * 5
 
 
-def test_what_was_begun_before_a_gap_is_not_told_of_the_step_after_it() -> None:
+def test_what_was_begun_before_a_gap_is_not_of_the_step_after_it() -> None:
     events = [event for event in made_up_events(9) if event.get("step", 0) < 5 or event.get("step") == 8]
     begun = next(event for event in made_up_events(5) if event.get("step") == 5)
     events.insert(next(number for number, event in enumerate(events) if event.get("step") == 8), begun)

@@ -35,8 +35,8 @@ def _commits(minima: Iterable[float | None]) -> list[dict[str, Any]]:
 
 
 def _refusal(at: float, step: int = 4, **more: Any) -> dict[str, Any]:
-    told = {"request": "MOVE", "step": step, "code": "X", "message": "3 of 722 cells are inverted", "details": {}}
-    return {"at": at, "event": "refused", **told, **more}
+    added = {"request": "MOVE", "step": step, "code": "X", "message": "3 of 722 cells are inverted", "details": {}}
+    return {"at": at, "event": "refused", **added, **more}
 
 
 def test_a_session_that_runs() -> None:
@@ -54,9 +54,9 @@ def test_the_history_of_a_long_run_runs() -> None:
 
 def test_refusals_in_a_row_are_no_ready_session() -> None:
     at = BEGIN + 100.0
-    told = [_refusal(at), {"at": at + 1, "event": "rolled_back", "step": 4, "iteration": 1}]
-    told += [_refusal(at + 2, untold=3), _refusal(at + 4, details={"fraction": 0.629})]
-    recent = _recent(_built(), _commits([0.5, 0.5, 0.5]), told)
+    added = [_refusal(at), {"at": at + 1, "event": "rolled_back", "step": 4, "iteration": 1}]
+    added += [_refusal(at + 2, untold=3), _refusal(at + 4, details={"fraction": 0.629})]
+    recent = _recent(_built(), _commits([0.5, 0.5, 0.5]), added)
     found = verdict(recent, at + 120.0)
     why = "6 times in a row, step 4: 3 of 722 cells are inverted; 62 % of the motion would pass"
     assert found == Verdict("refused", "bad", why, at)
@@ -127,19 +127,19 @@ def test_nothing_is_known() -> None:
 
 
 def test_durations() -> None:
-    told = [duration(s) for s in (-1.0, 0.25, 4.0, 4.26, 90.0, 119.0, 120.0, 7100.0, 7200.0, 86400.0, 172800.0)]
-    assert told == ["0 ms", "250 ms", "4 s", "4.3 s", "90 s", "119 s", "2 min", "118 min", "2 h", "24 h", "2 days"]
+    added = [duration(s) for s in (-1.0, 0.25, 4.0, 4.26, 90.0, 119.0, 120.0, 7100.0, 7200.0, 86400.0, 172800.0)]
+    assert added == ["0 ms", "250 ms", "4 s", "4.3 s", "90 s", "119 s", "2 min", "118 min", "2 h", "24 h", "2 days"]
 
 
-def test_a_run_whose_client_tells_its_end_says_when_it_is_there() -> None:
-    told = [event | {"final_step": 10} for event in _commits([0.5, 0.5, 0.5])]
-    found = verdict(_recent(_built(), told), BEGIN + 13.0)
+def test_a_run_whose_client_names_its_end_says_when_it_is_there() -> None:
+    added = [event | {"final_step": 10} for event in _commits([0.5, 0.5, 0.5])]
+    found = verdict(_recent(_built(), added), BEGIN + 13.0)
     assert found.why == "step 3 of 10, minimum 0.500, 900 steps an hour"
     assert found.ends_at == BEGIN + 12.0 + 7 * PAUSE
     clock = time.strftime("%H:%M", time.localtime(found.ends_at))
     assert found.line(BEGIN + 13.0).endswith(f"900 steps an hour, ends about {clock}")
-    assert verdict(_recent(_built(), told), BEGIN + 1e6).ends_at == 0.0  # stalled
-    assert verdict(_recent(_built(), told), BEGIN + 13.0, worker="none").ends_at == 0.0
-    last = [event | {"final_step": 3} for event in told]
+    assert verdict(_recent(_built(), added), BEGIN + 1e6).ends_at == 0.0  # stalled
+    assert verdict(_recent(_built(), added), BEGIN + 13.0, worker="none").ends_at == 0.0
+    last = [event | {"final_step": 3} for event in added]
     assert verdict(_recent(_built(), last), BEGIN + 13.0).ends_at == 0.0  # it is committed
-    assert verdict(_recent(_built(), told, _commits([0.5] * 4)[3:]), BEGIN + 17.0).why.startswith("step 4, ")
+    assert verdict(_recent(_built(), added, _commits([0.5] * 4)[3:]), BEGIN + 17.0).why.startswith("step 4, ")

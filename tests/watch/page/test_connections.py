@@ -17,14 +17,14 @@ from mesh_motion_server.watch.page import connections
 from mesh_motion_server.watch.page.connections import BoundedProtocol
 
 
-async def nobody(scope: object, receive: object, send: object) -> None:
+async def no_app(scope: object, receive: object, send: object) -> None:
     """An application that is asked nothing."""
     del scope, receive, send
 
 
 async def left_of(burst: int) -> int:
     """How many connections are open after so many have come within one turn of the loop."""
-    config = uvicorn.Config(nobody, http=BoundedProtocol, ws="none", lifespan="off", log_config=None)
+    config = uvicorn.Config(no_app, http=BoundedProtocol, ws="none", lifespan="off", log_config=None)
     config.load()
     state, made = ServerState(), [0]
 

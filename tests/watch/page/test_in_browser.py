@@ -41,8 +41,8 @@ def test_three_sessions_and_what_is_known_of_one(tab: Browser, server: ServerPro
     assert len(tab.texts("#worst tbody tr")) == 10
     assert "triangle" in tab.texts("#worst tbody tr")[0]
     assert tab.text("#faces-of") == "step 120"
-    told = tab.texts("#faces tbody tr")[0].split("\t")
-    assert told == ["largest non-orthogonality", "24.5°", f"{largest_angle(120):.1f}°"]
+    shown = tab.texts("#faces tbody tr")[0].split("\t")
+    assert shown == ["largest non-orthogonality", "24.5°", f"{largest_angle(120):.1f}°"]
     assert len(tab.texts("#faces tbody tr")) == 7
     assert any("refused" in line or "_" in line for line in tab.texts("#events .code"))
     assert "threshold 0.2" in tab.run("return document.querySelector('#quality .plot').getAttribute('aria-label')")
@@ -87,7 +87,7 @@ def test_what_comes_is_shown_without_a_reload(tab: Browser, server: ServerProces
         tab.wait(lambda: "step 121, minimum 0." in tab.text("#verdict"), "the verdict has the step")
         assert tab.text("#verdict").startswith("at rest for ")
         assert tab.run("return document.title").startswith("at rest · <b>flag</b> · step 121")
-    with segments[-1].open("a") as file:  # alone: nothing but the refusal tells that there is news
+    with segments[-1].open("a") as file:  # alone: nothing but the refusal shows that there is news
         file.write(json.dumps({"at": time.time()} | refused(121, "it is too bad")) + "\n")
     tab.wait(lambda: "FAILED_PRECONDITION.QUALITY" in tab.text("#events li"), "the refusal is shown")
     assert "in smaller steps" in tab.text("#events li")
@@ -111,7 +111,7 @@ def test_chart_fonts_have_whole_pixels(tab: Browser, server: ServerProcess) -> N
     assert tab.texts("#quality .chart-legend .value") != []
 
 
-def test_a_server_that_is_gone_is_told_and_its_return_too(tab: Browser, server: ServerProcess) -> None:
+def test_a_server_that_is_gone_is_reported_and_its_return_too(tab: Browser, server: ServerProcess) -> None:
     show(tab, server, SHORT)
     server.stop()
     tab.wait(lambda: "The server is gone since" in tab.text("#gone"), "the page tells")

@@ -44,13 +44,15 @@ def await_list(tab: Browser, *names: str) -> None:
 SELECTED = "return [...document.querySelectorAll('#sessions [aria-selected=true]')].map((row) => row.dataset.session)"
 
 
-def test_a_session_that_is_gone_is_told_and_not_swapped(tab: Browser, server: ServerProcess, tmp_path: Path) -> None:
+def test_a_session_that_is_gone_is_reported_and_not_swapped(
+    tab: Browser, server: ServerProcess, tmp_path: Path
+) -> None:
     show(tab, server, FLAG)
     kept = tmp_path / "kept"
     shutil.move(folder_of(server, FLAG), kept)
-    told = tab.wait(lambda: tab.text("#ended"), "the page tells")
-    assert "“flag” (22222222) was discarded" in told
-    assert "last step here was 2, minimum" in told
+    text_shown = tab.wait(lambda: tab.text("#ended"), "the page tells")
+    assert "“flag” (22222222) was discarded" in text_shown
+    assert "last step here was 2, minimum" in text_shown
     assert (tab.text("#label"), tab.text("#state")) == ("flag", "not listed")
     assert "not listed" in tab.run("return document.title")
     assert tab.run("return globalThis.monitor.history.columns.step.length") == 20  # what was known stays
@@ -81,8 +83,8 @@ def test_a_run_that_was_begun_again_is_offered_under_its_label(tab: Browser, ser
 
 def test_a_link_to_a_session_that_is_not_there_waits_for_it(tab: Browser, server: ServerProcess) -> None:
     tab.show(f"http://{server.settings['monitor']}/#{AGAIN}")
-    told = tab.wait(lambda: tab.text("#ended"), "the page tells")
-    assert "There is no session 44444444" in told
+    text_shown = tab.wait(lambda: tab.text("#ended"), "the page tells")
+    assert "There is no session 44444444" in text_shown
     assert tab.text("#label") == ""
     await_list(tab, "flag", "wing")
     stored(server.state, AGAIN, "again", 10)
@@ -152,8 +154,8 @@ def test_what_is_read_stays_as_news_comes(tab: Browser, server: ServerProcess) -
     assert tab.run("return getSelection().toString().trim()") == "to be copied"
     texts = tab.texts("#events li p:first-of-type")
     assert texts[:2] == ["what comes next", "to be copied"]
-    told = tab.run("return fetch(`api/sessions/${arguments[0]}`).then((reply) => reply.json())", WING)["notable"]
-    assert texts == [event["message"] for event in told if event.get("message")]
+    text_shown = tab.run("return fetch(`api/sessions/${arguments[0]}`).then((reply) => reply.json())", WING)["notable"]
+    assert texts == [event["message"] for event in text_shown if event.get("message")]
 
 
 def test_a_press_on_a_session_counts_though_it_steps(tab: Browser, server: ServerProcess) -> None:
@@ -170,7 +172,7 @@ def test_a_press_on_a_session_counts_though_it_steps(tab: Browser, server: Serve
     assert tab.texts("#sessions .name") == order
 
 
-#: The list is late: as it was when the session had made one step; a process holds it, or nobody does.
+#: The list is late: as it was when the session had made one step; a process holds it, or no process does.
 LATE = """
 const m = globalThis.monitor;
 const [late, worker] = arguments;

@@ -1,4 +1,4 @@
-"""The page's process beside a real server: where it listens, what it withstands, that it never outlives the server.
+"""The page's process with a real server: where it listens, what it withstands, that it never outlives the server.
 
 ``serve --monitor`` is what docs/monitor.md begins with.
 """
@@ -63,7 +63,7 @@ def page_process(server: ServerProcess) -> int:
     return pid
 
 
-def test_it_is_announced_and_tells_the_list(server: ServerProcess) -> None:
+def test_it_is_announced_and_shows_the_list(server: ServerProcess) -> None:
     status, body = get(server, "/api/sessions")
     assert (status, json.loads(body)["sessions"]) == (200, [])
     assert os.getpriority(os.PRIO_PROCESS, page_process(server)) == 10
@@ -79,7 +79,7 @@ def test_what_falls_comes_back_at_the_same_address(server: ServerProcess) -> Non
 
 
 @pytest.mark.nightly
-def test_slow_silent_and_many_connections_close_nobody_out(server: ServerProcess) -> None:
+def test_slow_silent_and_many_connections_close_no_client_out(server: ServerProcess) -> None:
     with contextlib.ExitStack() as lines:
         slow = [lines.enter_context(raw(server, b"GET / HT")) for _ in range(2 * connections.MOST)]
         assert get(server, "/")[0] == 200

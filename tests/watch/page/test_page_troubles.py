@@ -135,7 +135,7 @@ def test_a_page_in_the_background_asks_nothing(tab: Browser, server: ServerProce
     assert tab.text("#gone") == ""
 
 
-def test_a_server_that_refuses_the_list_is_told_with_its_reason(tab: Browser, server: ServerProcess) -> None:
+def test_a_server_that_refuses_the_list_is_reported_with_its_reason(tab: Browser, server: ServerProcess) -> None:
     show(tab, server, SHORT)
     tab.run(FAILING, "api/sessions")
     tab.wait(lambda: "refuses this page: too many questions" in tab.text("#gone"), "the reason is told")

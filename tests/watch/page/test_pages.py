@@ -65,7 +65,7 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return asking(state)
 
 
-def test_the_list_tells_what_folders_and_supervisor_know(tmp_path: Path) -> None:
+def test_the_list_shows_what_folders_and_supervisor_know(tmp_path: Path) -> None:
     stored(tmp_path, 3, history=100)
     page = Page(tmp_path, BUILD)
     page.hear({"missing": "", "sessions": [[SESSION, "alive", "TRIAL", 3, 1], ["f" * 32, "alive", "OPENING", 0, 1]]})
@@ -97,14 +97,14 @@ def append(state: Path, *events: dict[str, Any]) -> None:
         file.writelines(json.dumps({"at": time.time()} | event) + "\n" for event in events)
 
 
-def told_anew(page: Page) -> Any:
+def read_again(page: Page) -> Any:
     """The list, not one that was made within the last second."""
     page._due = 0.0
     return asking_of(page).get("/api/sessions").json()
 
 
 def listed(page: Page) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = told_anew(page)["sessions"]
+    found: list[dict[str, Any]] = read_again(page)["sessions"]
     return found
 
 
@@ -120,7 +120,7 @@ def test_a_refusal_alone_is_news(tmp_path: Path) -> None:
     assert after["state"] == before["state"]
 
 
-def test_what_cannot_be_read_is_told_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_read_is_reported_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stored(tmp_path, 1)
     page = Page(tmp_path, BUILD)
     (before,) = listed(page)
@@ -132,13 +132,13 @@ def test_what_cannot_be_read_is_told_and_read_again(tmp_path: Path, monkeypatch:
         return read(workers)
 
     monkeypatch.setattr(page._archive, "overview", sometimes)
-    said = [told_anew(page) for _ in range(3)]
-    assert [told["missing"] for told in said] == [
+    said = [read_again(page) for _ in range(3)]
+    assert [reply["missing"] for reply in said] == [
         "the list cannot be read: stale file handle",
         "the list cannot be read: MemoryError",
         "",
     ]
-    assert [one["session"] for told in said for one in told["sessions"]] == 3 * [before["session"]]
+    assert [one["session"] for reply in said for one in reply["sessions"]] == 3 * [before["session"]]
 
 
 def test_many_who_ask_start_no_further_reading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -189,11 +189,16 @@ def test_a_prediction_goes_with_its_trial(tmp_path: Path) -> None:
     events = [json.loads(line) for line in segment.read_text().splitlines()]
     moved = next(event for event in reversed(events) if event["event"] == "moved")
     append(tmp_path, moved | {"at": time.time(), "step": 6})
-    told = asked.get(path).json()
-    assert (told["worst"]["of"], told["worst"]["step"], told["moved"]["step"]) == ("predicted", 6, 6)
+    reply = asked.get(path).json()
+    assert (reply["worst"]["of"], reply["worst"]["step"], reply["moved"]["step"]) == ("predicted", 6, 6)
     append(tmp_path, {"event": "rolled_back", "step": 5, "iteration": 1})
-    told = asked.get(path).json()
-    assert (told["worst"]["of"], told["worst"]["step"], told["moved"], told["corrected"]) == ("committed", 5, {}, {})
+    reply = asked.get(path).json()
+    assert (reply["worst"]["of"], reply["worst"]["step"], reply["moved"], reply["corrected"]) == (
+        "committed",
+        5,
+        {},
+        {},
+    )
 
 
 def test_steps_that_a_crash_took_are_shown_no_more(tmp_path: Path) -> None:
@@ -202,8 +207,8 @@ def test_steps_that_a_crash_took_are_shown_no_more(tmp_path: Path) -> None:
     path = f"/api/sessions/{SESSION}"
     assert (asked.get(path).json()["worst"]["of"], asked.get(path).json()["worst"]["step"]) == ("committed", 5)
     append(tmp_path, resumed_at(1))
-    told = asked.get(path).json()
-    assert (told["worst"]["of"], told["moved"], told["corrected"]) == ("uploaded", {}, {})
+    reply = asked.get(path).json()
+    assert (reply["worst"]["of"], reply["moved"], reply["corrected"]) == ("uploaded", {}, {})
     assert asked.get(f"{path}/series").json()["columns"]["step"] == [1]
 
 
@@ -295,7 +300,7 @@ def test_a_mesh_that_needs_too_much_memory_is_refused(tmp_path: Path, monkeypatc
     assert (answer.status_code, answer.json()["message"]) == (400, "the mesh is too large to be drawn here")
 
 
-def test_half_a_character_is_told_as_an_escape() -> None:
+def test_half_a_character_is_shown_as_an_escape() -> None:
     assert json.loads(as_json({"label": "flap \udc80"})) == {"label": "flap \udc80"}
 
 

@@ -95,7 +95,7 @@ def test_other_steps_are_drawn_on_demand(played: MakePlayed) -> None:
     assert pair.after.points[:, 0].min() == pytest.approx(-0.1)
 
 
-def test_a_step_that_was_not_written_is_told(played: MakePlayed) -> None:
+def test_a_step_that_was_not_written_is_reported(played: MakePlayed) -> None:
     with pytest.raises(InvalidInput, match="has no step 40; it has 0, 1, 2"):
         read_pair(played(mesh="triangle"), last=40)
 
@@ -183,6 +183,6 @@ def test_a_line_has_no_picture(played: MakePlayed) -> None:
         read_pair(played(mesh="line"))
 
 
-def test_a_folder_without_a_series_is_told(played: MakePlayed) -> None:
+def test_a_folder_without_a_series_is_reported(played: MakePlayed) -> None:
     with pytest.raises(InvalidInput, match=r"mesh\.pvd: not readable"):
         read_pair(played())

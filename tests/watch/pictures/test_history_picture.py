@@ -124,14 +124,14 @@ def test_a_run_of_a_single_step_is_seen(played: MakePlayed) -> None:
     assert [tick for tick in quality.get_xticks() if 0.5 <= tick <= 1.5] == [1.0]
 
 
-def test_a_run_of_a_single_step_is_seen_beside_a_long_one(played: MakePlayed) -> None:
+def test_a_run_of_a_single_step_is_seen_next_to_a_long_one(played: MakePlayed) -> None:
     runs = read_runs([played("long", steps=30), played("once", steps=1)])
     _, panels = drawn(runs)
     colour = line(panels["size-skew"], "once").get_color()
     assert inked(panels["size-skew"], colour) > 5
 
 
-def test_runs_of_one_name_are_told_apart(played: MakePlayed, tmp_path: Path) -> None:
+def test_runs_of_one_name_are_kept_apart(played: MakePlayed, tmp_path: Path) -> None:
     first = played("flag")
     (tmp_path / "later").mkdir()
     second = tmp_path / "later" / "flag"
@@ -173,13 +173,13 @@ def test_a_long_run_is_thinned_and_keeps_its_extremes(played: MakePlayed) -> Non
 
 def test_the_least_orthogonal_face_has_a_panel_where_it_is_known(played: MakePlayed) -> None:
     run = read_played(played())
-    assert "non-orthogonality" not in panels_of([run])  # a run of one dimension, or of before they were told
+    assert "non-orthogonality" not in panels_of([run])  # a run of one dimension, or an older one
     angles = np.linspace(30.0, 70.0, len(run.step))
-    told = replace(known(run, non_orthogonality=angles), label="told")
-    _, panels = drawn([told, run])
+    newer = replace(known(run, non_orthogonality=angles), label="newer")
+    _, panels = drawn([newer, run])
     (only,) = panels["non- orthogonality, °"].get_lines()
     np.testing.assert_array_equal(only.get_ydata(), angles)
-    _, panels = drawn([told], panels=["non-orthogonality"])
+    _, panels = drawn([newer], panels=["non-orthogonality"])
     assert list(panels) == ["non- orthogonality, °"]
 
 

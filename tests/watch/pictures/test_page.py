@@ -39,7 +39,7 @@ def test_sizes(text: str, expected: tuple[float, float | None, float]) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "big", "10x10", "120x", "9999", "-5", "120x80x60"])
-def test_what_is_no_size_is_told_with_the_choices(text: str) -> None:
+def test_what_is_no_size_is_refused_with_the_choices(text: str) -> None:
     with pytest.raises(InvalidInput, match="expected column, wide, page, slide, or WIDTH"):
         parse_size(text)
 
@@ -79,7 +79,7 @@ def test_another_suffix_is_refused(tmp_path: Path) -> None:
         save(picture(), tmp_path / "a.jpg", Page())
 
 
-def test_a_place_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ResourceError, match="the picture cannot be written"):
         save(picture(), tmp_path / "file" / "a.png", Page())

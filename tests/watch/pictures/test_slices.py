@@ -40,7 +40,7 @@ def test_cells_keep_their_numbers() -> None:
     np.testing.assert_array_equal(cut(points, cells, 2, 0.4).cells, crossed)
 
 
-def test_a_plane_beside_the_mesh_cuts_nothing() -> None:
+def test_a_plane_outside_the_mesh_cuts_nothing() -> None:
     points, cells = SOLIDS["tetra"]
     assert len(cut(points, cells, 0, 2.0).corners) == 0
 

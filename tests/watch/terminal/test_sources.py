@@ -1,4 +1,4 @@
-"""Sessions as a monitor is told of them from their folders."""
+"""Sessions as a monitor reads them from their folders."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_what_is_added_comes(make_session: MakeSession, tmp_path: Path) -> None:
     assert source.sessions()[0]["step"] == 25
 
 
-def test_a_trial_is_told_until_it_is_committed(make_session: MakeSession, tmp_path: Path) -> None:
+def test_a_trial_is_shown_until_it_is_committed(make_session: MakeSession, tmp_path: Path) -> None:
     folder = make_session(steps=3)
     segment = folder / "history" / "events-00000000.jsonl"
     segment.write_text("".join(segment.read_text().splitlines(keepends=True)[:-1]))

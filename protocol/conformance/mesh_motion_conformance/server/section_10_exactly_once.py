@@ -310,4 +310,9 @@ def anew() -> Iterator[Case]:
         return repeated
 
     for kind in ("PING", "JOIN", "FETCH", "STATUS"):
-        yield Case("10.7", f"{kind}-is-answered-anew", "What changes nothing is answered anew", run(kind))
+        yield Case(
+            "10.7",
+            f"{kind}-is-answered-anew",
+            "A repeat of a request that changes nothing is answered again",
+            run(kind),
+        )

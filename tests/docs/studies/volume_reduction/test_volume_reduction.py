@@ -44,7 +44,7 @@ def test_a_place_s_displacement_does_not_depend_on_the_others(name: str) -> None
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_it_tells_how_many_sums_it_took(name: str) -> None:
+def test_it_says_how_many_sums_it_took(name: str) -> None:
     problem = problem_of(length=0.25)
     found = VOLUME_REDUCTIONS[name](problem)(problem.nodes)
     assert 0 < np.count_nonzero(found.evaluated) <= found.places

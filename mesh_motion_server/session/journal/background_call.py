@@ -1,16 +1,16 @@
-"""Runs a call in a thread beside its caller: the disk works while cells are judged."""
+"""Runs a call in a thread of its own while the caller goes on: the disk works while cells are judged."""
 
 import threading
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Generic, TypeVar
 
-__all__ = ["Beside"]
+__all__ = ["BackgroundCall"]
 
 _Result = TypeVar("_Result")
 
 
-class Beside(Generic[_Result]):
+class BackgroundCall(Generic[_Result]):
     """Runs a call in its own thread, at once; without memory for a thread, in the caller's.
 
     Parameters
@@ -28,7 +28,7 @@ class Beside(Generic[_Result]):
         self._thread: threading.Thread | None = None
         if worth_a_thread:
             with suppress(RuntimeError):
-                thread = threading.Thread(target=self._run, name="beside", daemon=True)
+                thread = threading.Thread(target=self._run, name="background", daemon=True)
                 thread.start()
                 self._thread = thread
         if self._thread is None:
