@@ -35,7 +35,7 @@ from mesh_motion_server.session.history import History
 from mesh_motion_server.session.journal.durability import keeper_of, logged_failure
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.journal.replies import RequestId
-from mesh_motion_server.session.model import Model, ModelBuilder, build_boundary_model, checked_model
+from mesh_motion_server.session.model import Model, ModelBuilder, Slope, build_boundary_model, checked_model
 from mesh_motion_server.session.motions import compute
 from mesh_motion_server.session.partitions.merging import check_boundary, merge
 from mesh_motion_server.session.partitions.meshes import MergedMesh
@@ -56,7 +56,6 @@ from mesh_motion_server.session.values import Built, CommitOutcome, CurrentState
 from mesh_motion_server.settings import ServerSettings
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.motion.motion_slope import MotionSlope
     from mesh_motion_server.numerics.quality.headroom import Headroom
 
 __all__ = ["Session"]
@@ -85,7 +84,7 @@ class Session(Position):
             self.spec.dimension, self.spec.partitions, limits.max_session_bytes, self.spec.evaluation
         )
         self.factors = FactorCache(limits.factor_cache_bytes)
-        self._latest_slope: tuple[Floats, MotionSlope] | None = None
+        self._latest_slope: tuple[Floats, Slope] | None = None
         self.history = History(folder.path, limits.history_bytes, limits.reserve_disk_bytes)
 
     @classmethod
@@ -461,11 +460,11 @@ class Session(Position):
 
     # --- inside ----------------------------------------------------------------------------------------------------
 
-    def _slope(self, what: str) -> MotionSlope:
+    def _slope(self, what: str) -> Slope:
         """The derivative at the trial or the committed state."""
         return self._slope_at(self._points_of(what))
 
-    def _slope_at(self, points: Floats) -> MotionSlope:
+    def _slope_at(self, points: Floats) -> Slope:
         """The derivative of the motion that has led to ``points`` (n, d); that of the last time, if it was there."""
         if self._latest_slope is None or self._latest_slope[0] is not points:
             self._latest_slope = points, self.model.slope(points, self.factors)
