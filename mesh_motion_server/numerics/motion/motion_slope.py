@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, NoReturn
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from mesh_motion_server.numerics.motion.smooth_step import LatestPlain
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 
-__all__ = ["DifferentiableMesh", "MotionSlope", "WithoutSlope", "motion_slope", "why_no_slope"]
+__all__ = ["DifferentiableMesh", "MotionSlope", "motion_slope", "why_no_slope"]
 
 
 #: Of the extent: nodes as close are at the same place.
@@ -99,26 +98,6 @@ class DifferentiableMesh(PreparedMesh):
             if np.abs(plain - points).max() <= _SAME * np.ptp(self.points, axis=0).max():
                 return motion_slope(motion, None, plain, points, factors)
         raise not_at_minimum()
-
-
-class WithoutSlope:
-    """A model of a motion that is not differentiated; ``no_slope`` says why, and the way out."""
-
-    no_slope: ClassVar[tuple[str, str]]
-
-    def why_no_slope(self) -> InvalidInput:
-        """What keeps the motion from having a derivative."""
-        return _no_slope(*self.no_slope)
-
-    def slope(self, points: Floats, factors: FactorSource) -> NoReturn:
-        """Refuse.
-
-        Raises
-        ------
-        InvalidInput
-        """
-        del points, factors
-        raise self.why_no_slope()
 
 
 def why_no_slope(motion: StandardMotion) -> InvalidInput | None:
