@@ -32,7 +32,7 @@ __all__ = ["FieldCotangent", "FieldSlope", "FieldTangent"]
 
 @dataclass(frozen=True, eq=False)
 class FieldTangent:
-    """Velocities, of one or more vectors beside each other.
+    """Velocities, the components of c vectors one after the other.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class FieldTangent:
 
 @dataclass(frozen=True, eq=False)
 class FieldCotangent:
-    """Weights, of one or more vectors beside each other.
+    """Weights, the components of c vectors one after the other.
 
     Attributes
     ----------

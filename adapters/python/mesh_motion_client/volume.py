@@ -86,7 +86,7 @@ class Volume:
         return found
 
     def velocity(self, found: TangentFound) -> Floats:
-        """(n, c d) velocities of all nodes, of c vectors beside each other."""
+        """(n, c d) velocities of all nodes, the components of c vectors one after the other."""
         assert found.coefficients is not None
         d, columns = self._mesh.points.shape[1], []
         for first in range(0, found.velocity.shape[1], d):
