@@ -13,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
 from mesh_motion_server.numerics.interpolation.kernels import DEFAULT_BASIS, basis_named
@@ -79,6 +80,30 @@ class Field:
             spline = _spline(self.boxes, rows.rest(), self.centres.shape[1])
             return TwoScaleInterpolant(spline, tuple(sums), basis_named(DEFAULT_BASIS), 0)
         return sums[0] if len(sums) == 1 else TwoScaleInterpolant(sums[0], tuple(sums[1:]), sums[0].basis, 0)
+
+    def counted(self, places: Floats, weights: Floats) -> Floats:
+        """(r, k) what the coefficients count for (n, k) weights of the values at (n, d) places: the transpose."""
+        sums, spline = _parts(self.interpolant())
+        rows, layouts = [], dict[tuple[str, float], CentreLayout]()
+        for each in sums:
+            law = each.basis.name, each.support_radius
+            if law not in layouts:
+                layouts[law] = CentreLayout.build(places, each.basis, each.support_radius)
+            turned = Interpolant(places, weights, each.basis, each.support_radius, layouts[law])
+            rows.append(evaluation.displacement(turned, each.control_points))
+            if each.polynomial is not None:
+                rows.append(each.polynomial.basis.matrix(places).T @ weights)
+        if spline is not None:
+            counts = replace(spline, coefficients=np.empty((len(spline.coefficients), weights.shape[1])))
+            counts.count(places, weights)
+            rows.append(counts.coefficients[np.concatenate(list(_places(self.boxes)))])
+        return np.concatenate(rows)
+
+    def split(self, rows: Floats) -> tuple[Floats, list[Floats]]:
+        """Rows (r, k) of all coefficients: of the spline or the first sum, and of each compact level."""
+        ends = np.cumsum([each["centres"] + (1 + len(each["centre"]) if "scale" in each else 0) for each in self.sums])
+        *levels, spline = np.split(rows, ends)
+        return (spline, levels) if len(self.boxes) else (levels[0], levels[1:])
 
     def part(self, box: Floats) -> FieldPart:
         """What a point of a box (2, d), mesh length unit, needs of this field and of those that differ in coefficients.

@@ -75,6 +75,19 @@ class Rank:
         found[self.nodes] = known
         return found
 
+    def velocity(self, field: Field, known: Floats) -> Floats:
+        """(n, d) velocity: by a field of velocities, and ``known`` (b, d) of :attr:`nodes`."""
+        interpolant, prepared = self._prepared(field)
+        found = evaluation.displacement(interpolant, self._points, prepared)
+        found[self.nodes] = known
+        return found
+
+    def counted(self, field: Field, weights: Floats, others: Ints) -> Floats:
+        """(r, d) what weights (n, d) of the nodes count for a field's coefficients, but of :attr:`nodes` and others."""
+        own = np.ones(len(self._points), dtype=bool)
+        own[self.nodes] = own[others] = False
+        return field.counted(self._points[own], np.ascontiguousarray(weights[own]))
+
     def region(self, field: Field, known: Floats, extent: Extent, around: Ints) -> Region:
         """The cells that are bad after the displacement by a field and ``known`` (b, d), and those about them.
 

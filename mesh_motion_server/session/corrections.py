@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, cast
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:  # no other session needs it, and it loads much
     from mesh_motion_server.numerics.motion.body_paths import Way
     from mesh_motion_server.numerics.motion.boundary_motion import BoundaryMotion
 
-__all__ = ["CorrectOutcome", "correct", "first_extent", "is_good"]
+__all__ = ["CorrectOutcome", "CorrectedRegion", "correct", "first_extent", "is_good"]
 
 #: Rings about the bad cells that the ranks send at first: most corrections free fewer.
 _FIRST_RINGS = 2
@@ -46,6 +46,19 @@ _FIRST_RINGS = 2
 _MOST_RINGS = 64
 #: A rank judges positions that are rounded once more.
 _ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectedRegion:
+    """A region, the number of nodes of the whole mesh, and where its nodes (n, d) are; none where no cell resists.
+
+    ``smooth``: whether the smooth correction led there.
+    """
+
+    region: MergedRegion | None = None
+    n_nodes: int = 0
+    points: Floats = field(default_factory=lambda: np.empty((0, 0)))
+    smooth: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,12 +75,15 @@ class CorrectOutcome:
         Of these, since the reference mesh.
     correction : Correction or None
         What was done, without coordinates.
+    region : CorrectedRegion or None
+        Where the correction was found.
     """
 
     extent: Extent | None
     nodes: Integers
     displacement: Floats
     correction: Correction | None = None
+    region: CorrectedRegion | None = None
 
 
 def is_good(method: Method, quality: Judgement) -> bool:
@@ -143,7 +159,7 @@ def correct(
     if smooth and extents[0].below < _resisting(n_nodes).below:
         return CorrectOutcome(_resisting(n_nodes), nothing, none)
     if smooth and not any(one.cells for one in regions):
-        return CorrectOutcome(None, nothing, none, Correction(none, none))
+        return CorrectOutcome(None, nothing, none, Correction(none, none), CorrectedRegion())
     region = merge_regions(mesh, regions, known)
     part = region.points, region.positions, region.cells, region.held, region.elsewhere
     try:
@@ -168,7 +184,8 @@ def correct(
     moved = np.flatnonzero((found.points != region.positions).any(axis=1))
     displacement = differences_of(found.points, region.points, moved)
     done = replace(found, points=displacement[:0], quality=None)
-    return CorrectOutcome(None, region.ids[moved], displacement, done)
+    kept = CorrectedRegion(region, n_nodes, found.points, smooth)
+    return CorrectOutcome(None, region.ids[moved], displacement, done, kept)
 
 
 def _ways(

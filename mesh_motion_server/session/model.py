@@ -17,18 +17,30 @@ if TYPE_CHECKING:
     from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
     from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
     from mesh_motion_server.numerics.motion.motion_found import Motion
-    from mesh_motion_server.numerics.motion.motion_slope import MotionSlope
     from mesh_motion_server.numerics.quality.headroom import Headroom
     from mesh_motion_server.numerics.quality.quality_summary import Judgement
 
 __all__ = [
     "Model",
     "ModelBuilder",
+    "Slope",
     "build_boundary_model",
     "build_motion_model",
     "checked_model",
     "checked_warnings",
 ]
+
+
+class Slope(Protocol):
+    """:class:`mesh_motion_server.numerics.motion.motion_slope.MotionSlope`, as far as a session uses it."""
+
+    def tangent(self, velocity: Floats) -> Floats:
+        """(n, d) velocities of all nodes, for those (k, d) of the moving nodes in their order."""
+        ...
+
+    def cotangent(self, weights: Floats) -> Floats:
+        """(k, d) the derivative of Σ w · y by the moving nodes' positions, for (n, d) weights w of all nodes."""
+        ...
 
 
 class Model(Protocol):
@@ -56,7 +68,7 @@ class Model(Protocol):
         """What keeps the motion from having a derivative; None if it has one."""
         ...
 
-    def slope(self, points: Floats, factors: FactorSource) -> MotionSlope:
+    def slope(self, points: Floats, factors: FactorSource) -> Slope:
         """The derivative of the motion that has led to ``points`` (n, d)."""
         ...
 

@@ -3,10 +3,12 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from mesh_motion_server.distributed.field import Field
 from mesh_motion_server.distributed.region import Extent
 from mesh_motion_server.errors import InvalidInput, SessionError
-from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.session.corrections import first_extent
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.model import Model, checked_warnings
@@ -255,6 +257,12 @@ class Position:
     def field_part(self, field: Field | None, partition: int) -> Field | None:
         """What a partition needs of a field."""
         return None if field is None else self._require_built().field_parts[partition].of(field.coefficients)
+
+    def field_rows(self, partition: int) -> Integers:
+        """(r,) rows that the partition has of the coefficients of a field."""
+        built = self._require_built()
+        count = 0 if built.field is None else len(built.field.coefficients)
+        return np.arange(count)[built.field_parts[partition].rows]
 
     def region(self, frame: str) -> Extent | None:
         """The region to be corrected where the field leads to "committed" coordinates, if it was."""

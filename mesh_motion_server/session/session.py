@@ -29,13 +29,14 @@ from mesh_motion_server.numerics.mesh.swept_volumes import swept_by_cells, swept
 from mesh_motion_server.numerics.motion.acceptance import quality_warnings, refuse_unacceptable
 from mesh_motion_server.numerics.motion.time_levels import STORED_ARRAYS, TimeLevel, scheme_velocity
 from mesh_motion_server.numerics.quality.quality_summary import QualitySummary
-from mesh_motion_server.session.corrections import CorrectOutcome, correct, first_extent, is_good
+from mesh_motion_server.session.corrections import CorrectedRegion, CorrectOutcome, correct, first_extent, is_good
 from mesh_motion_server.session.factors import FactorCache
+from mesh_motion_server.session.field_slope import FieldCotangent, FieldSlope, FieldTangent
 from mesh_motion_server.session.history import History
 from mesh_motion_server.session.journal.durability import keeper_of, logged_failure
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.journal.replies import RequestId
-from mesh_motion_server.session.model import Model, ModelBuilder, build_boundary_model, checked_model
+from mesh_motion_server.session.model import Model, ModelBuilder, Slope, build_boundary_model, checked_model
 from mesh_motion_server.session.motions import compute
 from mesh_motion_server.session.partitions.merging import check_boundary, merge
 from mesh_motion_server.session.partitions.meshes import MergedMesh
@@ -56,7 +57,7 @@ from mesh_motion_server.session.values import Built, CommitOutcome, CurrentState
 from mesh_motion_server.settings import ServerSettings
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.motion.motion_slope import MotionSlope
+    from mesh_motion_server.numerics.motion.boundary_motion import BoundaryMotion
     from mesh_motion_server.numerics.quality.headroom import Headroom
 
 __all__ = ["Session"]
@@ -85,7 +86,9 @@ class Session(Position):
             self.spec.dimension, self.spec.partitions, limits.max_session_bytes, self.spec.evaluation
         )
         self.factors = FactorCache(limits.factor_cache_bytes)
-        self._latest_slope: tuple[Floats, MotionSlope] | None = None
+        self._latest_slope: tuple[Floats, Slope] | None = None
+        self._latest_field_slope: tuple[Floats, FieldSlope] | None = None
+        self._corrected: list[tuple[Floats, CorrectedRegion]] = []  # of the trial and the committed state
         self.history = History(folder.path, limits.history_bytes, limits.reserve_disk_bytes)
 
     @classmethod
@@ -292,6 +295,22 @@ class Session(Position):
         found = self._by_vector(mesh.gather_sums(weights), self._slope(what).cotangent)
         return mesh.scatter_moving(found)
 
+    def field_tangent(self, what: str, velocities: Sequence[Floats]) -> FieldTangent:
+        """As :meth:`tangent`, of a session whose volume is with the client: of the field, and of the freed nodes."""
+        slope = self._field_slope(what)
+        found = [slope.tangent(one) for one in self._vectors(self._gather_velocities(velocities))]
+        rows = ([getattr(one, name) for one in found] for name in ("velocity", "coefficients", "of_freed"))
+        velocity, coefficients, of_freed = (np.concatenate(each, axis=1) for each in rows)
+        return FieldTangent(velocity, coefficients, found[0].freed, of_freed)
+
+    def field_cotangent(self, what: str, given: FieldCotangent) -> list[Floats]:
+        """As :meth:`cotangent`, of a session whose volume is with the client."""
+        slope, found = self._field_slope(what), []
+        parts = (self._vectors(rows) for rows in (given.weights, given.coefficients, given.of_ids))
+        for weights, coefficients, of_ids in zip(*parts, strict=True):
+            found.append(slope.cotangent(FieldCotangent(weights, coefficients, given.ids, of_ids)))
+        return self.mesh.scatter_moving(np.concatenate(found, axis=1))
+
     def judge(self, quality: QualitySummary) -> Verdict:
         """Take the quality of the trial's cells, which are with the client.
 
@@ -334,6 +353,10 @@ class Session(Position):
             raise SessionError("nothing is committed yet", hint="send MOVE first")
         field = replace(built.field, coefficients=of.coefficients)
         found = correct(built.mesh, built.model, of.points, field, regions, self.factors)
+        if found.extent is None and found.region is not None:
+            held = [each.points for each in (self._now.trial, self._now.committed) if each is not None]
+            kept = [one for one in self._corrected if one[0] is not of.points and any(one[0] is at for at in held)]
+            self._corrected = [*kept, (of.points, found.region)]
         if isinstance(of, Trial) and found.extent is None:
             self._swap(state=state, trial=replace(of, correction=found.correction, quality=None))
         return found
@@ -461,15 +484,35 @@ class Session(Position):
 
     # --- inside ----------------------------------------------------------------------------------------------------
 
-    def _slope(self, what: str) -> MotionSlope:
+    def _slope(self, what: str) -> Slope:
         """The derivative at the trial or the committed state."""
         return self._slope_at(self._points_of(what))
 
-    def _slope_at(self, points: Floats) -> MotionSlope:
+    def _slope_at(self, points: Floats) -> Slope:
         """The derivative of the motion that has led to ``points`` (n, d); that of the last time, if it was there."""
         if self._latest_slope is None or self._latest_slope[0] is not points:
             self._latest_slope = points, self.model.slope(points, self.factors)
         return self._latest_slope[1]
+
+    def _field_slope(self, what: str) -> FieldSlope:
+        """The same of a session whose volume is with the client."""
+        points, built = self._points_of(what), self._require_built()
+        of = self._open_trial if what == "trial" else self._committed_state
+        corrected = None
+        if built.model.method.correction != "none" and of.step:
+            corrected = next((region for at, region in self._corrected if at is points), None)
+            if corrected is None:
+                raise SessionError(
+                    f"the region in which the {what} mesh was corrected is not known here",
+                    code="FAILED_PRECONDITION",
+                    hint="send JUDGE and CORRECT of the trial first; of the committed mesh CORRECT, as after a resume",
+                    details={"missing": "region"},
+                )
+        if self._latest_field_slope is None or self._latest_field_slope[0] is not points:
+            model, field = cast("BoundaryMotion", built.model), cast(Field, built.field)
+            slope = FieldSlope(built.mesh, model, field, corrected, self.factors)
+            self._latest_field_slope = points, slope
+        return self._latest_field_slope[1]
 
     def _points_of(self, what: str) -> Floats:
         """(n, d) coordinates of the "trial" or the "committed" state."""
@@ -488,9 +531,12 @@ class Session(Position):
 
     def _by_vector(self, given: Floats, apply: Callable[[Floats], Floats]) -> Floats:
         """(m, c d) what ``apply`` makes of each of the c vectors (k, d) that are columns of ``given`` (k, c d)."""
+        return np.concatenate([apply(one) for one in self._vectors(given)], axis=1)
+
+    def _vectors(self, given: Floats) -> list[Floats]:
+        """The c vectors (k, d) that are columns of ``given`` (k, c d)."""
         d = self.spec.dimension
-        columns = range(0, given.shape[1], d)
-        return np.concatenate([apply(np.ascontiguousarray(given[:, i : i + d])) for i in columns], axis=1)
+        return [np.ascontiguousarray(given[:, i : i + d]) for i in range(0, given.shape[1], d)]
 
     def _field_at_rest(self, mesh: MergedMesh, model: Model) -> Field | None:
         """The field of a mesh that does not move, if the client evaluates it."""

@@ -432,3 +432,93 @@ def test_a_node_without_a_cell_is_refused_by_its_rank(server):
     mesh = Mesh(points, {b.type.name: b.nodes for b in box.cells}, patches)
     with connect(server.endpoint) as client, pytest.raises(InvalidInput, match=f"node {len(points) - 1} is in no cell"):
         client.open(mesh, SETTINGS, evaluation="client")
+
+
+def velocities(session, part):
+    """Two vectors of the moving nodes, and weights of all."""
+    x = part.points[session.moving_nodes]
+    return np.stack([np.sin(5.0 * x + 1.0), np.cos(3.0 * x[:, ::-1])]), np.sin(7.0 * part.points[:, ::-1] + 2.0)
+
+
+@pytest.mark.parametrize("settings", [SETTINGS, {}], ids=["plain", "smooth"])
+@pytest.mark.parametrize("mesh", ["plane", "space", "many"])
+def test_derivatives_are_those_of_a_session_with_the_whole_mesh(server, mesh, settings):
+    """At a trial and at the committed state, where a correction is active."""
+    everything, step = whole(*MESHES[mesh]), 12
+    holders = np.ones(len(everything.points))
+
+    def drive(session, part):
+        moved = session.move(bend(part.points[session.moving_nodes], step))
+        assert session.derivatives
+        assert (moved.correction["freed_nodes"] > 0) == (not settings)
+        v, w = velocities(session, part)
+        ids = np.arange(len(part.points)) if part.global_ids is None else part.global_ids
+        share = w / holders[ids, None]
+        found = [session.tangent(v), session.cotangent(np.stack([share, 2.0 * share]))]
+        assert (session.move(bend(part.points[session.moving_nodes], step)).displacement == moved.displacement).all()
+        session.commit()
+        found += [session.tangent(v[0]), session.cotangent(share), v, w]
+        return [*found, ids, ids[session.moving_nodes]]
+
+    with connect(server.endpoint) as client, client.open(everything, settings) as session:
+        velocity, _, _, weights, v, w, _, moving = drive(session, everything)
+    # where each begins its iterations, the minimum is found to 1e-9
+    close = {"rtol": 0.0, "atol": (1e-10 if settings else 1e-7) * np.abs(velocity).max()}
+    for parts in ([everything], pieces(*MESHES[mesh], 3)):
+        if len(parts) > 1:
+            holders = np.bincount(np.concatenate([part.global_ids for part in parts]))
+        for answers in on_ranks(server, parts, drive, settings):
+            *found, ids, own = answers
+            np.testing.assert_allclose(found[0], velocity[:, ids], **close)
+            np.testing.assert_array_equal(found[2], found[0][0])
+            np.testing.assert_array_equal(found[3], found[1][0])
+            np.testing.assert_allclose(found[1][1], 2.0 * found[1][0], rtol=1e-9, atol=1e-12)
+            expected = weights[np.searchsorted(moving, own)]
+            bound = (1e-10 if settings else 1e-6) * np.abs(weights).max()
+            np.testing.assert_allclose(found[3], expected, rtol=0.0, atol=bound)
+            if len(parts) == 1:
+                there, back = np.sum(w * found[2]), np.sum(found[3] * v[0])
+                size = np.abs(w * found[2]).sum() + np.abs(found[3] * v[0]).sum()
+                assert abs(there - back) < (1e-12 if mesh != "many" else 1e-11) * size
+
+
+def test_derivatives_of_the_field_are_those_of_differences(server):
+    mesh, h = whole("quad", 20), 1e-4
+
+    def drive(session, part):
+        at, (v, _) = bend(part.points[session.moving_nodes], 12), velocities(session, part)
+        session.move(at)
+        found, moved = session.tangent(v[0]), []
+        for k in (1, -1, 2, -2):
+            moved.append(session.move(at + k * h * v[0]).displacement)
+        exact = (8.0 * (moved[0] - moved[1]) - (moved[2] - moved[3])) / (12.0 * h)
+        return np.abs(found - exact).max() / np.abs(found).max()
+
+    assert on_ranks(server, [mesh], drive, SETTINGS)[0] < 1e-9
+    assert on_ranks(server, [mesh], drive, {})[0] < 1e-5  # the minimum is found to 1e-9
+
+
+def test_after_a_resume_the_derivative_of_the_committed_state_is_there(tmp_path):
+    mesh = whole("quad", 20)
+    with ServerProcess(tmp_path) as server, connect(server.endpoint) as client:
+        session = client.open(mesh, evaluation="client")
+        session.move(bend(mesh.points[session.moving_nodes], 12))
+        session.commit()
+        v, w = velocities(session, mesh)
+        found = session.tangent(v), session.cotangent(w)
+        session.close()
+        with client.resume(session.credentials, mesh) as again:
+            for one, other in zip((again.tangent(v), again.cotangent(w)), found, strict=True):
+                np.testing.assert_array_equal(one, other)
+
+
+def test_at_rest_and_with_another_correction(server):
+    mesh = whole("quad", 20)
+    with connect(server.endpoint) as client, client.open(mesh, evaluation="client") as session:
+        v, _ = velocities(session, mesh)
+        plain = session.tangent(v)
+        assert (plain[:, session.moving_nodes] == v).all()
+    with connect(server.endpoint) as client, client.open(mesh, CORRECTED, evaluation="client") as session:
+        assert not session.derivatives
+        with pytest.raises(SessionError, match=r"^correction = 'optimised'"):
+            session.tangent(v)

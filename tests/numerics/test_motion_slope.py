@@ -55,6 +55,21 @@ def one_slides(mesh: Mesh) -> Mesh:
     return points, cells, patches | {"z0": Patch("slip", patches["z0"].nodes)}
 
 
+def nothing_fixed(mesh: Mesh, *moving: str) -> Mesh:
+    """All its sides slip but those that are periodic, and some that move."""
+    points, cells, patches = mesh
+    roles = {name: "moving" if name in ("body", *moving) else "slip" for name in patches}
+    kept = {name: patch for name, patch in patches.items() if patch.role == "periodic"}
+    return points, cells, {name: Patch(role, patches[name].nodes) for name, role in roles.items()} | kept
+
+
+def motion_of(name: str, x: np.ndarray) -> np.ndarray:
+    """The displacement (k, d) of a case: walls admit a shift by more than a turn moves; a layer is not to give way."""
+    if "carried" in name:
+        return field(x, 1.0) + 0.3 * np.eye(x.shape[1])[0]
+    return field(x, 5.0 if "curved slip walls with a layer" in name else 12.0)
+
+
 CASES: dict[str, tuple[Callable[[], Mesh], dict[str, object]]] = {
     **{f"smooth {kind}": (lambda kind=kind: block(kind), {}) for kind in CELL_KINDS},
     "plain": (lambda: block("quad"), PLAIN),
@@ -71,8 +86,32 @@ CASES: dict[str, tuple[Callable[[], Mesh], dict[str, object]]] = {
     "a sector": (lambda: sector("quad + triangle"), {}),
     "a sector in space": (lambda: sector("hexahedron", 5), {}),
     "a sector with a wall that slides": (lambda: one_slides(sector("hexahedron", 5)), PLAIN),
+    "curved slip walls": (lambda: duct("quad", bend=0.6), {}),
+    "curved slip walls, and nodes that slide no more": (lambda: duct("quad", bend=0.6), PLAIN),
+    "curved slip walls and edges": (lambda: duct("hexahedron", 5, bend=0.6), {}),
+    "curved slip walls of triangles": (lambda: duct("tetra", 5, bend=0.6), PLAIN),
+    "curved slip walls with a layer": (
+        lambda: nothing_fixed(duct("quad", 10, bend=0.6), "x0", "x1"),
+        PLAIN | {"boundary_layer_thickness": 0.11},
+    ),
+    "nothing fixed, in a box that slips": (lambda: nothing_fixed(duct("quad")), {}),
+    "nothing fixed, in a bend that slips": (lambda: nothing_fixed(duct("hexahedron", 5, bend=0.6)), PLAIN),
+    "nothing fixed, carried along walls": (lambda: nothing_fixed(duct("quad"), "x0", "x1"), {}),
+    "nothing fixed, carried along walls in space": (lambda: nothing_fixed(duct("tetra", 5), "x0", "x1"), PLAIN),
+    "nothing fixed, periodic both ways": (lambda: periodic_box("quad", axes="xy"), {}),
+    "nothing fixed, periodic along walls": (lambda: periodic_box("hexahedron", 5, ends="slip"), {}),
+    "nothing fixed, a sector in an annulus": (lambda: sector("quad", ends="slip"), {}),
+    "nothing fixed, a sector between hub and tip": (lambda: sector("hexahedron", 5, ends="slip"), {}),
     "spline on a grid": (lambda: block("quad", 300), PLAIN),
     "spline on a grid in space": (lambda: block("hexahedron", 15), PLAIN),
+}
+
+
+CARRIED = {
+    "nothing fixed",
+    "nothing fixed in space",
+    *(name for name in CASES if name.startswith(("nothing fixed, carried", "nothing fixed, periodic"))),
+    *(name for name in CASES if name.startswith("nothing fixed, a sector")),
 }
 
 
@@ -82,8 +121,9 @@ def test_it_is_that_of_differences_and_its_transpose(name: str) -> None:
     points, cells, patches = make()
     model, factors = MotionModel.build(points, cells, patches, Method(**choices)), FactorCache(1 << 28)
     rest = points[model.roles.moving]
-    moved = model.move(points, rest + field(rest), factors).points
+    moved = model.move(points, rest + motion_of(name, rest), factors).points
     slope, v = model.slope(moved, factors), velocity(rest)
+    assert (slope.plain.interpolated.rigid is not None) == (name in CARRIED)
     if choices.get("correction") != "none" and "fixed" not in name:
         assert slope.smooth is not None
         assert slope.smooth.region is not None  # some nodes are free
@@ -160,22 +200,44 @@ def test_a_method_that_has_none_is_refused_by_its_key(choices: dict[str, object]
 
 
 @pytest.mark.parametrize(
-    ("make", "what"),
+    "make",
     [
-        (lambda: periodic_box("quad", axes="xy"), "are periodic"),
-        (lambda: duct("quad", bend=0.6), "curved"),
-        (lambda: _all_slip(duct("quad")), "no node is fixed"),
+        lambda: nothing_fixed(duct("quad")),
+        lambda: periodic_box("quad", axes="xy"),
+        lambda: periodic_box("quad", ends="slip"),
+        lambda: all_moving("tetra"),
     ],
 )
-def test_a_mesh_that_has_none_is_refused(make: Callable[[], Mesh], what: str) -> None:
-    refusal = MotionModel.build(*make(), Method()).why_no_slope()
-    assert refusal is not None
-    assert what in refusal.message
+def test_at_rest_it_is_that_of_small_motions_without_a_fixed_node(make: Callable[[], Mesh]) -> None:
+    points, cells, patches = make()
+    model, factors = MotionModel.build(points, cells, patches, Method(**PLAIN)), FactorCache(1 << 28)
+    rest, v = points[model.roles.moving], velocity(points[model.roles.moving])
+    found, h = model.slope(points, factors).tangent(v), 1e-5
+    there, back = (model.move(points, rest + s * h * v, factors).points for s in (1, -1))
+    assert np.abs(found - (there - back) / (2.0 * h)).max() < 1e-8 * np.abs(found).max()
 
 
-def _all_slip(mesh: Mesh) -> Mesh:
-    points, cells, patches = mesh
-    return points, cells, {n: p if p.role == "moving" else Patch("slip", p.nodes) for n, p in patches.items()}
+def test_at_rest_it_is_refused_if_walls_admit_some_rigid_motions() -> None:
+    """A shift along the duct is one of all nodes, a turn is not: there is a kink."""
+    model = MotionModel.build(*nothing_fixed(duct("quad"), "x0", "x1"), Method())
+    assert model.why_no_slope() is None
+    with pytest.raises(NumericalError, match="at rest it depends on the direction"):
+        model.slope(model.points, FactorCache(1 << 28))
+
+
+def test_where_a_node_is_at_a_corner_of_its_curved_wall_it_is_the_mean_of_both_sides() -> None:
+    points, cells, patches = duct("quad", bend=0.6)
+    model, factors = MotionModel.build(points, cells, patches, Method(**PLAIN)), FactorCache(1 << 28)
+    rest, v = points[model.roles.moving], velocity(points[model.roles.moving])
+    found = model.slope(points, factors).tangent(v)
+
+    def one_sided(h: float) -> np.ndarray:
+        once, twice = (model.move(points, rest + k * h * v, factors).points - points for k in (1, 2))
+        return (4.0 * once - twice) / (2.0 * h)
+
+    there, back = (one_sided(h) for h in (1e-5, -1e-5))
+    assert np.abs(there - back).max() > 1e-3 * np.abs(found).max()
+    assert np.abs(found - 0.5 * (there + back)).max() < 1e-8 * np.abs(found).max()
 
 
 def test_a_mesh_that_another_correction_made_is_refused() -> None:

@@ -17,6 +17,7 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.motion.one_layer_motion import AS_A_PLANE, OneLayerMotion, motion_model
 from mesh_motion_server.numerics.quality.orientation import _mirrored
+from mesh_motion_server.session.factors import FactorCache
 
 Patches = dict[str, Patch]
 PLAIN = Method(correction="none", support_radius=0.6)
@@ -123,6 +124,48 @@ def test_a_body_that_leaves_the_plane_is_refused_by_its_node(lift: str) -> None:
         message = f"node {moving[3]} moves otherwise than its opposite node, by 0.01"
     with pytest.raises(InvalidInput, match=message):
         model.move(points, targets)
+
+
+@pytest.mark.parametrize("choices", [{"correction": "smooth"}, {"correction": "none", "displacement": "absolute"}])
+@pytest.mark.parametrize("layers", [0.0, 0.11])
+@pytest.mark.parametrize("outer", ["fixed", "slip"])
+def test_its_derivative_is_that_of_differences_and_its_transpose(
+    outer: str, layers: float, choices: dict[str, object]
+) -> None:
+    points, cells, patches = layered("quad", {"both": "symmetry"}, outer)
+    turn = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
+    method, factors = Method(**choices, boundary_layer_thickness=layers or None), FactorCache(1 << 28)
+    model = motion_model(points @ turn.T, cells, patches, method)
+    assert isinstance(model, OneLayerMotion)
+    rest, flat = model.points[model.moving], points[model.moving]
+    shift = np.array([0.2 * (flat[:, 1] - 0.5), 0.05 - 0.2 * (flat[:, 0] - 0.5), 0.0 * flat[:, 0]]).T @ turn.T
+    v = np.array([np.cos(3.0 * flat[:, 1]), np.sin(5.0 * flat[:, 0]), 0.0 * flat[:, 0]]).T @ turn.T
+    moved = model.move(model.points, rest + shift, factors).points
+    slope = model.slope(moved, factors)
+    found = slope.tangent(v)
+
+    def difference(h: float) -> np.ndarray:
+        there, back = (model.move(moved, moved[model.moving] + s * h * v, factors).points for s in (1, -1))
+        return (there - back) / (2.0 * h)
+
+    exact = (4.0 * difference(1.25e-4) - difference(2.5e-4)) / 3.0
+    assert np.abs(found - exact).max() < (1e-8 if "displacement" in choices else 1e-5) * np.abs(found).max()
+    assert (found[model.moving] == v).all()
+    w = np.random.default_rng(3).standard_normal(points.shape)
+    back = slope.cotangent(w)
+    assert abs(np.sum(w * found) - np.sum(back * v)) < 1e-12 * (np.abs(w * found).sum() + np.abs(back * v).sum())
+    model.move(moved, moved[model.moving] + 0.01 * back / np.abs(back).max(), factors)  # a motion of the plane too
+
+
+def test_velocities_that_leave_the_plane_are_refused_by_their_node() -> None:
+    points, cells, patches = layered("quad", {"both": "symmetry"})
+    model = motion_model(points, cells, patches, Method())
+    assert model.why_no_slope() is None
+    v = np.tile([1e-3, 0.0, 0.0], (len(model.moving), 1))
+    v[3, 0] *= 2.0
+    with pytest.raises(InvalidInput, match=f"node {model.moving[3]} moves otherwise than its opposite node, by 0.001"):
+        model.slope(points, FactorCache(1 << 28)).tangent(v)
+    assert motion_model(points, cells, patches, Method(displacement="relative")).why_no_slope() is not None
 
 
 def test_the_way_out_of_the_plane_is_one() -> None:

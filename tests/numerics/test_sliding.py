@@ -236,6 +236,48 @@ def test_a_regular_body_is_projected_from_its_centre(d):
         np.testing.assert_allclose(constraint.facets.closest(found), found, atol=1e-15)
 
 
+def slope_misses(constraint: OnFacets, places: np.ndarray) -> np.ndarray:
+    """By how much the projection's derivative (m, d, d) misses that of central differences, (m,)."""
+    found, h = constraint.slope(places, places), 1e-6
+    steps = [constraint.project(places + s * h * e, places) for e in np.eye(places.shape[1]) for s in (1, -1)]
+    exact = np.stack([(there - back) / (2.0 * h) for there, back in zip(steps[::2], steps[1::2], strict=True)], axis=-1)
+    return np.abs(found - exact).max(axis=(1, 2))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_derivative_of_a_projection_is_that_of_differences(d):
+    constraint = OnFacets.from_simplices(*regular_body(d))
+    rays = np.random.default_rng(d).standard_normal((500, d))
+    places = rays / np.linalg.norm(rays, axis=1)[:, None] * np.linspace(0.7, 1.3, 500)[:, None]
+    misses = slope_misses(constraint, places)
+    assert np.sort(misses)[-5:].max() < 1e-8  # no place is within 1e-6 of a side
+
+
+def test_past_the_end_of_a_curve_and_off_the_side_of_a_surface_the_nearest_place_is_differentiated():
+    angle = np.linspace(0.0, np.pi, 7)
+    arc = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    curve = OnFacets.from_simplices(arc, np.stack([np.arange(6), np.arange(1, 7)], axis=1))
+    places = np.array([[1.1, -0.2], [-0.9, -0.3]])
+    assert slope_misses(curve, places).max() < 1e-8
+    assert not curve.slope(places, places).any()
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.3]])
+    surface = OnFacets.from_simplices(points, np.array([[0, 1, 2], [1, 3, 2]]))
+    places = np.array([[0.3, -0.4, 0.1], [-0.2, 0.6, -0.2], [-0.3, -0.3, 0.1], [0.2, 0.3, 0.1]])
+    assert slope_misses(surface, places).max() < 1e-8
+    np.testing.assert_array_equal(np.linalg.matrix_rank(surface.slope(places, places)), [1, 1, 0, 2])
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_derivative_at_a_corner_is_that_onto_the_tangent_plane(d):
+    """The mean over the facets there, which are alike in a regular body."""
+    corners, facets = regular_body(d)
+    found = OnFacets.from_simplices(corners, facets).slope(corners, corners)
+    plane = np.eye(d) - corners[:, :, None] * corners[:, None, :]
+    along = np.einsum("mij,mjk->mik", plane, found)
+    np.testing.assert_allclose(along, plane, atol=1e-12)
+    np.testing.assert_allclose(found, plane, atol=1e-12)
+
+
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_node_does_not_jump_over_a_kink(d):
     corners, facets = regular_body(d)

@@ -141,6 +141,10 @@ static outcome check_vectors(mm_session *session, size_t vectors, size_t moving,
     if (check_built(session) != DONE) {
         return FAILED;
     }
+    if (session->evaluates) {
+        return mmi_fail(context, "FAILED_PRECONDITION", "open the session with evaluation by the server",
+                        "this client does not differentiate the motion of nodes that it moves itself");
+    }
     if (moving != session->moving_count || nodes != session->nodes) {
         return mmi_fail(context, "INVALID_ARGUMENT.SHAPE", "mm_moving_nodes and mm_node_count tell them",
                         "there are %zu moving nodes of %zu, got %zu of %zu", session->moving_count, session->nodes,

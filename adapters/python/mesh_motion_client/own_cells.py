@@ -9,9 +9,12 @@ import numpy as np
 from mesh_motion_protocol.messages import Correct, Corrected, Fetched, Judge, Judged, Moved
 
 from mesh_motion_client.courier import Courier
-from mesh_motion_client.volume import Floats, Volume
+from mesh_motion_client.volume import Floats, Ints, Volume
 
 __all__ = ["OwnCells"]
+
+#: No node was corrected, and none sent.
+_NOTHING = None, np.empty(0, dtype=np.int64)
 
 
 class OwnCells:
@@ -27,16 +30,18 @@ class OwnCells:
     def __init__(self, volume: Volume, courier: Courier) -> None:
         self.volume = volume
         self._courier = courier
-        self._corrected: dict[int, Corrected] = {}  # by step: of the trial, and of the committed state
+        # by step: of the trial, and of the committed state; with the global ids of the nodes that were sent for it
+        self._corrected: dict[int, tuple[Corrected | None, Ints]] = {}
 
     def take_trial(self, moved: Moved, seconds: float) -> dict[str, Any]:
         """Move the nodes, judge the cells, correct them where the server says so; what changes of the answer."""
         displacement, metric = self.volume.displacement(moved), moved.quality["metric"]
-        self._corrected.pop(moved.step, None)
+        self._corrected[moved.step] = _NOTHING
         judged = self._judged(moved.step, self.volume.judge(displacement, metric), seconds)
         if judged.region:
-            corrected = self._correct(moved, moved.step, judged.region, "trial", seconds)
-            self._corrected[moved.step] = corrected
+            self._corrected[moved.step] = self._correct(moved, moved.step, judged.region, "trial", seconds)
+            corrected = self._corrected[moved.step][0]
+            assert corrected is not None
             self.volume.correct(displacement, corrected)
             judged = self._judged(moved.step, self.volume.judge(displacement, metric), seconds)
         return {
@@ -56,13 +61,20 @@ class OwnCells:
 
     def coordinates(self, fetched: Fetched, seconds: float) -> Floats:
         """(n, d) coordinates of all nodes; where they were corrected before a resume, with all other partitions."""
-        corrected = None
-        if fetched.region:
-            corrected = self._corrected.get(fetched.step)
-            if corrected is None:
-                corrected = self._correct(fetched, fetched.step + 1, fetched.region, "committed", seconds)
-                self._corrected[fetched.step] = corrected
-        return self.volume.coordinates(fetched, corrected)
+        if fetched.step not in self._corrected:
+            self._corrected[fetched.step] = _NOTHING
+            if fetched.region:
+                found = self._correct(fetched, fetched.step + 1, fetched.region, "committed", seconds)
+                self._corrected[fetched.step] = found
+        return self.volume.coordinates(fetched, self._corrected[fetched.step][0] if fetched.region else None)
+
+    def knows(self, step: int) -> bool:
+        """Whether it is known how a trial, or the committed state, was corrected."""
+        return step in self._corrected
+
+    def counted(self, weights: Floats, step: int) -> dict[str, Floats | Ints]:
+        """COTANGENT's fields for weights (n, c d) of all nodes, at a trial or the committed state."""
+        return self.volume.counted(weights, self._corrected[step][1])
 
     def _judged(self, step: int, fields: Callable[[list[dict[str, Any]]], dict[str, Any]], seconds: float) -> Judged:
         """Send the quality of this partition's cells, until the server asks for nothing more."""
@@ -82,8 +94,8 @@ class OwnCells:
         region: dict[str, Any],
         what: Literal["trial", "committed"],
         seconds: float,
-    ) -> Corrected:
-        """Send the bad cells and those about them until the server has corrected them."""
+    ) -> tuple[Corrected, Ints]:
+        """Send the bad cells and those about them until the server has corrected them; with the nodes sent last."""
         around = np.empty(0, dtype=np.int64)
         while True:
             fields = self.volume.region(reply, region, around)
@@ -92,5 +104,5 @@ class OwnCells:
             if not corrected.region:
                 if what == "trial":
                     self._courier.trial = (*self._courier.trial, correct)
-                return corrected
+                return corrected, fields["nodes"][:, 0]
             region, around = corrected.region, corrected.nodes

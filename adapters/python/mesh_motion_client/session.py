@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import TracebackType
-from typing import Any, Literal, Self, cast
+from typing import Any, Literal, Self, TypeVar, cast
 
 import numpy as np
 from mesh_motion_protocol import messages
@@ -55,6 +55,8 @@ _TOLD = ("support_radius", "correction", "quality_threshold", "displacement")
 
 #: Of computing, in seconds: about 30 years.
 _LONGEST_LIMIT = 1e9
+
+_Found = TypeVar("_Found")
 
 Frame = Literal["committed", "reference"]
 Report = Literal["", "faces", "swept"]
@@ -250,9 +252,14 @@ class Session(Described):
             If this mesh was corrected by another correction than the smooth one.
         """
         rows, many = self._columns(velocity, len(self.moving_nodes), "velocity")
-        request = Tangent(**self._address, what=what or self._latest_state, velocity=rows)
-        found = self._courier.deliver(request, TangentFound, timeout or self._compute_timeout).velocity
-        return self._vectors(found, many=many)
+        seconds, own = timeout or self._compute_timeout, self._own_cells_if_here()
+
+        def ask(state: Literal["trial", "committed"]) -> TangentFound:
+            request = Tangent(**self._address, what=state, velocity=rows)
+            return self._courier.deliver(request, TangentFound, seconds)
+
+        found = self._at_state(ask, what, own, seconds)
+        return self._vectors(found.velocity if own is None else own.volume.velocity(found), many=many)
 
     def cotangent(
         self, weights: ArrayLike, what: Literal["trial", "committed"] | None = None, *, timeout: float | None = None
@@ -278,10 +285,35 @@ class Session(Described):
         InvalidInput, SessionError
             As :meth:`tangent` does.
         """
-        rows, many = self._columns(weights, None, "weights")
-        request = Cotangent(**self._address, what=what or self._latest_state, weights=rows)
-        found = self._courier.deliver(request, CotangentFound, timeout or self._compute_timeout).weights
-        return self._vectors(found, many=many)
+        seconds, own = timeout or self._compute_timeout, self._own_cells_if_here()
+        count = len(self._mesh.points) if own is not None and self._mesh is not None else None
+        rows, many = self._columns(weights, count, "weights")
+
+        def ask(state: Literal["trial", "committed"]) -> CotangentFound:
+            given = {"weights": rows} if own is None else own.counted(rows, self.step + (state == "trial"))
+            return self._courier.deliver(Cotangent(**self._address, what=state, **given), CotangentFound, seconds)
+
+        return self._vectors(self._at_state(ask, what, own, seconds).weights, many=many)
+
+    def _at_state(
+        self,
+        ask: Callable[[Literal["trial", "committed"]], _Found],
+        what: Literal["trial", "committed"] | None,
+        own: OwnCells | None,
+        seconds: float,
+    ) -> _Found:
+        """What is found at a state; where the volume is here, its correction is known on both sides first."""
+        state = what or self._latest_state
+        if own is not None and state == "committed" and not own.knows(self.step):
+            self.points(timeout=seconds)
+        try:
+            return ask(state)
+        except SessionError as error:
+            if own is None or state == "trial" or error.details.get("missing") != "region":
+                raise
+        own.forget()  # the server was started again, and all partitions get this answer
+        self.points(timeout=seconds)
+        return ask(state)
 
     def state_of(self, step: int, iteration: int) -> Literal["trial", "committed"]:
         """Where the trial of a step's iteration is now.
@@ -312,10 +344,10 @@ class Session(Described):
             rows = "n" if count is None else count
             raise InvalidInput(f"{name}: expected shape ({rows}, {d}) or (c, {rows}, {d}), got {given.shape}")
         stacked = given if many else given[None]
-        return np.ascontiguousarray(np.moveaxis(stacked, 0, 1).reshape(given.shape[-2], -1)), many
+        return np.ascontiguousarray(np.moveaxis(stacked, 0, 1).reshape(given.shape[-2], len(stacked) * d)), many
 
     def _vectors(self, rows: NDArray[np.float64], *, many: bool) -> NDArray[np.float64]:
-        found = np.moveaxis(rows.reshape(len(rows), -1, self.dimension), 1, 0)
+        found = np.moveaxis(rows.reshape(len(rows), rows.shape[1] // self.dimension, self.dimension), 1, 0)
         return np.ascontiguousarray(found) if many else found[0]
 
     def commit(self, *, time: float | None = None, final_step: int = 0, timeout: float | None = None) -> Committed:

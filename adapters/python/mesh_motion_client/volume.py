@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from mesh_motion_protocol.messages import Corrected, Fetched, Moved, Upload
+from mesh_motion_protocol.messages import Corrected, Fetched, Moved, TangentFound, Upload
 from numpy.typing import NDArray
 
 from mesh_motion_client.errors import InvalidInput
@@ -48,7 +48,7 @@ class Volume:
                 hint="pip install 'mesh-motion-server[server]'",
             ) from error
         self._mesh, self._field, self._extent = mesh, Field, Extent
-        self._known: tuple[list[dict[str, Any]], Floats, Floats] | None = None
+        self._known: tuple[list[dict[str, Any]], Floats, Floats, Floats] | None = None
         on_patches = [np.empty(0, dtype=np.int64), *(patch.nodes for patch in mesh.patches.values())]
         try:
             self._rank = Rank(mesh.points, mesh.cells, np.concatenate(on_patches))
@@ -84,6 +84,42 @@ class Volume:
             nodes, rows = self._here(corrected.nodes)
             found[nodes] = points[nodes] + corrected.displacement[rows]
         return found
+
+    def velocity(self, found: TangentFound) -> Floats:
+        """(n, c d) velocities of all nodes, the components of c vectors one after the other."""
+        assert found.coefficients is not None
+        d, columns = self._mesh.points.shape[1], []
+        for first in range(0, found.velocity.shape[1], d):
+            of = slice(first, first + d)
+            field = self._field_with(np.ascontiguousarray(found.coefficients[:, of]))
+            columns.append(self._rank.velocity(field, found.velocity[:, of]))
+        velocity = np.concatenate(columns, axis=1)
+        assert found.freed is not None
+        assert found.freed_velocity is not None
+        nodes, rows = self._here(found.freed)
+        velocity[nodes] = found.freed_velocity[rows]
+        return velocity
+
+    def counted(self, weights: Floats, corrected: Ints) -> dict[str, Floats | Ints]:
+        """COTANGENT's fields for weights (n, c d) of all nodes.
+
+        Parameters
+        ----------
+        corrected : (r,) int64 array
+            Global ids of the nodes that the last CORRECT sent.
+        """
+        inside, _ = self._here(corrected)
+        inside = np.setdiff1d(inside, self.nodes)
+        ids = inside if self._mesh.global_ids is None else self._mesh.global_ids[inside]
+        assert self._known is not None
+        d, field = self._mesh.points.shape[1], self._field_with(self._known[3])
+        vectors = [weights[:, first : first + d] for first in range(0, weights.shape[1], d)]
+        return {
+            "weights": weights[self.nodes],
+            "coefficients": np.concatenate([self._rank.counted(field, one, inside) for one in vectors], axis=1),
+            "region": ids,
+            "region_weights": weights[inside],
+        }
 
     def judge(self, displacement: Floats, metric: str) -> Callable[[list[dict[str, Any]]], dict[str, Any]]:
         """Judge the cells with the nodes displaced by (n, d): gives JUDGE's fields for the questions asked."""
@@ -123,6 +159,10 @@ class Volume:
     def _field_of(self, reply: Moved | Fetched) -> Any:
         """The field of a reply; what does not change in a session may have come with an earlier one."""
         if reply.sums or self._known is None:
-            self._known = reply.sums, np.array(reply.centres), np.array(reply.boxes)
-        sums, centres, boxes = self._known
-        return self._field(sums, centres, boxes, np.array(reply.coefficients))
+            self._known = reply.sums, np.array(reply.centres), np.array(reply.boxes), np.array(reply.coefficients)
+        return self._field_with(np.array(reply.coefficients))
+
+    def _field_with(self, coefficients: Floats) -> Any:
+        """A field of this boundary."""
+        assert self._known is not None
+        return self._field(*self._known[:3], coefficients)

@@ -13,12 +13,15 @@ from mesh_motion_protocol.field_types import (
     FieldBoxes,
     FieldCentres,
     FieldCoefficients,
+    FieldColumns,
     FloatEnrichment,
     FloatMoving,
     FloatMovingIfGiven,
     FloatNodes,
     FloatNodesIfAsked,
     Frame,
+    FreedIds,
+    FreedVectors,
     JudgedBins,
     JudgedCells,
     JudgedValues,
@@ -32,9 +35,11 @@ from mesh_motion_protocol.field_types import (
     Partition,
     RegionCorners,
     RegionDisplacement,
+    RegionIds,
     RegionNodes,
     RegionPlaces,
     RegionTold,
+    RegionVectors,
     Report,
     Role,
     SessionId,
@@ -224,6 +229,9 @@ class TangentFound(Message):
     step: int  # last committed step
     iteration: int  # of the trial at which it is; 0 = the committed state
     velocity: NodeVectors  # of all nodes of the partition, in the columns of TANGENT
+    coefficients: FieldColumns = None  # of the field of velocities, where the client evaluates it: section 24
+    freed: FreedIds = None  # global ids of the nodes that the correction frees
+    freed_velocity: FreedVectors = None  # of these
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -233,6 +241,9 @@ class Cotangent(SessionMessage):
     type: ClassVar[str] = "COTANGENT"
     what: Which = "committed"  # the state at which the motion is differentiated
     weights: NodeVectors  # of all nodes of the partition; the components of one vector after the other
+    coefficients: FieldColumns = None  # what its other nodes count for those of the field: section 24
+    region: RegionIds = None  # global ids of those of its other nodes that CORRECT sent, which do not count there
+    region_weights: RegionVectors = None  # of these
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -17,12 +17,15 @@ __all__ = [
     "FieldBoxes",
     "FieldCentres",
     "FieldCoefficients",
+    "FieldColumns",
     "FloatEnrichment",
     "FloatMoving",
     "FloatMovingIfGiven",
     "FloatNodes",
     "FloatNodesIfAsked",
     "Frame",
+    "FreedIds",
+    "FreedVectors",
     "JudgedBins",
     "JudgedCells",
     "JudgedValues",
@@ -36,9 +39,11 @@ __all__ = [
     "Partition",
     "RegionCorners",
     "RegionDisplacement",
+    "RegionIds",
     "RegionNodes",
     "RegionPlaces",
     "RegionTold",
+    "RegionVectors",
     "Report",
     "Role",
     "SessionId",
@@ -88,6 +93,11 @@ FieldBoxes = Annotated[NDArray[np.float64] | None, ArrayField("<f8", ("box", "co
 FieldCoefficients = Annotated[
     NDArray[np.float64] | None, ArrayField("<f8", ("coefficient", "dimension"), required=False)
 ]
+FieldColumns = Annotated[NDArray[np.float64] | None, ArrayField("<f8", ("coefficient", "column"), required=False)]
+FreedIds = Annotated[NDArray[np.int64] | None, ArrayField("<i8", ("freed node",), required=False)]
+FreedVectors = Annotated[NDArray[np.float64] | None, ArrayField("<f8", ("freed node", "column"), required=False)]
+RegionIds = Annotated[NDArray[np.int64] | None, ArrayField("<i8", ("region node",), required=False)]
+RegionVectors = Annotated[NDArray[np.float64] | None, ArrayField("<f8", ("region node", "column"), required=False)]
 JudgedBins = Annotated[NDArray[np.int64], ArrayField("<i8", ("bin", "column"))]
 JudgedValues = Annotated[NDArray[np.float64], ArrayField("<f8", ("value", "column"))]
 JudgedCells = Annotated[NDArray[np.float64], ArrayField("<f8", ("cell", "column"))]

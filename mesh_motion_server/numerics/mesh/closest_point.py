@@ -61,6 +61,12 @@ class FacetSet:
             kernels.smooth_points(padded(points), self._corners, along, facets, *lists, out)
         return np.ascontiguousarray(out[:, : self._dimension])
 
+    def containing(self, places: Floats) -> tuple[Integers, Integers]:
+        """Pairs (q,) of a row of the places (n, d), which are on facets, and a facet that may contain it."""
+        lists = self._tree.query_ball_point(padded(places), self._reach * (1.0 + 1e-9), return_sorted=True)
+        rows = np.repeat(np.arange(len(places)), [len(facets) for facets in lists])
+        return rows, np.concatenate([np.empty(0, dtype=np.int64), *lists]).astype(np.int64)
+
     def _searched(self, points: Floats, reach: float) -> tuple[Floats, Integers, tuple[Integers, Integers]]:
         """The nearest points (n, 3), their facets (n,), and the facets about them, as the kernels take lists."""
         places, facets = padded(points), np.zeros(len(points), dtype=np.int64)

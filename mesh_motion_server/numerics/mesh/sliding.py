@@ -30,12 +30,12 @@ from mesh_motion_server.numerics.mesh.smooth_pieces import Piece, sides, smooth_
 from mesh_motion_server.numerics.mesh.surface_constraints import Held, OnFacets, OnPlanes, SurfaceConstraint
 from mesh_motion_server.numerics.mesh.wall_lines import WallLine, wall_lines
 
-__all__ = ["SlidingSurfaces"]
+__all__ = ["ACROSS", "SlidingSurfaces"]
 
 
 #: A wall maps onto itself if its nodes leave it by less than this share of their motion: as a circle of 16 segments
 #: does in a rotation.
-_ACROSS = 0.2
+ACROSS = 0.2
 #: … or by as much as rounding, relative to the coordinates.
 _ROUNDING = 1e-12
 
@@ -135,13 +135,18 @@ class SlidingSurfaces:
         positions : (s, d) array, mesh length unit
             Admissible positions of the nodes from which they move.
         """
-        normals = [piece.normal for piece in self.pieces if piece.normal is not None]
-        shift = OnPlanes.from_normals(normals).along(rigid.translation) if normals else rigid.translation
+        shift = rigid.translation if self.planes is None else self.planes.along(rigid.translation)
         along = replace(rigid, translation=shift)
         carried = along.apply(positions)
         moved, off = (np.linalg.norm(carried - at, axis=1) for at in (positions, self.project(carried)))
         rounding = _ROUNDING * float(np.abs(self.reference).max())
-        return along if (off <= _ACROSS * moved + rounding).all() else None
+        return along if (off <= ACROSS * moved + rounding).all() else None
+
+    @property
+    def planes(self) -> OnPlanes | None:
+        """The planes of all plane walls; None without any."""
+        normals = [piece.normal for piece in self.pieces if piece.normal is not None]
+        return OnPlanes.from_normals(normals) if normals else None
 
     def tangents(self, positions: Floats) -> Floats:
         """(s, d, d) projectors onto the directions in which nodes at admissible positions (s, d) may move."""
@@ -150,12 +155,24 @@ class SlidingSurfaces:
             out[rows] = constraint.tangents(positions[rows], self.reference[rows])
         return out
 
+    def slope(self, positions: Floats) -> Floats:
+        """(s, d, d) derivative of :meth:`project` by the ``positions`` (s, d)."""
+        out = np.empty((*positions.shape, positions.shape[1]))
+        for rows, constraint in self.groups:
+            out[rows] = constraint.slope(positions[rows], self.reference[rows])
+        return out
+
     def freedom(self) -> Integers:
         """(s,) dimension of the space of those directions; 0 for a node that stays."""
         out = np.zeros(len(self.nodes), dtype=np.int64)
         for rows, constraint in self.groups:
             out[rows] = constraint.freedom
         return out
+
+    @property
+    def curved(self) -> bool:
+        """Whether nodes slide on facets: the derivative of :meth:`project` depends on where they are."""
+        return any(isinstance(constraint, OnFacets) for _, constraint in self.groups)
 
     @cached_property
     def by_freedom(self) -> tuple[SlidingSurfaces, ...]:

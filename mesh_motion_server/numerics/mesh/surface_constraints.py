@@ -18,6 +18,7 @@ import numpy as np
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.closest_point import FacetSet
 from mesh_motion_server.numerics.mesh.coincidence import first_at_place
+from mesh_motion_server.numerics.mesh.projection_slope import facet_angles, smooth_slopes
 from mesh_motion_server.numerics.mesh.rigid_transforms import Transform, nearest_images
 
 __all__ = ["Held", "OnFacets", "OnPlanes", "SurfaceConstraint"]
@@ -25,6 +26,8 @@ __all__ = ["Held", "OnFacets", "OnPlanes", "SurfaceConstraint"]
 
 #: Planes whose normals differ by less (as a sine) count as one plane: their line of intersection is not determined.
 _PARALLEL = 1e-6
+#: A place this close to a facet, as a share of its first edge, is on it.
+_ON_FACET = 1e-8
 #: Nodes nearer to each other than this share of the shortest facet are images of each other.
 _SAME_NODE = 0.01
 
@@ -43,6 +46,10 @@ class SurfaceConstraint(Protocol):
 
     def tangents(self, positions: Floats, reference: Floats) -> Floats:
         """(m, d, d) orthogonal projectors onto the directions in which nodes at admissible positions (m, d) can go."""
+        ...
+
+    def slope(self, positions: Floats, reference: Floats) -> Floats:
+        """(m, d, d) derivative of :meth:`project` by the positions (m, d), which may be anywhere."""
         ...
 
 
@@ -88,6 +95,9 @@ class OnPlanes:
         d = self.normals.shape[1]
         projector = np.eye(d) - self.normals.T @ self.normals
         return np.broadcast_to(projector, (len(positions), d, d))
+
+    def slope(self, positions: Floats, reference: Floats) -> Floats:
+        return self.tangents(positions, reference)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +164,27 @@ class OnFacets:
         outer = first[:, :, None] * first[:, None, :]
         return outer if self.freedom == 1 else np.asarray(np.eye(outer.shape[1]) - outer)
 
+    def slope(self, positions: Floats, reference: Floats) -> Floats:
+        """As :meth:`.SurfaceConstraint.slope`; at a corner or an edge of facets the mean over these, by their angles.
+
+        There the motion has a kink: it is the mean of the derivatives on all sides.
+        """
+        near, rotations, _ = nearest_images(positions, reference, self.images)
+        places = self.facets.smooth(near, self._directions)
+        rows, facets = self.facets.containing(places)
+        corners = self.corners[facets]
+        weights = _barycentric(places[rows], corners)
+        away = np.linalg.norm(np.einsum("qk,qkd->qd", weights, corners) - places[rows], axis=1)
+        on = away <= _ON_FACET * np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
+        rows, corners, weights = rows[on], corners[on], weights[on]
+        smooth, slopes = smooth_slopes(near[rows] - places[rows], corners, self._directions[facets[on]], weights)
+        led = np.zeros(len(near), dtype=bool)
+        led[rows[smooth]] = True  # by a normal; elsewhere the nearest point was taken
+        share = np.where(smooth | ~led[rows], facet_angles(corners, weights), 0.0)
+        found = np.zeros((*near.shape, near.shape[1]))
+        np.add.at(found, rows, (share / np.bincount(rows, share, len(near))[rows])[:, None, None] * slopes)
+        return rotations @ found @ np.swapaxes(rotations, 1, 2)
+
 
 @dataclass(frozen=True, eq=False)
 class Held:
@@ -168,6 +199,9 @@ class Held:
     def tangents(self, positions: Floats, reference: Floats) -> Floats:
         del reference
         return np.zeros((*positions.shape, positions.shape[1]))
+
+    def slope(self, positions: Floats, reference: Floats) -> Floats:
+        return self.tangents(positions, reference)
 
 
 def _direction(corners: Floats) -> Floats:

@@ -118,6 +118,14 @@ class BoundaryLayer:
 
     def carried(self, moved: Floats) -> Floats:
         """(l, d) new positions of the layer's nodes, with the moving nodes at their rows of ``moved`` (n, d)."""
+        out = self.lifted(moved)
+        if self.sliding is not None:
+            rows = np.searchsorted(self.nodes, self.sliding.nodes)
+            out[rows] = self.sliding.project(out[rows])
+        return out
+
+    def lifted(self, moved: Floats) -> Floats:
+        """The same before its sliding nodes are put onto their walls."""
         wall = moved[self.wall.nodes]
         corners, weights = self.tied.places
         turned = np.einsum("ljab,lb->lja", self.wall.rotations(wall)[corners], self.tied.offsets)
@@ -126,11 +134,7 @@ class BoundaryLayer:
         distance = np.linalg.norm(self.tied.offsets, axis=1, keepdims=True)
         first = turned[np.arange(len(weights)), np.argmax(weights, axis=1)]  # if opposite rotations cancel out
         scale = np.divide(distance, length, out=np.zeros_like(length), where=length > 0.0)
-        out = self.tied.places.of(wall) + np.where(length > 0.0, scale * mean, first)
-        if self.sliding is not None:
-            rows = np.searchsorted(self.nodes, self.sliding.nodes)
-            out[rows] = self.sliding.project(out[rows])
-        return np.asarray(out)
+        return np.asarray(self.tied.places.of(wall) + np.where(length > 0.0, scale * mean, first))
 
     def without(self, released: Marks) -> BoundaryLayer | None:
         """The layer without the released (n,) nodes; None if none is left."""

@@ -35,10 +35,10 @@ def carried_slope(layer: BoundaryLayer, moved: Floats) -> csr_array:
     placed = np.broadcast_to(np.eye(d), (n, d, d))
     if layer.sliding is not None:
         rows = np.searchsorted(layer.nodes, layer.sliding.nodes)
-        tangents = layer.sliding.tangents(layer.carried(moved)[rows])
+        onto = layer.sliding.slope(layer.lifted(moved)[rows])
         placed = placed.copy()
-        placed[rows] = tangents
-        across[rows] = tangents @ across[rows]
+        placed[rows] = onto
+        across[rows] = onto @ across[rows]
     of_places = np.einsum("lj,lac->lajc", weights, placed)  # by the corners' positions
     of_turns = np.einsum("lj,lac,lb->lajcb", weights, across, offsets)  # by the corners' rotations
     directly = _sparse(of_places, n, corners, len(wall.nodes))

@@ -7,7 +7,7 @@ depends on the nodes with a role and on the box of the mesh only, so it is bitwi
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import NoReturn, Self
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from mesh_motion_server.numerics.interpolation.factor_source import (
     MakeEachTime,
     Recorded,
 )
+from mesh_motion_server.numerics.interpolation.field_map import FieldMap
 from mesh_motion_server.numerics.interpolation.support_radius import suggest_support_radius
 from mesh_motion_server.numerics.interpolation.two_scale.plans import TwoScalePlans
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -33,7 +34,7 @@ from mesh_motion_server.numerics.motion.body_paths import Body, Way, ways
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.method_check import check_method
 from mesh_motion_server.numerics.motion.motion_found import Motion
-from mesh_motion_server.numerics.motion.motion_slope import WithoutSlope
+from mesh_motion_server.numerics.motion.motion_slope import why_no_slope
 from mesh_motion_server.numerics.motion.smooth_step import PlainWay, smooth_step
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
 from mesh_motion_server.numerics.quality.headroom import Headroom
@@ -49,7 +50,7 @@ _ROLES = ("moving", "fixed")
 
 
 @dataclass(frozen=True, eq=False)
-class BoundaryMotion(WithoutSlope):
+class BoundaryMotion:
     """The boundary of a mesh with its motions.
 
     Attributes
@@ -59,11 +60,6 @@ class BoundaryMotion(WithoutSlope):
     bodies : tuple of Body
         The moving patches.
     """
-
-    no_slope = (
-        "evaluation = 'client': the motion is not differentiated where the client evaluates it",
-        "open the session with evaluation = 'server'",
-    )
 
     motion: StandardMotion
     bodies: tuple[Body, ...]
@@ -116,6 +112,19 @@ class BoundaryMotion(WithoutSlope):
         """Refuse as :meth:`summary` does."""
         del before, points
         raise SessionError("the headroom is not known: the cells are elsewhere")
+
+    def why_no_slope(self) -> InvalidInput | None:
+        """What keeps the motion from having a derivative; None if it has one."""
+        return why_no_slope(self.motion)
+
+    def slope(self, points: Floats, factors: FactorSource) -> NoReturn:
+        """Refuse as :meth:`summary` does; the field has a derivative, which :meth:`field_map` gives."""
+        del points, factors
+        raise SessionError("the derivative of all nodes is not known: the volume is elsewhere")
+
+    def field_map(self, factors: FactorSource) -> FieldMap:
+        """The field as a function of the displacements of the nodes with a role."""
+        return FieldMap(self.motion.factorized(self.motion.roles.all, factors))
 
     def move(
         self,
@@ -185,10 +194,14 @@ class BoundaryMotion(WithoutSlope):
             If no valid mesh was found.
         """
         check_time()
-        read = checked_cells(points, cells)
-        smooth = SmoothMotion(points, read.cells, held, Law.of(n_nodes), elsewhere=elsewhere)
+        smooth = self.smooth(points, cells, held, elsewhere, n_nodes)
         with one_blas_thread():
             return smooth_step(smooth, points, lambda: points, positions, ways).correction()
+
+    def smooth(self, points: Floats, cells: CellTable, held: Marks, elsewhere: Elsewhere, n_nodes: int) -> SmoothMotion:
+        """The correction of a region, as :meth:`smoothed` makes it."""
+        read = checked_cells(points, cells)
+        return SmoothMotion(points, read.cells, held, Law.of(n_nodes), elsewhere=elsewhere)
 
     def corrected(
         self, points: Floats, positions: Floats, cells: CellTable, held: Marks, elsewhere: Elsewhere

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, NoReturn
 
 import numpy as np
 
@@ -18,17 +17,16 @@ from mesh_motion_server.errors import InvalidInput, NumericalError
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.correction.smooth_motion import SmoothMotion
 from mesh_motion_server.numerics.correction.smooth_slope import SmoothSlope, not_at_minimum
-from mesh_motion_server.numerics.decomposition import nearest_rotation_slope
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
 from mesh_motion_server.numerics.interpolation.interpolation_map import InterpolationMap, interpolation_map
-from mesh_motion_server.numerics.mesh.surface_constraints import OnFacets
 from mesh_motion_server.numerics.motion.boundary_layer_slope import carried_slope
 from mesh_motion_server.numerics.motion.prepared_mesh import PreparedMesh
+from mesh_motion_server.numerics.motion.rigid_slope import RigidSlope, rigid_slope
 from mesh_motion_server.numerics.motion.smooth_step import LatestPlain
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
 from mesh_motion_server.numerics.stopwatch import Stopwatch
 
-__all__ = ["DifferentiableMesh", "MotionSlope", "WithoutSlope", "motion_slope", "why_no_slope"]
+__all__ = ["DifferentiableMesh", "MotionSlope", "motion_slope", "why_no_slope"]
 
 
 #: Of the extent: nodes as close are at the same place.
@@ -93,31 +91,13 @@ class DifferentiableMesh(PreparedMesh):
         if self.method.correction == "smooth" and self.smooth is not None:
             plain = self._latest.at(targets, lambda: plain_of(layered))
             return motion_slope(layered, self.smooth, plain, points, factors)
-        for motion in dict.fromkeys((layered, self.standard_motion)):  # whether layers were carried, the mesh says
+        made = [*dict.fromkeys((layered, self.standard_motion))]
+        made += [replace(motion, sliding=motion.sliding.held()) for motion in made if motion.sliding is not None]
+        for motion in made:  # whether layers were carried, and nodes slid, the mesh says
             plain = plain_of(motion)
             if np.abs(plain - points).max() <= _SAME * np.ptp(self.points, axis=0).max():
                 return motion_slope(motion, None, plain, points, factors)
         raise not_at_minimum()
-
-
-class WithoutSlope:
-    """A model of a motion that is not differentiated; ``no_slope`` says why, and the way out."""
-
-    no_slope: ClassVar[tuple[str, str]]
-
-    def why_no_slope(self) -> InvalidInput:
-        """What keeps the motion from having a derivative."""
-        return _no_slope(*self.no_slope)
-
-    def slope(self, points: Floats, factors: FactorSource) -> NoReturn:
-        """Refuse.
-
-        Raises
-        ------
-        InvalidInput
-        """
-        del points, factors
-        raise self.why_no_slope()
 
 
 def why_no_slope(motion: StandardMotion) -> InvalidInput | None:
@@ -132,15 +112,6 @@ def why_no_slope(motion: StandardMotion) -> InvalidInput | None:
                 f"open the session with {key} {' or '.join(map(repr, allowed))}",
                 setting=key,
             )
-    sliding = motion.sliding
-    if sliding is not None and any(isinstance(surface, OnFacets) for _, surface in sliding.groups):
-        return _no_slope("a slip wall is curved: the motion along it is not differentiated", "give it the role fixed")
-    if (sliding is not None or motion.periodic is not None) and not len(motion.roles.fixed):
-        return _no_slope(
-            f"no node is fixed, and some {'slide' if sliding is not None else 'are periodic'}: "
-            "the motion is not differentiated",
-            "give a patch the role fixed",
-        )
     return None
 
 
@@ -161,9 +132,8 @@ def motion_slope(
     NumericalError
         If the mesh was corrected in another way.
     """
-    targets = points[motion.roles.moving]
-    _refuse_held_order(motion, targets, plain, factors)
-    slope = PlainSlope.build(motion, targets, factors)
+    _refuse_held_order(motion, points[motion.roles.moving], plain, factors)
+    slope = PlainSlope.build(motion, plain, factors)
     return MotionSlope(slope, None if smooth is None else SmoothSlope.build(smooth, plain, points))
 
 
@@ -209,19 +179,15 @@ class PlainSlope:
     tied: _Linear
 
     @classmethod
-    def build(cls, motion: StandardMotion, targets: Floats, factors: FactorSource) -> PlainSlope:
-        """That at the moving nodes' positions ``targets`` (k, d)."""
-        roles, layer, rest = motion.roles, motion.layer, motion.reference
-        prescribed = rest.copy()
-        prescribed[roles.moving] = targets
+    def build(cls, motion: StandardMotion, plain: Floats, factors: FactorSource) -> PlainSlope:
+        """That where the motion has led, which is to ``plain`` (n, d)."""
+        roles, layer = motion.roles, motion.layer
         steps, known = [], roles.all
         if layer is not None:
-            steps.append(_of_layer(motion, prescribed))
-            prescribed[layer.nodes] = layer.carried(prescribed)
+            steps.append(_of_layer(motion, plain))
             known = np.union1d(known, np.flatnonzero(layer.known))
-        steps += _of_walls(motion, factors)
-        controls = motion.control_nodes(roles.all)
-        outer = _Interpolated.build(motion, controls, prescribed, rest, factors)
+        steps += _of_walls(motion, plain, factors)
+        outer = _Interpolated.build(motion, motion.control_nodes(roles.all), plain, motion.reference, factors)
         return cls(motion, tuple(steps), outer, known, _of_images(motion))
 
     def apply(self, velocity: Floats) -> Floats:
@@ -254,16 +220,15 @@ class _Interpolated:
     controls: Integers
     size: int
     map: InterpolationMap
-    rigid: _RigidSlope | None
+    rigid: RigidSlope | None
 
     @classmethod
     def build(
         cls, motion: StandardMotion, controls: Integers, goal: Floats, places: Floats, factors: FactorSource
     ) -> _Interpolated:
         """That of a motion of its control nodes from the reference mesh to ``goal`` (n, d)."""
-        origin = motion.reference.take(controls, axis=0)
         made = interpolation_map(motion.factorized(controls, factors), places)
-        rigid = None if len(motion.roles.fixed) else _RigidSlope(origin, goal[controls], places)
+        rigid = None if len(motion.roles.fixed) else rigid_slope(motion, controls, goal, places)
         return cls(controls, len(motion.reference), made, rigid)
 
     def apply(self, rows: Floats) -> Floats:
@@ -279,28 +244,6 @@ class _Interpolated:
         values = self.map.transpose(weights)
         out[self.controls] = values if self.rigid is None else values + self.rigid.transpose(-values, weights)
         return out
-
-
-class _RigidSlope:
-    """The derivative of the best rigid motion of control nodes, which carries them and other places."""
-
-    def __init__(self, origin: Floats, goal: Floats, places: Floats) -> None:
-        centre = origin.mean(axis=0)
-        self._arms, self._far = origin - centre, places - centre
-        spread = np.einsum("ki,kj->ij", goal - goal.mean(axis=0), self._arms)
-        self._slope = nearest_rotation_slope(spread[None])[0]
-
-    def apply(self, values: Floats) -> tuple[Floats, Floats]:
-        """Velocities of the carried control nodes (c, d) and places (p, d) for (c, d) of the control nodes."""
-        shift = values.mean(axis=0)
-        turn = np.einsum("abce,kc,ke->ab", self._slope, values, self._arms)
-        return shift + self._arms @ turn.T, shift + self._far @ turn.T
-
-    def transpose(self, carried: Floats, places: Floats) -> Floats:
-        """(c, d) weights of the control nodes for (c, d) of the carried ones and (p, d) of the places."""
-        shift = carried.sum(axis=0) + places.sum(axis=0)
-        turn = carried.T @ self._arms + places.T @ self._far
-        return np.asarray(shift / len(self._arms) + self._arms @ np.einsum("abce,ab->ec", self._slope, turn))
 
 
 def _of_layer(motion: StandardMotion, prescribed: Floats) -> _Linear:
@@ -321,17 +264,18 @@ def _of_layer(motion: StandardMotion, prescribed: Floats) -> _Linear:
     return _Linear(apply, transpose)
 
 
-def _of_walls(motion: StandardMotion, factors: FactorSource) -> list[_Linear]:
-    """The nodes of plane walls follow, projected onto them."""
+def _of_walls(motion: StandardMotion, plain: Floats, factors: FactorSource) -> list[_Linear]:
+    """The nodes of walls follow, projected onto them."""
     steps, rest, layer = [], motion.reference, motion.layer
     for followed, wall in motion.walls():
-        own = np.ones(len(wall.nodes), dtype=bool) if layer is None else ~layer.known[wall.nodes]
-        nodes, tangents = wall.nodes[own], wall.tangents(rest[wall.nodes])[own]
-        following = None
+        own = wall if layer is None else wall.of(~layer.known[wall.nodes])
+        places, following = rest[own.nodes], None
         if wall.freedom().any():
             controls = motion.control_nodes(followed)
-            following = _Interpolated.build(motion, controls, rest, rest[nodes], factors)
-        steps += [_of_wall(nodes, tangents, following), _of_images(motion)]
+            following = _Interpolated.build(motion, controls, plain, places, factors)
+            if own.curved:
+                places = motion.following(rest, controls, plain, factors, Stopwatch()).positions(places)
+        steps += [_of_wall(own.nodes, own.slope(places), following), _of_images(motion)]
     return steps
 
 
@@ -357,14 +301,14 @@ def _of_images(motion: StandardMotion) -> _Linear:
     return _Linear(apply, transpose)
 
 
-def _of_wall(nodes: Integers, tangents: Floats, following: _Interpolated | None) -> _Linear:
-    """The nodes of one wall, which follow, or stay."""
+def _of_wall(nodes: Integers, onto: Floats, following: _Interpolated | None) -> _Linear:
+    """The nodes of one wall, which follow, projected by ``onto`` (k, d, d), or stay."""
 
     def apply(rows: Floats) -> None:
-        rows[nodes] = 0.0 if following is None else np.einsum("mij,mj->mi", tangents, following.apply(rows))
+        rows[nodes] = 0.0 if following is None else np.einsum("mij,mj->mi", onto, following.apply(rows))
 
     def transpose(rows: Floats) -> None:
-        weights = np.einsum("mij,mi->mj", tangents, rows[nodes])
+        weights = np.einsum("mij,mi->mj", onto, rows[nodes])
         rows[nodes] = 0.0
         if following is not None:
             rows += following.transpose(weights)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -23,12 +24,12 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.numerics.motion.motion_found import Motion
-from mesh_motion_server.numerics.motion.motion_slope import WithoutSlope
+from mesh_motion_server.numerics.motion.motion_slope import MotionSlope
 from mesh_motion_server.numerics.quality.headroom import Headroom
 from mesh_motion_server.numerics.quality.mesh_check import checked_mesh
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
 
-__all__ = ["AS_A_PLANE", "OneLayerMotion", "motion_model"]
+__all__ = ["AS_A_PLANE", "OneLayerMotion", "OneLayerSlope", "motion_model"]
 
 #: The warning that such a mesh gets.
 AS_A_PLANE = "the mesh is one layer of cells between two parallel planes: it is moved in the plane, both sides alike"
@@ -52,7 +53,7 @@ def motion_model(
 
 
 @dataclass(frozen=True, eq=False)
-class OneLayerMotion(WithoutSlope):
+class OneLayerMotion:
     """A mesh of one layer and the model of its plane.
 
     Attributes
@@ -66,11 +67,6 @@ class OneLayerMotion(WithoutSlope):
     moving : (k,) int64 array
         Nodes of the moving patches, in front and behind.
     """
-
-    no_slope = (
-        "the motion of a mesh of one layer in space is not differentiated",
-        "give the mesh of the plane, with dimension 2",
-    )
 
     points: Floats
     cells: CellTable
@@ -117,7 +113,7 @@ class OneLayerMotion(WithoutSlope):
         """
         aimed = self.points.copy()
         aimed[self.moving] = targets
-        self._check(aimed)
+        self._check(targets - self.points[self.moving], float(np.ptp(self.points, axis=0).max()))
         begin, end = self.layer.project(committed), self.layer.project(aimed)
         rows = self._rows_in_front()
         whole = None
@@ -139,16 +135,26 @@ class OneLayerMotion(WithoutSlope):
             correction=correction,
         )
 
+    def why_no_slope(self) -> InvalidInput | None:
+        """What keeps the motion from having a derivative; None if it has one."""
+        return self.plane.why_no_slope()
+
+    def slope(self, points: Floats, factors: FactorSource) -> OneLayerSlope:
+        """The derivative of the motion that has led to ``points`` (n, 3); errors as :meth:`.MotionModel.slope`."""
+        return OneLayerSlope(self, self.plane.slope(self.layer.project(points), factors))
+
     def _rows_in_front(self) -> Integers:
         """For each moving node of the plane the first row of the moving nodes that belongs to it."""
         found, rows = np.unique(self.layer.front[self.moving], return_index=True)
         assert np.array_equal(found, self.plane.roles.moving)
         return np.asarray(rows, dtype=np.int64)
 
-    def _check(self, aimed: Floats) -> None:
-        """Refuse moving nodes at ``aimed`` (n, 3) that leave their plane or their opposite node."""
-        moved = (aimed - self.points)[self.moving]
-        least = _ROUNDING * float(np.ptp(self.points, axis=0).max())
+    def _check(self, moved: Floats, scale: float) -> None:
+        """Refuse displacements or velocities (k, 3) of the moving nodes that leave the plane or the opposite node.
+
+        ``scale`` says, as theirs, how large they are.
+        """
+        least = _ROUNDING * scale
         across = np.abs(moved - moved @ self.layer.axes.T @ self.layer.axes).max(axis=1, initial=0.0)
         shift = np.full_like(self.points, np.nan)
         shift[self.moving] = moved
@@ -179,3 +185,52 @@ class OneLayerMotion(WithoutSlope):
             replace(cell, centre=tuple(centre.tolist())) for cell, centre in zip(quality.worst, centres, strict=True)
         )
         return replace(quality, worst=worst)
+
+
+@dataclass(frozen=True, eq=False)
+class OneLayerSlope:
+    """The derivative J of all nodes' positions by those of the moving nodes, which stay in their plane and opposite.
+
+    Of other velocities it takes this part. So Jᵀ w is such a motion, too.
+    """
+
+    model: OneLayerMotion
+    plane: MotionSlope
+
+    def tangent(self, velocity: Floats) -> Floats:
+        """(n, 3) J v: velocities of all nodes, for those (k, 3) of the moving nodes in their order.
+
+        Raises
+        ------
+        InvalidInput
+            If a node leaves its plane, or two opposite nodes move apart; names the first.
+        """
+        model, layer = self.model, self.model.layer
+        model._check(velocity, float(np.abs(velocity).max(initial=0.0)))
+        found = self.plane.tangent(self._means(velocity @ layer.axes.T))[layer.front] @ layer.axes
+        found[model.moving] = velocity
+        return np.asarray(found)
+
+    def cotangent(self, weights: Floats) -> Floats:
+        """(k, 3) Jᵀ w: the derivative of Σ w · y by the moving nodes' positions, for (n, 3) weights w of all nodes."""
+        layer = self.model.layer
+        summed = np.zeros((len(weights), 2))
+        np.add.at(summed, layer.front, weights @ layer.axes.T)
+        found = self.plane.cotangent(summed) / self._counts[:, None]
+        return np.asarray(found[self._places] @ layer.axes)
+
+    def _means(self, values: Floats) -> Floats:
+        """(k', 2) the plane's moving nodes' means of values (k, 2)."""
+        sums = np.zeros((len(self._counts), 2))
+        np.add.at(sums, self._places, values)
+        return np.asarray(sums / self._counts[:, None])
+
+    @cached_property
+    def _places(self) -> Integers:
+        """(k,) the row of the plane's moving nodes that each moving node belongs to."""
+        return np.searchsorted(self.model.plane.roles.moving, self.model.layer.front[self.model.moving])
+
+    @cached_property
+    def _counts(self) -> Integers:
+        """(k',) how many moving nodes belong to each of the plane's."""
+        return np.bincount(self._places)

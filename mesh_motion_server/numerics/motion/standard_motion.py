@@ -235,10 +235,9 @@ class StandardMotion:
         for followed, wall in self.walls():
             places = points[wall.nodes]
             if wall.freedom().any():  # corners stay
-                walls = self.control_nodes(followed)
-                following = self._solve(points, walls, prescribed[walls], factors, watch)
+                following = self.following(points, self.control_nodes(followed), prescribed, factors, watch)
                 with watch.phase("displace"):
-                    places = following.stage.positions(places)
+                    places = following.positions(places)
             known = np.zeros(len(points), dtype=bool) if self.layer is None else self.layer.known.copy()
             own = ~known[wall.nodes]
             prescribed[wall.nodes[own]] = wall.project(places)[own]
@@ -247,6 +246,12 @@ class StandardMotion:
                 known[followed] = True
                 prescribed[wall.nodes] = wall.project(wall.in_order(prescribed, known)[wall.nodes])
         return prescribed
+
+    def following(
+        self, points: Floats, controls: Integers, prescribed: Floats, factors: FactorSource, watch: Stopwatch
+    ) -> Stage:
+        """The stage that walls follow: it takes control nodes (c,) from ``points`` (n, d) to ``prescribed`` (n, d)."""
+        return self._solve(points, controls, prescribed[controls], factors, watch).stage
 
     def _controls(self, nodes: Integers) -> Integers:
         """The control nodes for nodes (c,) with a role: a layer's outermost nodes replace the nodes behind them."""
@@ -273,17 +278,21 @@ class StandardMotion:
             origin = points.take(controls, axis=0)  # three times as fast as points[controls]
             rigid = None
             if not len(self.roles.fixed) and not np.array_equal(origin, goal):  # rest stays rest, bitwise
-                rigid = self._carry(points, origin, goal)
+                rigid = self.carry(points, origin, goal)
             carried = origin if rigid is None else rigid.apply(origin)
             solved = self._levels(points, origin, goal - carried, controls, factors)
             return replace(solved, stage=replace(solved.stage, rigid=rigid))
 
-    def _carry(self, points: Floats, origin: Floats, goal: Floats) -> RigidMotion | None:
+    def carry(self, points: Floats, origin: Floats, goal: Floats) -> RigidMotion | None:
         """The rigid motion of the mesh ``points`` (n, d) closest to that of control nodes, if its walls admit it."""
-        rigid = fit_rigid_motion(origin, goal) if self.periodic is None else self.periodic.carry(origin, goal)
+        rigid = self.fitted(origin, goal)
         if rigid is None or self.sliding is None:
             return rigid
         return self.sliding.admitted(rigid, points[self.sliding.nodes])
+
+    def fitted(self, origin: Floats, goal: Floats) -> RigidMotion | None:
+        """The rigid motion closest to that of control nodes from origin to goal (c, d), whatever the walls admit."""
+        return fit_rigid_motion(origin, goal) if self.periodic is None else self.periodic.carry(origin, goal)
 
     def _levels(
         self, points: Floats, origin: Floats, displacement: Floats, controls: Integers, factors: FactorSource

@@ -120,10 +120,15 @@ class NestedGrid:
             coefficients.append(own)
         return packed
 
-    def spline_transposed(self, points: Floats, weights: Floats) -> Floats:
-        """(g, k) what the values at :meth:`points` count for (n, k) weights of the spline's values at (n, d) points."""
+    def spline_transposed(self, points: Floats, weights: Floats, of_coefficients: Floats | None = None) -> Floats:
+        """(g, k) what the values at :meth:`points` count for (n, k) weights of the spline's values at (n, d) points.
+
+        ``of_coefficients`` (r, k): weights of the spline's coefficients, in addition.
+        """
         packed, starts = self._packed(weights.shape[1])
         packed.count(points, weights)
+        if of_coefficients is not None:
+            packed.coefficients[:] += of_coefficients
         own = [
             packed.coefficients[row : row + size].reshape(*(box.cells[: self.dimension] + 3), -1)
             for box, row, size in zip(self.boxes, starts, self._sizes, strict=True)

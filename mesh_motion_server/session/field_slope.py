@@ -1,0 +1,185 @@
+"""The derivative of a motion whose volume lies with the client: that of the field travels, and what is counted for it.
+
+The client evaluates the field of a tangent at its own nodes, and puts the nodes of the corrected region where this
+says. Backwards it says what its own nodes count for the field's coefficients, but for the region's nodes: their weights
+pass through the correction first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mesh_motion_server.distributed.field import Field
+from mesh_motion_server.errors import InvalidInput
+from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.interpolation import evaluation
+from mesh_motion_server.session.partitions.meshes import MergedMesh
+from mesh_motion_server.session.partitions.regions import Rows
+
+if TYPE_CHECKING:  # no other session needs it, and it loads much
+    from mesh_motion_server.numerics.correction.smooth_slope import SmoothSlope
+    from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
+    from mesh_motion_server.numerics.motion.boundary_motion import BoundaryMotion
+    from mesh_motion_server.session.corrections import CorrectedRegion
+    from mesh_motion_server.session.partitions.regions import MergedRegion
+
+__all__ = ["FieldCotangent", "FieldSlope", "FieldTangent"]
+
+
+@dataclass(frozen=True, eq=False)
+class FieldTangent:
+    """Velocities, the components of c vectors one after the other.
+
+    Attributes
+    ----------
+    velocity : (n, c d) array
+        Of the uploaded nodes, in canonical order.
+    coefficients : (r, c d) array
+        Of the field.
+    freed : (f,) int64 array
+        Global ids of the nodes that the correction frees.
+    of_freed : (f, c d) array
+    """
+
+    velocity: Floats
+    coefficients: Floats
+    freed: Integers
+    of_freed: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class FieldCotangent:
+    """Weights, the components of c vectors one after the other.
+
+    Attributes
+    ----------
+    weights : (n, c d) array
+        Of the uploaded nodes, in canonical order.
+    coefficients : (r, c d) array
+        What the client's other nodes count for the coefficients, but for those with the ids.
+    ids : (q,) int64 array
+        Global ids of nodes of the region, as often as partitions have them.
+    of_ids : (q, c d) array
+    """
+
+    weights: Floats
+    coefficients: Floats
+    ids: Integers
+    of_ids: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class FieldSlope:
+    """The derivative at one state.
+
+    Attributes
+    ----------
+    field : Field
+        Of the reference mesh: all others differ in their coefficients.
+    corrected : CorrectedRegion or None
+        None without a correction.
+    """
+
+    mesh: MergedMesh
+    model: BoundaryMotion
+    field: Field
+    corrected: CorrectedRegion | None
+    factors: FactorSource
+
+    def tangent(self, velocity: Floats) -> FieldTangent:
+        """For one vector (k, d) of the moving nodes."""
+        roles, rows = self.model.motion.roles, np.zeros_like(self.mesh.points)
+        rows[roles.moving] = velocity
+        interpolant = self.model.field_map(self.factors).interpolant(rows[roles.all])
+        free = np.setdiff1d(np.arange(len(rows)), roles.all)
+        rows[free] = evaluation.displacement(interpolant, self.mesh.points[free])
+        coefficients = Field.of(interpolant).coefficients
+        if self._smooth is None or self._smooth.region is None:
+            return FieldTangent(rows, coefficients, np.empty(0, dtype=np.int64), rows[:0])
+        region = self._region
+        plain = np.empty_like(region.points)
+        here, there, inside = self._shared
+        plain[here], plain[inside] = rows[there], evaluation.displacement(interpolant, region.points[inside])
+        freed = self._smooth.region.free.free
+        return FieldTangent(rows, coefficients, region.ids[freed], self._smooth.apply(plain)[freed])
+
+    def cotangent(self, given: FieldCotangent) -> Floats:
+        """(k, d) weights of the moving nodes, for one vector."""
+        roles, rows, d = self.model.motion.roles, given.weights.copy(), self.mesh.points.shape[1]
+        places, counted = [np.empty((0, d))], [np.empty((0, d))]
+        if self._smooth is None:
+            _refuse_strange(given.ids)
+        else:
+            region = self._region
+            here, there, inside = self._shared
+            weights = np.zeros_like(region.points)
+            weights[here] = rows[there]
+            np.add.at(weights, self._rows_of(given.ids), given.of_ids)
+            weights = self._smooth.transpose(weights)
+            rows[there] = weights[here]
+            places.append(region.points[inside])
+            counted.append(weights[inside])
+        free = np.setdiff1d(np.arange(len(rows)), roles.all)
+        places.append(self.mesh.points[free])
+        counted.append(rows[free])
+        total = given.coefficients + self.field.counted(np.concatenate(places), np.concatenate(counted))
+        found = self.model.field_map(self.factors).transpose(*self.field.split(total))
+        rows[roles.all] += found
+        return rows[roles.moving]
+
+    # --- the corrected region ----------------------------------------------------------------------------------------
+
+    @cached_property
+    def _smooth(self) -> SmoothSlope | None:
+        """The correction's derivative; none if no cell was sent."""
+        # imported here: no other session needs it
+        from mesh_motion_server.numerics.correction.smooth_slope import SmoothSlope, not_at_minimum  # noqa: PLC0415
+
+        if self.corrected is None or self.corrected.region is None:
+            return None
+        if not self.corrected.smooth:
+            raise not_at_minimum()
+        region = self.corrected.region
+        mesh = region.points, region.cells, region.held, region.elsewhere
+        smooth = self.model.smooth(*mesh, self.corrected.n_nodes)
+        return SmoothSlope.build(smooth, region.positions, self.corrected.points)
+
+    @property
+    def _region(self) -> MergedRegion:
+        assert self.corrected is not None
+        assert self.corrected.region is not None
+        return self.corrected.region
+
+    @cached_property
+    def _shared(self) -> tuple[Integers, Integers, Integers]:
+        """Rows of the uploaded nodes in the region, their rows in the mesh, and the region's other rows."""
+        own = np.isin(self._region.ids, self.mesh.global_ids)
+        here = np.flatnonzero(own)
+        return here, Rows(self.mesh.global_ids)(self._region.ids[here]), np.flatnonzero(~own)
+
+    def _rows_of(self, ids: Integers) -> Integers:
+        """Rows (q,) of the region of nodes that are not uploaded.
+
+        Raises
+        ------
+        InvalidInput
+            If a node is not there.
+        """
+        region = self._region
+        _refuse_strange(ids[~np.isin(ids, region.ids[self._shared[2]])])
+        return Rows(region.ids)(ids)
+
+
+def _refuse_strange(ids: Integers) -> None:
+    """Raise if there are nodes with such global ids (k,)."""
+    if len(ids):
+        raise InvalidInput(
+            f"region: the node with global id {ids[0]} is not in the corrected region, or was uploaded",
+            code="INVALID_ARGUMENT.VALUE",
+            hint="name the nodes of the last CORRECT that were not uploaded",
+            details={"node": int(ids[0])},
+        )
