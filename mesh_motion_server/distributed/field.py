@@ -94,7 +94,7 @@ class Field:
             if each.polynomial is not None:
                 rows.append(each.polynomial.basis.matrix(places).T @ weights)
         if spline is not None:
-            counts = replace(spline, coefficients=np.empty((len(spline.coefficients), weights.shape[1])))
+            counts = replace(spline, coefficients=np.zeros((len(spline.coefficients), weights.shape[1])))
             counts.count(places, weights)
             rows.append(counts.coefficients[np.concatenate(list(_places(self.boxes)))])
         return np.concatenate(rows)

@@ -17,7 +17,7 @@ from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
 from mesh_motion_server.numerics.interpolation.factorizations.conditional import NullSpaceCholesky
 from mesh_motion_server.numerics.interpolation.interpolant import AllCentreFactorization, Factorization, Interpolant
-from mesh_motion_server.numerics.interpolation.interpolation_map import _operator, _solved, _transposed
+from mesh_motion_server.numerics.interpolation.interpolation_map import _solved, _transposed
 from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScaleFactorization
 from mesh_motion_server.numerics.interpolation.two_scale.grid_sums import on_grid, on_grid_transposed
 from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
@@ -97,4 +97,5 @@ class FieldMap:
         """The levels at the distinct control points."""
         made = self.factorization
         assert isinstance(made, TwoScaleFactorization)
-        return [_operator(system, self._distinct) for system in made.systems]
+        weightless = [system.interpolant(np.empty((len(system.points), 0))) for system in made.systems]
+        return [NearOperator.build(level, self._distinct) for level in weightless]

@@ -312,6 +312,18 @@ def test_a_quality_that_is_refused_is_refused(prefix, endpoint):
         session.call("close", c_int(KEEP))
 
 
+def test_derivatives_are_refused(prefix, endpoint):
+    """The server has them; this client does not evaluate the field of the tangent."""
+    mesh = box("quad", 10)
+    with CSession(prefix, endpoint) as session:
+        session.open(mesh, SETTINGS)
+        v, all_nodes = np.ones((len(session.moving_nodes), 2)), np.ones_like(mesh.points)
+        with pytest.raises(RuntimeError, match="FAILED_PRECONDITION: this client does not differentiate"):
+            session.call("tangent", c_size_t(1), c_size_t(len(v)), at(v), c_size_t(len(all_nodes)), at(all_nodes))
+        with pytest.raises(RuntimeError, match="FAILED_PRECONDITION: this client does not differentiate"):
+            session.call("cotangent", c_size_t(1), c_size_t(len(all_nodes)), at(all_nodes), c_size_t(len(v)), at(v))
+
+
 def test_a_cell_that_is_inverted_is_refused(prefix, endpoint):
     mesh = box("quad", 10)
     cells = mesh.cells["quad"].copy()
