@@ -136,7 +136,7 @@ class ServerSettings(_Strict):
     stored_reply_bytes: Annotated[int, Field(ge=1 << 10)] = 32 << 20  # arrays of all kept replies of a session
     durability: Annotated[list[_Level], Field(min_length=1)] = list(DURABILITY_LEVELS)  # first: default
     snapshot_steps: Annotated[int, Field(ge=1, le=100_000)] = 50  # at level "replay" a state is stored so often
-    threads: Annotated[int, Field(ge=0)] = 0  # of each worker; 0: as many as there are cores
+    threads: Annotated[int, Field(ge=0, le=1024)] = 0  # of each worker; 0: as many as there are cores
     collective_timeout_seconds: _Length = 120.0  # a collective request waits for the other partitions
     lease_seconds: _Length = 60.0  # without a connection a session is then suspended
     handshake_seconds: _Length = 5.0  # a connection that keeps silent is then closed

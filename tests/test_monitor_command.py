@@ -83,6 +83,7 @@ def test_json_has_what_a_program_needs(state: Path) -> None:
     ("arguments", "status", "said"),
     [
         (["/no/such/folder", "--once"], 69, "/no/such/folder: the folder is not there (yet)"),
+        (["tcp://127.0.0.1:7440", "--once"], 2, "expected the state folder of a server, not its endpoint"),
         (["{state}", "--session", "nobody"], 4, "no session 'nobody'; there are wing"),
     ],
 )

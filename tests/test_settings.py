@@ -81,7 +81,16 @@ def test_the_limits_announced_are_the_protocols() -> None:
 
 
 @pytest.mark.parametrize(
-    "values", [{"max_sessions": 0}, {"port": 1}, {"lease_seconds": -1.0}, {"max_partitions": 257}, {"threads": 1.0}]
+    "values",
+    [
+        {"max_sessions": 0},
+        {"port": 1},
+        {"lease_seconds": -1.0},
+        {"max_partitions": 257},
+        {"threads": 1.0},
+        {"threads": -1},
+        {"threads": 10**20},
+    ],
 )
 def test_server_settings_are_as_strict(values: dict[str, Any]) -> None:
     with pytest.raises(InvalidInput):

@@ -48,6 +48,8 @@ def monitor(
     from mesh_motion_server.settings import ServerSettings
     from mesh_motion_server.watch.terminal.sources import FolderSource, Unreadable
 
+    if str(folder).startswith(("tcp:/", "ipc:/")):
+        raise typer.BadParameter("expected the state folder of a server, not its endpoint", param_hint="FOLDER")
     source = FolderSource((folder or ServerSettings().state_folder).expanduser())
     try:
         if as_json or once or not _is_terminal():

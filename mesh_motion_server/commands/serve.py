@@ -30,7 +30,7 @@ def serve(
         str | None, typer.Option(metavar="HOST:PORT", help="Show the sessions in a browser, read-only.")
     ] = None,
     ready_file: Annotated[Path | None, typer.Option(metavar="FILE", help="Written when clients may connect.")] = None,
-    threads: Annotated[int | None, typer.Option(min=0, metavar="N", help="Of each worker; 0: all cores.")] = None,
+    threads: Annotated[int | None, typer.Option(metavar="N", help="Of each worker; 0: all cores.")] = None,
     settings_file: Annotated[
         Path | None, typer.Option("--settings", metavar="FILE.toml", help="All other settings and limits.")
     ] = None,

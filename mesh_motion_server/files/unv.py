@@ -6,7 +6,7 @@ https://www.ceas3.uc.edu/sdrluff/: datasets 15, 781, 2411 (nodes), 780, 2412 (el
 import re
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -171,15 +171,21 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
         facets |= {number: (dimension, nodes) for number, nodes in zip(values[:, 0].tolist(), own, strict=True)}
     dimension = max((of for of, _ in facets.values()), default=0)
     patches: dict[str, list[Integers]] = defaultdict(list)
+    notes = []
     for name, nodes, members in found.groups:
         unknown = next((number for number in members if number not in facets), None)
+        if unknown is not None and not nodes and facets.keys().isdisjoint(members):
+            # Gmsh writes groups of points, but not their elements
+            notes.append(f"a group {name!r} names no element that is there: it is no patch")
+            continue
         if unknown is not None:
             raise ValueError(f"group {name!r} names element {unknown}, which is not there")
         sides = [own for of, own in (facets[number] for number in members) if of < dimension]
         parts = [rows(np.array(nodes, dtype=np.int64), f"group {name!r}: node"), *sides]
         if sum(map(len, parts)):
             patches[name].append(np.concatenate(parts))
-    return assemble_elements(path, np.array(found.points), elements, concatenated(patches))
+    mesh = assemble_elements(path, np.array(found.points), elements, concatenated(patches))
+    return replace(mesh, notes=(*mesh.notes, *notes))
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:

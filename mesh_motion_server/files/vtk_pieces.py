@@ -47,11 +47,15 @@ def sources(path: Path) -> list[Path]:
     except ElementTree.ParseError as error:
         raise InvalidInput(f"{path}: not readable as .pvtu: {error}") from None
     found = [path.parent / piece.get("Source", "") for piece in root.iter("Piece")]
-    if root.get("type") != "PUnstructuredGrid" or not found:
-        raise InvalidInput(f"{path}: expected the pieces of a PUnstructuredGrid, got {root.get('type') or root.tag}")
-    wrong = next((source for source in found if source.suffix.lower() != ".vtu" or not source.is_file()), None)
-    if wrong is not None:
-        raise InvalidInput(f"{path}: its piece {wrong} is not a .vtu file", hint="keep the files of all pieces with it")
+    if root.get("type") != "PUnstructuredGrid":
+        raise InvalidInput(f"{path}: expected a PUnstructuredGrid, got {root.get('type') or root.tag}")
+    if not found:
+        raise InvalidInput(f"{path}: it lists no piece")
+    for source in found:
+        if source.suffix.lower() != ".vtu":
+            raise InvalidInput(f"{path}: expected pieces in .vtu files, got {str(source)!r}")
+        if not source.is_file():
+            raise InvalidInput(f"{path}: its piece {source} is missing", hint="keep the files of all pieces with it")
     return found
 
 

@@ -177,7 +177,7 @@ def correct(
         return CorrectOutcome(_larger(extents[0]), region.between, none)
     except NumericalError as refusal:
         moving = np.flatnonzero(np.isin(region.ids, mesh.global_ids[mesh.moving]))
-        refuse_region(region.cells, moving, np.flatnonzero(region.held), region.positions, refusal)
+        refuse_region(region.cells, moving, np.flatnonzero(region.held), region.points, region.positions, refusal)
         if not smooth:
             raise
         return CorrectOutcome(first_extent(boundary.optimised.method, points.shape[1]), nothing, none)

@@ -30,7 +30,7 @@ class StateFolder:
     Raises
     ------
     EndpointError
-        If other users may write to the folder.
+        If other users may write to the folder, or put another in its place.
     ResourceError
         UNAVAILABLE while another server holds the folder; RESOURCE_EXHAUSTED.DISK if the system refuses.
     """
@@ -41,6 +41,7 @@ class StateFolder:
             make_durable_folder(PosixFileSystem(), root)
             for folder in (root, root / "sessions"):
                 _require_own(folder)
+            _require_in_place(root)
             self._lock = os.open(root / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
         except OSError as error:
             raise _refused(root, error) from error
@@ -98,6 +99,20 @@ def _require_own(folder: Path) -> None:
             f"{folder} must belong to user {os.geteuid()}, who runs the server, got user {min(strangers)}",
             hint="chown it, or give another --state",
         )
+
+
+def _require_in_place(root: Path) -> None:
+    """Raise if everybody may put another folder in the place of the state folder, or of one above it.
+
+    What a group may write to is accepted: folders of a project often are so.
+    """
+    for folder in dict.fromkeys((*root.absolute().parents, *root.resolve().parents)):
+        mode = stat.S_IMODE(folder.stat().st_mode)
+        if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
+            raise EndpointError(
+                f"all users may rename {root}: {folder} has mode {mode:04o}, expected no right to write for others",
+                hint=f"chmod o-w {folder}, or chmod +t {folder}, or give another --state",
+            )
 
 
 def _holder(lock: int) -> str:

@@ -246,15 +246,19 @@ def test_what_is_refused_with_the_whole_mesh_is_refused_here(server):
 
 @pytest.mark.parametrize("settings", [CORRECTED, {}], ids=["threshold", "smooth"])
 @pytest.mark.parametrize("ranks", [1, 2])
-def test_a_boundary_that_crosses_itself_is_named_here_too(server, ranks, settings):
+@pytest.mark.parametrize(
+    ("distance", "fault"),
+    [(0.47, "cross itself"), (0.9, "leave its side of another part"), (5.0, "leave its side of another part")],
+)
+def test_a_boundary_that_crosses_itself_is_named_here_too(server, ranks, settings, distance, fault):
     def through_the_wall(session, part):
         with pytest.raises(QualityRefused) as refused:
-            session.move(np.tile([0.47, 0.03], (len(session.moving_nodes), 1)))
+            session.move(np.tile([distance, 0.03], (len(session.moving_nodes), 1)))
         return str(refused.value)
 
     parts = pieces("quad", 20, ranks) if ranks > 1 else [whole("quad", 20)]
     for told in on_ranks(server, parts, through_the_wall, settings):
-        assert "no valid mesh exists: the boundary would cross itself near" in told
+        assert f"no valid mesh exists: the boundary would {fault} near" in told
 
 
 @pytest.mark.parametrize(

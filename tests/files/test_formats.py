@@ -470,6 +470,31 @@ def test_gmsh_writes_universal_files_with_its_groups(tmp_path: Path) -> None:
         gmsh.finalize()
 
 
+@pytest.mark.parametrize("suffix", ["msh", "cgns", "unv", "med", "su2", "vtk"])
+def test_groups_of_gmsh_with_one_number_are_patches_of_their_own(tmp_path: Path, suffix: str) -> None:
+    """A point, a curve, a surface and the volume have the number 1, as Gmsh numbers them by itself."""
+    gmsh = pytest.importorskip("gmsh", exc_type=OSError)
+    gmsh.initialize(interruptible=False)
+    try:
+        if suffix == "cgns" and "Cgns" not in gmsh.option.getString("General.BuildOptions"):
+            pytest.skip("this Gmsh writes no CGNS")
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+        for dimension, (entity,) in enumerate([[8], [1], [2], [1]]):  # at x = 1, x = 0, x = 1
+            gmsh.model.addPhysicalGroup(dimension, [entity], 1)
+        gmsh.model.mesh.generate(3)
+        gmsh.write(str(tmp_path / f"m.{suffix}"))
+    finally:
+        gmsh.finalize()
+    mesh = read_mesh(tmp_path / f"m.{suffix}")
+    ends = [{*mesh.points[nodes, 0].tolist()} for nodes in mesh.patches.values() if len(nodes) > 1]
+    assert ends
+    assert all(len(found) == 1 for found in ends)  # none has a surface and a curve
+    assert {1.0} in ends
+
+
 def test_nodes_of_single_precision_come_back_in_double(tmp_path: Path) -> None:
     """Dataset 15 has six digits; a beam has a line of its own before its nodes."""
     (tmp_path / "m.unv").write_text(

@@ -362,7 +362,13 @@ def test_nodes_that_may_belong_to_either_side_of_a_slit_are_named(tmp_path: Path
     path.write_text(text.format("a", "c") + "</PUnstructuredGrid></VTKFile>")  # a slit within a piece stays
     assert len(read_mesh(path).points) == 12
     path.write_text(text.format("a", "gone") + "</PUnstructuredGrid></VTKFile>")
-    with pytest.raises(InvalidInput, match=r"its piece .*gone\.vtu is not a \.vtu file"):
+    with pytest.raises(InvalidInput, match=r"its piece .*gone\.vtu is missing"):
+        read_mesh(path)
+    path.write_text(text.format("a", "b").replace(".vtu", ".txt") + "</PUnstructuredGrid></VTKFile>")
+    with pytest.raises(InvalidInput, match=r"expected pieces in \.vtu files, got '.*a\.txt'"):
+        read_mesh(path)
+    path.write_text('<VTKFile type="PUnstructuredGrid"><PUnstructuredGrid></PUnstructuredGrid></VTKFile>')
+    with pytest.raises(InvalidInput, match="it lists no piece"):
         read_mesh(path)
 
 

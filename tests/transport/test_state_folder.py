@@ -38,6 +38,23 @@ def test_a_folder_that_others_may_write_to_is_refused(tmp_path: Path, name: str,
         StateFolder(tmp_path / "state")
 
 
+@pytest.mark.parametrize("by_link", [False, True])
+@pytest.mark.parametrize(("mode", "accepted"), [(0o777, False), (0o703, False), (0o1777, True), (0o775, True)])
+def test_a_folder_in_whose_place_all_users_may_put_another_is_refused(
+    tmp_path: Path, mode: int, accepted: bool, by_link: bool
+) -> None:
+    above = tmp_path / "above"
+    (above / "mine" / "state").mkdir(parents=True)
+    (tmp_path / "link").symlink_to("above/mine/state")
+    above.chmod(mode)
+    state = tmp_path / "link" if by_link else above / "mine" / "state"
+    if accepted:
+        StateFolder(state).release()
+    else:
+        with pytest.raises(EndpointError, match=f"{above} has mode {mode:04o}"):
+            StateFolder(state)
+
+
 @pytest.mark.parametrize("what", ["file", "dangling", "loop"])
 def test_what_is_no_folder_is_refused(tmp_path: Path, what: str) -> None:
     path = tmp_path / "state"

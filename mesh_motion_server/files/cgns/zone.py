@@ -20,10 +20,11 @@ from mesh_motion_server.files.cgns.faces import NumberedFaces, join_faces
 from mesh_motion_server.files.cgns.structured import numbering, read_structured
 from mesh_motion_server.files.cgns.tree import Node, open_cgns
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.mesh_file import MeshFile, assemble, chosen_zone
+from mesh_motion_server.files.mesh_file import MeshFile, assemble, chosen_zone, group_names
 from mesh_motion_server.files.moved import copied_hdf5
 from mesh_motion_server.files.polyhedra.cells import find_cells
 from mesh_motion_server.files.polyhedra.pieces import divide
+from mesh_motion_server.files.vtk_pieces import PatchKey
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
@@ -127,21 +128,31 @@ def _simple(path: Path, base: Node, zone: Node, points: Floats, fixed: list[Elem
         if part.name != VERTEX:
             cells[part.name].append(part.nodes)
     dimension = max((CELL_TYPES[name].dimension for name in cells), default=0)
-    flat = [part for part in fixed if part.name == VERTEX or CELL_TYPES[part.name].dimension < dimension]
+    flat = [part for part in fixed if _dimension(part) < dimension]
     numbers = _numbers(flat), _numbers([part for part in fixed if part not in flat])
-    nodes_of: dict[str, list[Integers]] = defaultdict(list)
+    nodes_of: dict[PatchKey, list[Integers]] = defaultdict(list)
     conditions = read_conditions(base, zone, len(points))
     for condition in conditions:
         condition.check(*numbers, "element of lower dimension than the cells")
-        nodes_of[condition.patch].append(condition.nodes)
-        for part in flat:
-            nodes_of[condition.patch].append(part.nodes[condition.elements(part.numbers)].ravel())
+        named = [part.nodes[condition.elements(part.numbers)] for part in flat]
+        of = max((_dimension(part) for part, nodes in zip(flat, named, strict=True) if len(nodes)), default=0)
+        nodes_of[_patch_key(condition.patch, of)] += [condition.nodes, *(nodes.ravel() for nodes in named)]
     if not conditions:
         for part in flat:
             nodes_of[part.section].append(part.nodes.ravel())
-    patches = _patches(nodes_of)
+    names = group_names([key for key in nodes_of if not isinstance(key, str)], {})
+    patches = _patches({key if isinstance(key, str) else names[key]: parts for key, parts in nodes_of.items()})
     joined = {name: np.concatenate(parts) for name, parts in cells.items()}
     return assemble(path, points, joined, patches)
+
+
+def _dimension(part: Elements) -> int:
+    return 0 if part.name == VERTEX else CELL_TYPES[part.name].dimension
+
+
+def _patch_key(name: str, dimension: int) -> PatchKey:
+    """Gmsh writes a group without a name as the family of its number; it counts curves and surfaces apart."""
+    return (dimension, int(name)) if name.isdecimal() and str(int(name)) == name else name
 
 
 def _numbers(parts: list[Elements]) -> Integers:

@@ -159,9 +159,10 @@ class PossibleCrossing:
 
 
 def refuse_region(
-    cells: CellTable, moving: Integers, held: Integers, positions: Floats, refusal: NumericalError
+    cells: CellTable, moving: Integers, held: Integers, reference: Floats, positions: Floats, refusal: NumericalError
 ) -> None:
-    """As :meth:`PossibleCrossing.refuse`, for facets that go through each other in a part of a mesh.
+    """As :meth:`PossibleCrossing.refuse`, in a part of a mesh: for facets that go through each other, and for nodes that
+    leave their side of a part of the boundary that is there as a whole.
 
     Parameters
     ----------
@@ -169,18 +170,23 @@ def refuse_region(
     moving, held : (k,), (h,) int64 arrays
         Moving nodes; all nodes on patches. A facet of these between two cells, one of which is not in the part, must
         go through nothing either.
-    positions : (n, d) array, mesh length unit
+    reference, positions : (n, d) arrays, mesh length unit
 
     Raises
     ------
     NoMeshExists
         With the best quality, the worst cells and the details of the ``refusal``.
     """
-    facets = BoundaryFacets.build(boundary_facets(cells), moving, held, len(positions))
-    place = crossing_place(facets, positions)
-    if place is not None:
-        near = ", ".join(f"{x:.4g}" for x in place)
-        raise _no_mesh(f"cross itself near ({near})", refusal) from refusal
+    facets, known = boundary_facets(cells), np.zeros(len(positions), dtype=bool)
+    known[held] = True
+    own = BoundaryFacets.build(facets, moving, held, len(positions))
+    for fault, place in (
+        ("cross itself", crossing_place(own, positions)),
+        ("leave its side of another part", misplaced_place(facets, known, moving, reference, positions)),
+    ):
+        if place is not None:
+            near = ", ".join(f"{x:.4g}" for x in place)
+            raise _no_mesh(f"{fault} near ({near})", refusal) from refusal
 
 
 def _on_planes(sliding: SlidingSurfaces | None, away: Integers) -> Integers:

@@ -114,10 +114,10 @@ class Followed:
 
 
 def plain_column(column: Floats) -> list[float | None]:
-    """Numbers (n,) with as many digits as a chart shows; None for NaN and infinity."""
+    """Numbers (n,) with as many digits as a chart shows, times to milliseconds; None for NaN and infinity."""
     finite = np.isfinite(column)
     safe = np.where(finite, column, 0.0)
-    scale = 10.0 ** (_DIGITS - 1 - np.floor(np.log10(np.maximum(np.abs(safe), 1e-12))))
+    scale = 10.0 ** np.maximum(3, _DIGITS - 1 - np.floor(np.log10(np.maximum(np.abs(safe), 1e-12))))
     whole = np.rint(safe) == safe
     rounded = np.where(whole, safe, np.rint(safe * scale) / scale)
     values: list[float | None] = rounded.tolist()

@@ -6,6 +6,7 @@ content alone: it has no date, and a new run gives the same bytes.
 """
 
 import re
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from typing import Any
 from mesh_motion_server.errors import InvalidInput, ResourceError
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.watch.pictures.palette import LIGHT, Theme
+from mesh_motion_server.watch.terminal.text import plain
 
 __all__ = [
     "FORMATS",
@@ -167,12 +169,22 @@ def save(figure: Any, path: Path, page: Page) -> None:
     nothing: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[kind]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as file:
+        with replacing(path) as file, warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Glyph")  # what a font lacks is a box in the picture
+            _make_inert(figure)
             for _ in range(2):  # with panels of a fixed aspect, one pass leaves titles over each other
                 figure.get_layout_engine().execute(figure)
             figure.savefig(file, format=kind, dpi=page.dpi, metadata=nothing)
     except OSError as error:
         raise ResourceError(f"{path}: the picture cannot be written: {error.strerror or error}") from None
+
+
+def _make_inert(figure: Any) -> None:
+    """Names come from files and clients: an SVG of one with control characters is no XML, and matplotlib's warnings
+    would print it.
+    """
+    for text in figure.findobj(lambda artist: hasattr(artist, "set_text")):
+        text.set_text("\n".join(map(plain, text.get_text().split("\n"))))
 
 
 def format_of(path: Path) -> str:

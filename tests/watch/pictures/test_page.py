@@ -83,3 +83,17 @@ def test_a_place_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ResourceError, match="the picture cannot be written"):
         save(picture(), tmp_path / "file" / "a.png", Page())
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
+@pytest.mark.parametrize("name", ["e\x1b[31m", "r\u202ea", "nul\0", "$\\frac", "流体"])
+def test_a_name_is_never_more_than_text(name: str, suffix: str, tmp_path: Path) -> None:
+    file = tmp_path / f"a.{suffix}"
+    with styled(Page()):
+        figure = picture(title=f"first\n{name}")
+        figure.axes[0].set_xlabel(name)
+        save(figure, file, Page())
+    if suffix == "svg":
+        Xml.parse(file)  # refuses control characters
+        assert "\u202e" not in file.read_text(encoding="utf-8")
