@@ -10,7 +10,6 @@ from mesh_motion_protocol.messages import Cotangent, CotangentFound, Tangent, Ta
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 
@@ -38,18 +37,14 @@ def check_cotangent(session: Session, request: Cotangent) -> None:
     _check(session, "weights", request.weights, nodes, request.partition)
 
 
-def tangent(session: Session, requests: Sequence[Tangent], request_ids: Sequence[RequestId]) -> list[TangentFound]:
+def tangent(session: Session, requests: Sequence[Tangent]) -> list[TangentFound]:
     """Velocities of all nodes."""
-    del request_ids
     found = session.tangent(requests[0].what, [np.asarray(one.velocity, dtype=np.float64) for one in requests])
     return [TangentFound(**_at(session, one), velocity=rows) for one, rows in zip(requests, found, strict=True)]
 
 
-def cotangent(
-    session: Session, requests: Sequence[Cotangent], request_ids: Sequence[RequestId]
-) -> list[CotangentFound]:
+def cotangent(session: Session, requests: Sequence[Cotangent]) -> list[CotangentFound]:
     """Weights of the moving nodes."""
-    del request_ids
     found = session.cotangent(requests[0].what, [np.asarray(one.weights, dtype=np.float64) for one in requests])
     return [CotangentFound(**_at(session, one), weights=rows) for one, rows in zip(requests, found, strict=True)]
 
