@@ -2,6 +2,7 @@
 # make test   runs a core of every area's tests, two files at a time (JOBS=4 for more), in about six minutes
 # make test-all runs all of them, as CI does: whole runs, each page of the documentation, many drawn examples, in half an hour;
 #             what fails runs once more, alone, and is named as flaky if it then passes
+# make coverage runs the tests of `make test` and shows which lines they run, in all processes: out/coverage (in CI: a job of its own)
 # make manual writes docs/man after a change of a command
 # make wheel  builds the distributions into dist, the wheel for every instruction set, and tries it in an empty environment
 # make lock   writes the newest exact versions and hashes of all packages (requirements/)
@@ -15,6 +16,8 @@
 # make peers  compares with OpenFOAM, Kratos and textbook RBF, as far as they are installed (benchmarks/README.md)
 # make bench  measures growth to five million nodes, the correction and every system installed: one page, twenty minutes
 # make bench-quick the most telling of it in three minutes
+# make track  measures some figures of this commit with asv, in an environment of its own, and shows all tracked commits: out/asv/html
+#             (COMMITS="v1..main --steps 10" for others; benchmarks/asv.conf.json)
 # make studies recomputes every table and figure of docs/thesis.md, beyond.md, explained.md and choosing.md (STUDY="name …" for some)
 # make docs   builds the documentation site into out/docs, without a warning, every link checked (open out/docs/index.html)
 # make adapters builds and tests the clients whose tools are installed, and says which are not (adapters/README.md)
@@ -38,10 +41,10 @@ PYTEST = -n $(JOBS) --dist loadfile --durations 40 --durations-min 5
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all test-fast wheel release manual lock lint format prove prove-full drivers mutants nightly sanitize sanitize-addresses sanitize-threads peers bench bench-quick studies docs adapters mok flap turek docker docker-openfoam clean
+.PHONY: help demo test test-all test-fast coverage wheel release manual lock lint format prove prove-full drivers mutants nightly sanitize sanitize-addresses sanitize-threads peers bench bench-quick track studies docs adapters mok flap turek docker docker-openfoam clean
 
 help:
-	@sed -n '1,26s/^# \{0,1\}//p' Makefile
+	@sed -n '1,29s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -74,6 +77,13 @@ test-all: $(VENV)/.development
 
 test-fast: $(VENV)/.development
 	$(BIN)/pytest -m "not slow"
+
+coverage: $(VENV)/.development
+	$(BIN)/pip install --quiet --disable-pip-version-check 'coverage>=7.10'
+	mkdir -p out/coverage && rm -f out/coverage/data*
+	$(BIN)/coverage run -m pytest -m "not nightly" $(PYTEST)
+	$(BIN)/coverage combine --quiet && $(BIN)/coverage html --quiet
+	$(BIN)/coverage report --format=markdown > out/coverage/report.md && tail -n 1 out/coverage/report.md
 
 manual: $(VENV)/.development
 	$(BIN)/python -m tools.manual_pages
@@ -150,6 +160,14 @@ bench: $(VENV)/.development
 
 bench-quick: $(VENV)/.development
 	$(BIN)/python -m benchmarks --plan quick --minutes 2.5 --repeat 2 --out out/bench-quick --meshes out/meshes
+
+COMMITS = HEAD^!
+track: $(VENV)/.development
+	$(BIN)/pip install --quiet --disable-pip-version-check asv virtualenv
+	$(ASV) machine --yes
+	$(ASV) run --skip-existing-successful $(COMMITS)
+	$(ASV) publish
+ASV = $(BIN)/asv --config benchmarks/asv.conf.json
 
 studies: $(VENV)/.development
 	$(BIN)/python -m docs.studies $(STUDY)

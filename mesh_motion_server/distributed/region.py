@@ -168,8 +168,7 @@ def region_told(
     local = np.empty(len(points), dtype=np.int64)
     local[nodes] = np.arange(len(nodes))
     rows = {
-        block.type.name: local[block.nodes[chosen[first : first + len(block)]]]
-        for block, first in zip(cells, cells.offsets, strict=False)
+        block.type.name: local[block.nodes[chosen[first : first + len(block)]]] for block, first in cells.numbered()
     }
     return Region(
         extent,

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from mesh_motion_protocol.messages import Build, Built
 
 from mesh_motion_server.service.reports import mesh_report, summary_report
-from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 
@@ -20,9 +19,8 @@ def check(session: Session, request: Build) -> None:
     session.admit(Operation.BUILD)
 
 
-def run(session: Session, requests: Sequence[Build], request_ids: Sequence[RequestId]) -> list[Built]:
+def run(session: Session, requests: Sequence[Build]) -> list[Built]:
     """Build, and send each partition which of its nodes it has to move."""
-    del request_ids
     session.build()
     settings, mesh = session.model.method.as_dict(), mesh_report(session)
     quality = {}

@@ -6,12 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mesh_motion_protocol.messages import Message
+from mesh_motion_protocol.digests import request_digest
+from mesh_motion_protocol.messages import Message, SessionMessage
 
 from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 
-__all__ = ["Collective", "Single"]
+__all__ = ["Collective", "Single", "id_of"]
 
 
 @dataclass(frozen=True)
@@ -39,8 +40,13 @@ class Collective:
     check : callable
         (session, request): raises if one partition's request is invalid, before it waits for the others.
     run : callable
-        (session, requests by partition, their ids) → replies by partition.
+        (session, requests by partition) → replies by partition.
     """
 
     check: Callable[[Session, Any], None]
-    run: Callable[[Session, Sequence[Any], Sequence[RequestId]], Sequence[Message]]
+    run: Callable[[Session, Sequence[Any]], Sequence[Message]]
+
+
+def id_of(request: SessionMessage) -> RequestId:
+    """What a repeat of the request is known by."""
+    return RequestId(request.client, request.sequence, request_digest(request))

@@ -10,6 +10,7 @@ from mesh_motion_protocol.messages import Commit as CommitRequest
 from mesh_motion_protocol.messages import Committed
 
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.service.commands import id_of
 from mesh_motion_server.service.reports import summary_report
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.journal.replies import RequestId
@@ -28,7 +29,7 @@ def check(session: Session, request: CommitRequest) -> None:
     session.require_time_of_commit(request.time)
 
 
-def run(session: Session, requests: Sequence[CommitRequest], request_ids: Sequence[RequestId]) -> list[Committed]:
+def run(session: Session, requests: Sequence[CommitRequest]) -> list[Committed]:
     """Commit; the replies are journaled with the state."""
     content: dict[str, Any] = {}
 
@@ -46,7 +47,7 @@ def run(session: Session, requests: Sequence[CommitRequest], request_ids: Sequen
         packed: bytes = msgpack.packb(content | {name: value for name, value in noted.items() if value})
         return packed
 
-    session.commit(request_ids, receipt, time=requests[0].time)
+    session.commit([id_of(request) for request in requests], receipt, time=requests[0].time)
     failpoint("request.committed")
     return [Committed(client=request.client, sequence=request.sequence, **content) for request in requests]
 

@@ -8,7 +8,6 @@ from typing import Any
 from mesh_motion_protocol.messages import Correct, Corrected
 
 from mesh_motion_server.distributed.region import Region
-from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 
@@ -31,9 +30,8 @@ def check(session: Session, request: Correct) -> None:
     Region.read(vars(request), partition=request.partition)
 
 
-def run(session: Session, requests: Sequence[Correct], request_ids: Sequence[RequestId]) -> list[Corrected]:
+def run(session: Session, requests: Sequence[Correct]) -> list[Corrected]:
     """Correct the region, or ask for a larger one."""
-    del request_ids
     told = [Region.read(vars(one), partition=one.partition) for one in requests]
     found = session.correct(requests[0].what, told)
     reply: dict[str, Any] = {

@@ -11,7 +11,6 @@ from mesh_motion_protocol.messages import Cotangent, CotangentFound, Tangent, Ta
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.session.field_slope import FieldCotangent
-from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 
@@ -41,9 +40,8 @@ def check_cotangent(session: Session, request: Cotangent) -> None:
         _check_of_field(session, request)
 
 
-def tangent(session: Session, requests: Sequence[Tangent], request_ids: Sequence[RequestId]) -> list[TangentFound]:
+def tangent(session: Session, requests: Sequence[Tangent]) -> list[TangentFound]:
     """Velocities of all nodes."""
-    del request_ids
     given = [np.asarray(one.velocity, dtype=np.float64) for one in requests]
     if session.spec.evaluation == "client":
         return _tangent_of_field(session, requests, given)
@@ -51,11 +49,8 @@ def tangent(session: Session, requests: Sequence[Tangent], request_ids: Sequence
     return [TangentFound(**_at(session, one), velocity=rows) for one, rows in zip(requests, found, strict=True)]
 
 
-def cotangent(
-    session: Session, requests: Sequence[Cotangent], request_ids: Sequence[RequestId]
-) -> list[CotangentFound]:
+def cotangent(session: Session, requests: Sequence[Cotangent]) -> list[CotangentFound]:
     """Weights of the moving nodes."""
-    del request_ids
     given = [np.asarray(one.weights, dtype=np.float64) for one in requests]
     if session.spec.evaluation == "client":
         found = session.field_cotangent(requests[0].what, _of_field(session, requests, given))

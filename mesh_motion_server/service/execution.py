@@ -7,20 +7,19 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from mesh_motion_protocol.digests import request_digest
 from mesh_motion_protocol.messages import Committed, ErrorReply, Message, SessionMessage
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import DeadlineExceeded, MeshMotionError, SessionError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.service import build, commit, correct, differentiate, fetch, judge, move, rollback, upload
-from mesh_motion_server.service.commands import Collective, Single
+from mesh_motion_server.service.commands import Collective, Single, id_of
 from mesh_motion_server.service.counting import count_executed
 from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.service.failures import failure_reply, known_error
 from mesh_motion_server.service.gathering import Arrival, Gathering
 from mesh_motion_server.service.telling import Teller
-from mesh_motion_server.session.journal.replies import ReplyTable, RequestId
+from mesh_motion_server.session.journal.replies import ReplyTable
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.settings import ServerSettings
 
@@ -86,7 +85,7 @@ class Execution:
         command = COMMANDS[request.type]
         if isinstance(command, Single) and not command.executes_once:
             return [Envelope(peer, command.answer(self._session, request))]
-        request_id = RequestId(request.client, request.sequence, request_digest(request))
+        request_id = id_of(request)
         stored = self._stored.find(request_id)
         if stored is not None:
             return [_answer_to(Arrival(peer, request, request_id), stored)]
@@ -120,8 +119,8 @@ class Execution:
             return replies
         self._gathering = None
         arrivals = gathering.in_order()
-        requests, ids = [a.request for a in arrivals], [a.request_id for a in arrivals]
-        return replies + self._answer(arrivals, lambda: command.run(self._session, requests, ids))
+        requests = [a.request for a in arrivals]
+        return replies + self._answer(arrivals, lambda: command.run(self._session, requests))
 
     def _overtake(self, gathering: Gathering, arrival: Arrival) -> list[Envelope]:
         """Refuse the waiting request of a partition that sends a new one."""

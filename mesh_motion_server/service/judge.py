@@ -15,7 +15,6 @@ from mesh_motion_server.service.reports import (
     shortened,
     summary_report,
 )
-from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 
@@ -38,9 +37,8 @@ def check(session: Session, request: Judge) -> None:
     heard(vars(request), partial(session.mesh.cell_number, request.partition), partition=request.partition)
 
 
-def run(session: Session, requests: Sequence[Judge], request_ids: Sequence[RequestId]) -> list[Judged]:
+def run(session: Session, requests: Sequence[Judge]) -> list[Judged]:
     """Add up what the partitions send, and judge the trial; or ask for more."""
-    del request_ids
     mesh, method = session.mesh, session.model.method
     told = [heard(vars(one), partial(mesh.cell_number, one.partition), partition=one.partition) for one in requests]
     reply: dict[str, Any] = {"questions": [], "quality": {}, "reached": False, "warnings": []}

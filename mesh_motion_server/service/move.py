@@ -20,7 +20,6 @@ from mesh_motion_server.service.reports import (
     move_quality,
     shortened,
 )
-from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 from mesh_motion_server.session.values import MoveOutcome, VelocityAsked
@@ -60,9 +59,8 @@ def check(session: Session, request: Move) -> None:
     _check_swept_faces(session, request)
 
 
-def run(session: Session, requests: Sequence[Move], request_ids: Sequence[RequestId]) -> list[Moved]:
+def run(session: Session, requests: Sequence[Move]) -> list[Moved]:
     """Compute the trial and return the displacements of each partition's nodes."""
-    del request_ids
     boundary_displacements = [np.asarray(request.displacement, dtype=np.float64) for request in requests]
     report = "faces" if any(request.report == "faces" for request in requests) else ""
     scheme, time = requests[0].velocity, requests[0].time

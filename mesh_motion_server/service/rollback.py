@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 from mesh_motion_protocol.messages import Rollback, RolledBack
 
-from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 
@@ -19,8 +18,7 @@ def check(session: Session, request: Rollback) -> None:
     session.require_next_step(request.step)
 
 
-def run(session: Session, requests: Sequence[Rollback], request_ids: Sequence[RequestId]) -> list[RolledBack]:
+def run(session: Session, requests: Sequence[Rollback]) -> list[RolledBack]:
     """Drop the trial; the reply names the last committed step."""
-    del request_ids
     session.rollback()
     return [RolledBack(client=request.client, sequence=request.sequence, step=session.step) for request in requests]

@@ -11,7 +11,7 @@ from mesh_motion_protocol.messages import ErrorReply, Welcome
 
 from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_server.numerics.mesh import swept_volumes
-from mesh_motion_server.service import error_replies, execution, fetch, move
+from mesh_motion_server.service import commands, error_replies, execution, fetch, move
 from mesh_motion_server.service.gathering import Gathering
 from mesh_motion_server.service.holders import Holders
 from mesh_motion_server.session import motions
@@ -78,7 +78,7 @@ def takes_the_epoch_for_content(patch):
     def with_epoch(message):
         return digests.request_digest(message) + bytes([getattr(message, "epoch", 0) % 256])
 
-    patch.setattr(execution, "request_digest", with_epoch)
+    patch.setattr(commands, "request_digest", with_epoch)
 
 
 @fault("22.7-memory-is-no-content")

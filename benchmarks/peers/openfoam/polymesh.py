@@ -117,7 +117,7 @@ def _extruded(points: Floats, cells: CellTable) -> tuple[Floats, CellTable]:
 def _all_faces(cells: CellTable) -> tuple[Ints, Ints]:
     """Every face of every cell, outwards, (F', 4) padded with -1, and the cell it belongs to."""
     faces, owners = [], []
-    for block, first in zip(cells, cells.offsets, strict=False):
+    for block, first in cells.numbered():
         for local in LOCAL_FACETS[block.type.name]:
             nodes = np.full((len(block), 4), -1, dtype=np.int64)
             nodes[:, : len(local)] = block.nodes[:, local]

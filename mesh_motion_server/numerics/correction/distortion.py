@@ -151,7 +151,7 @@ def corner_simplices(reference: Floats, cells: CellTable, reference_sizes: AtRes
     """
     nodes, ideals, offsets = [], [], []
     all_sizes, skews = sizes_of(reference_sizes), skews_of(reference_sizes)
-    for block, first in zip(cells, cells.offsets, strict=False):
+    for block, first in cells.numbered():
         corners = block.nodes[:, block.type.corner_array]  # (m, k, d + 1)
         rows, count = slice(first, first + len(block)), corners.shape[1]
         nodes.append(corners.reshape(-1, corners.shape[2]).astype(np.int32, order="C"))

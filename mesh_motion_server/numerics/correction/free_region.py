@@ -167,7 +167,7 @@ class FreeRegion:
 def nodes_of_cells(cells: CellTable, chosen: Marks, n_nodes: int) -> Marks:
     """Mark (n) the nodes of the chosen (m) cells."""
     marked = np.zeros(n_nodes, dtype=bool)
-    for block, first in zip(cells, cells.offsets, strict=False):
+    for block, first in cells.numbered():
         marked[block.nodes[chosen[first : first + len(block)]]] = True
     return marked
 
@@ -207,10 +207,7 @@ def free_region(
     local = np.empty(len(free), dtype=np.int64)
     local[nodes] = np.arange(len(nodes))
     table = CellTable.from_arrays(
-        {
-            block.type.name: local[block.nodes[chosen[first : first + len(block)]]]
-            for block, first in zip(cells, cells.offsets, strict=False)
-        }
+        {block.type.name: local[block.nodes[chosen[first : first + len(block)]]] for block, first in cells.numbered()}
     )
     sizes = reference_sizes[chosen]
     sizes = sizes.of_nodes(nodes) if isinstance(sizes, CellsAtRest) else sizes

@@ -85,21 +85,16 @@ def _compact(number: int, name: str, formula: str, derivative: str, source: str,
     return Basis(name, number, formula, derivative, True, "positive", 0, gradient, "support", source)
 
 
-#: In the order of kernels/src/interpolation/basis.h, which has their formulas.
-_CODES = (
-    "wendland-c2", "wendland-c0", "wendland-c4", "wendland-c6", "ctps-c0", "ctps-c1", "ctps-c2a", "ctps-c2b",
-    "tps", "mqb", "imqb", "qb", "iqb", "gauss",
-)  # fmt: skip
-
 _WENDLAND = "thesis Table 2.1; Wendland 1995"
 _DE_BOER = "thesis Table 2.1; de Boer et al. 2007, Table 1"
 _TABLE_22 = "thesis Table 2.2; de Boer et al. 2007, Table 2"
 
+#: In the order of kernels/src/interpolation/basis.h, which has their formulas.
 BASES: dict[str, Basis] = {
     basis.name: basis
     for basis in (
-        _compact(1, "wendland-c0", "(1-ξ)²", "-2(1-ξ)", _WENDLAND, gradient=False),
         _compact(2, "wendland-c2", "(1-ξ)⁴(4ξ+1)", "-20ξ(1-ξ)³", _WENDLAND),
+        _compact(1, "wendland-c0", "(1-ξ)²", "-2(1-ξ)", _WENDLAND, gradient=False),
         _compact(3, "wendland-c4", "(1-ξ)⁶(35/3 ξ²+6ξ+1)", "-56/3 ξ(5ξ+1)(1-ξ)⁵", _WENDLAND),
         _compact(4, "wendland-c6", "(1-ξ)⁸(32ξ³+25ξ²+8ξ+1)", "-22ξ(16ξ²+7ξ+1)(1-ξ)⁷", _WENDLAND),
         _compact(5, "ctps-c0", "(1-ξ)⁵", "-5(1-ξ)⁴", _DE_BOER, gradient=False),
@@ -132,6 +127,7 @@ BASES: dict[str, Basis] = {
         Basis("gauss", 14, "exp(-ξ²)", "-2ξ exp(-ξ²)", False, "positive", 0, True, "shape", _TABLE_22),
     )
 }
+_CODES = tuple(BASES)
 
 
 def basis_named(name: str, *, gradient: bool = False) -> Basis:
@@ -147,7 +143,8 @@ def basis_named(name: str, *, gradient: bool = False) -> Basis:
     InvalidInput
         If the name is unknown, the basis unusable, or its gradient is needed and does not exist at a centre.
     """
-    known = ", ".join(key for key, basis in BASES.items() if not basis.unusable)
+    usable = [basis for basis in BASES.values() if not basis.unusable]
+    known = ", ".join(basis.name for basis in sorted(usable, key=lambda basis: basis.number))
     if name not in BASES:
         raise InvalidInput(f"unknown basis {name!r}", hint=f"known are {known}")
     basis = BASES[name]

@@ -84,7 +84,7 @@ def _crowded_facet(cells: CellTable, facet: int) -> InvalidInput:
 def _cells_with(cells: CellTable, nodes: list[int]) -> list[int]:
     """Numbers of the cells that have a facet with these nodes, once for each."""
     found: list[int] = []
-    for block, first in zip(cells, cells.offsets, strict=False):
+    for block, first in cells.numbered():
         rows = np.flatnonzero((block.nodes == nodes[0]).any(axis=1))
         for facet in LOCAL_FACETS[block.type.name]:
             if len(facet) == len(nodes):

@@ -225,9 +225,13 @@ class CellTable:
         """Number of the first cell of each block, and the number of cells at the end."""
         return tuple(int(n) for n in np.cumsum([0, *(len(block) for block in self.blocks)]))
 
+    def numbered(self) -> Iterator[tuple[CellBlock, int]]:
+        """Each block with the number of its first cell."""
+        return zip(self.blocks, self.offsets, strict=False)  # offsets have the number of cells too
+
     def locate(self, cell: int) -> tuple[CellBlock, int]:
         """The block of a cell number, and the row in it."""
-        for block, first in zip(self.blocks, self.offsets, strict=False):
+        for block, first in self.numbered():
             if cell < first + len(block):
                 return block, cell - first
         raise IndexError(cell)
@@ -235,7 +239,7 @@ class CellTable:
     def centres(self, points: NDArray[np.floating], numbers: NDArray[np.integer]) -> Floats:
         """(s, d) mean of the nodes of each of the cells with these numbers (s,), from positions (n, d)."""
         out = np.empty((len(numbers), points.shape[1]))
-        for block, first in zip(self.blocks, self.offsets, strict=False):
+        for block, first in self.numbered():
             here = (numbers >= first) & (numbers < first + len(block))
             out[here] = points[block.nodes[numbers[here] - first]].mean(axis=1)
         return out

@@ -251,7 +251,7 @@ def _skewness(reach: Floats, d: Floats, area: Floats, spokes: Floats, *, least: 
 def _cell_geometry(points: Floats, cells: CellTable) -> tuple[Floats, Floats]:
     """Centres (m, 3) and volumes (m,) of all cells."""
     centres, volumes = np.empty((len(cells), 3)), np.empty(len(cells))
-    for block, first in zip(cells, cells.offsets, strict=False):
+    for block, first in cells.numbered():
         for rows in _blocks(len(block)):
             faces = [_face_geometry(points[block.nodes[rows][:, local]]) for local in LOCAL_FACETS[block.type.name]]
             middles, areas = (np.stack(parts, axis=1) for parts in zip(*faces, strict=True))

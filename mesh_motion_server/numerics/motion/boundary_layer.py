@@ -149,7 +149,7 @@ class BoundaryLayer:
     def giving_way(self, bad: Marks) -> BoundaryLayer | None:
         """The layer without its nodes in the bad (m,) cells."""
         released = np.zeros(len(self.points), dtype=bool)
-        for block, first in zip(self.cells, self.cells.offsets, strict=False):
+        for block, first in self.cells.numbered():
             released[block.nodes[bad[first : first + len(block)]]] = True
         return self.without(released)
 

@@ -145,7 +145,7 @@ def _check_extent(points: Floats) -> None:
 
 def _check_indices(n: int, cells: CellTable) -> None:
     """Require every node index in range, and no node twice in a cell."""
-    for block, first in zip(cells.blocks, cells.offsets, strict=False):
+    for block, first in cells.numbered():
         if block.nodes.min() < 0 or block.nodes.max() >= n:
             row, place = (int(i) for i in np.argwhere((block.nodes < 0) | (block.nodes >= n))[0])
             raise InvalidInput(
@@ -206,7 +206,7 @@ def _refuse_geometry(points: Floats, cells: CellTable, sizes: Floats) -> NoRetur
 
 def _inversion_hint(cells: CellTable, bad: Marks) -> str:
     """The most likely cause of these bad cells."""
-    for block, first in zip(cells.blocks, cells.offsets, strict=False):
+    for block, first in cells.numbered():
         if bad[first : first + len(block)].all():
             return f"all cells of type {block.type.name!r} are: their node order differs from VTK's and Gmsh's"
     return "mesh the domain anew, or repair these cells"

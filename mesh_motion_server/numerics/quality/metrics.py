@@ -224,7 +224,7 @@ def empty_quality(count: int) -> CellQuality:
 
 def block_slices(cells: CellTable) -> Iterator[tuple[CellBlock, slice]]:
     """Each block with the slice of cell numbers that belongs to it."""
-    for block, first in zip(cells.blocks, cells.offsets, strict=False):
+    for block, first in cells.numbered():
         yield block, slice(first, first + len(block))
 
 

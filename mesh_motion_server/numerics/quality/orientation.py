@@ -95,7 +95,7 @@ def oriented_at_rest(points: NDArray[np.floating], cells: CellTable) -> tuple[Ce
 def _mirrored(cells: CellTable, numbers: Integers) -> CellTable:
     """The cells, with those of these numbers replaced by their mirror images."""
     blocks = []
-    for block, first in zip(cells, cells.offsets, strict=False):
+    for block, first in cells.numbered():
         rows = numbers[(numbers >= first) & (numbers < first + len(block))] - first
         nodes = block.nodes.copy()
         nodes[rows] = block.nodes[rows[:, None], _MIRROR[block.type.name]]

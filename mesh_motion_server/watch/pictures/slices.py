@@ -55,7 +55,7 @@ def cut(points: Floats, cells: CellTable, axis: int, position: float) -> Polygon
     height = np.where(height == 0.0, 1e-300, height)  # a node on the plane counts as above it
     drawn = [i for i in range(3) if i != axis]
     corners, numbers = [np.empty((0, _MOST_CORNERS, 2))], [np.empty(0, dtype=np.int64)]
-    for block, first in zip(cells, cells.offsets, strict=False):
+    for block, first in cells.numbered():
         above = height[block.nodes] > 0
         rows = np.flatnonzero(above.any(axis=1) & ~above.all(axis=1))
         a, b = np.moveaxis(block.nodes[rows][:, _EDGES[block.type.name]], 2, 0)

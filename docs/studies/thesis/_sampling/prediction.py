@@ -264,7 +264,7 @@ class _FullEvaluation:
         """The cells (m,) chosen, exactly."""
         numbers = np.flatnonzero(chosen)
         needed = np.zeros(len(self.points), dtype=bool)
-        for block, first in zip(self.cells.blocks, self.cells.offsets, strict=False):
+        for block, first in self.cells.numbered():
             needed[block.nodes[chosen[first : first + len(block)]]] = True
         nodes = np.flatnonzero(needed & ~self.moved)
         self.positions[nodes] += self.displacement(nodes)
