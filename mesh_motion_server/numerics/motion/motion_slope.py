@@ -271,7 +271,7 @@ class _Interpolated:
         factors: FactorSource,
         left_out: Integers | None = None,
     ) -> _Interpolated:
-        """That of a motion of its control nodes from the reference mesh to ``goal`` (n, d), but for the rows ``left_out``."""
+        """That of a motion of its control nodes from rest to ``goal`` (n, d), but for the rows ``left_out``."""
         origin = motion.reference.take(controls, axis=0)
         made = interpolation_map(motion.factorized(controls, factors), places, factors, left_out=left_out)
         rigid = None if len(motion.roles.fixed) else _RigidSlope(origin, goal[controls], places)
