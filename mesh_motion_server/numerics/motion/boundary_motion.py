@@ -112,9 +112,9 @@ class BoundaryMotion(WithoutSlope):
         del points
         raise SessionError("the trial is not judged, or it was refused", hint="send JUDGE from every partition first")
 
-    def headroom(self, before: Floats, points: Floats) -> Headroom:
+    def headroom(self, way: Floats, points: Floats) -> Headroom:
         """Refuse as :meth:`summary` does."""
-        del before, points
+        del way, points
         raise SessionError("the headroom is not known: the cells are elsewhere")
 
     def move(
