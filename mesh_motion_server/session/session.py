@@ -380,7 +380,8 @@ class Session(Position):
         entry = Commit(trial.step, digest, tuple(requests), receipt(outcome))
         after = CurrentState(state, next_state)
         boundary = cache(partial(boundary_input, built.mesh, trial.input))  # for history and journal
-        self.history.tell_input(trial.step, boundary, self.spec.dimension)  # first: no answered step may lack it
+        # first: no answered step may lack it
+        self.history.tell_input(trial.step, boundary, self.spec.dimension, next_state.level.time)
 
         def store() -> None:
             built.keeper.commit(entry, durable, boundary)
