@@ -36,6 +36,8 @@ class Replayed:
         Why it ended before the last step; empty if it reached the last step.
     stored : (n, d) array or None
         Coordinates of the replay at the step for which the session has stored coordinates.
+    velocity : (n, d) array or None
+        Velocities there, as :class:`.Recorded` has them; mesh length unit per second.
     """
 
     changes: dict[str, Any]
@@ -43,6 +45,7 @@ class Replayed:
     digests: dict[int, bytes]
     refusal: str
     stored: Floats | None
+    velocity: Floats | None = None
 
     @property
     def name(self) -> str:
@@ -68,6 +71,8 @@ class Agreement:
         The step whose coordinates were compared; 0: none.
     distance : float or None
         Largest distance between nodes of the two states at the stored step, mesh length unit.
+    velocity_distance : float or None
+        Largest difference of a node's velocities there, mesh length unit per second; None without time levels.
     """
 
     steps: int
@@ -78,11 +83,13 @@ class Agreement:
     replayed_min: float
     stored_step: int
     distance: float | None
+    velocity_distance: float | None
 
     @property
     def exact(self) -> bool:
-        """Whether everything that was compared is equal, including the stored coordinates."""
-        return self.equal == self.compared > 0 and self.distance in (None, 0.0)
+        """Whether everything that was compared is equal, including the stored coordinates and velocities."""
+        apart = {self.distance, self.velocity_distance}
+        return self.equal == self.compared > 0 and apart <= {None, 0.0}
 
     def __str__(self) -> str:
         if not self.compared:
@@ -97,6 +104,8 @@ class Agreement:
             text += f" (minimum {self.recorded_min:.6g} recorded, {self.replayed_min:.6g} replayed)"
         if self.distance is not None:
             text += f"; nodes up to {self.distance:.3g} apart at step {self.stored_step}"
+        if self.velocity_distance is not None:
+            text += f", velocities up to {self.velocity_distance:.3g}"
         return text
 
 
@@ -161,9 +170,8 @@ class Comparison:
         known = {step: digest for step in range(1, self.last + 1) if (digest := self.recorded.digest(step))}
         differing = [step for step, digest in known.items() if self.run.digests.get(step) != digest]
         first = differing[0] if differing else 0
-        stored, distance = self.recorded.stored, None
-        if stored is not None and self.run.stored is not None:
-            distance = float(np.sqrt(((stored[1] - self.run.stored) ** 2).sum(axis=1)).max())
+        stored = self.recorded.stored
+        distance = None if stored is None else _farthest(stored[1], self.run.stored)
         return Agreement(
             steps=self.last,
             compared=len(known),
@@ -173,6 +181,7 @@ class Comparison:
             replayed_min=_minimum(self.run.columns, first),
             stored_step=stored[0] if stored is not None and distance is not None else 0,
             distance=distance,
+            velocity_distance=_farthest(self.recorded.velocity, self.run.velocity),
         )
 
     def broken_promise(self) -> str:
@@ -202,6 +211,13 @@ class Comparison:
         }
         plain: dict[str, Any] = finite(values)
         return plain
+
+
+def _farthest(recorded: Floats | None, replayed: Floats | None) -> float | None:
+    """The largest difference of a node's rows (n, d); None where one side has none."""
+    if recorded is None or replayed is None:
+        return None
+    return float(np.sqrt(((recorded - replayed) ** 2).sum(axis=1)).max())
 
 
 def _rows(columns: Columns, digest: Callable[[int], bytes]) -> list[dict[str, Any]]:

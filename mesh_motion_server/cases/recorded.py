@@ -4,6 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from mesh_motion_server.errors import InvalidInput, JournalError
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.history.boundary import BoundaryLog
@@ -17,7 +19,7 @@ from mesh_motion_server.session.partitions.numbering import UploadView, upload_v
 from mesh_motion_server.session.spec import StoredSpec, spec_bytes
 from mesh_motion_server.watch.observation.series import Columns, Series, of_metric
 
-__all__ = ["Recorded", "read_recorded"]
+__all__ = ["Recorded", "difference_velocity", "read_recorded"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +40,8 @@ class Recorded:
         What cannot be replayed, and why.
     stored : (int, (n, d) array) or None
         The step whose coordinates are stored, and the coordinates; mesh length unit.
+    velocity : (n, d) array or None
+        At that step, mesh length unit per second: that of "bossak", or the difference of the last two levels of "bdf2".
     """
 
     folder: Path
@@ -49,10 +53,11 @@ class Recorded:
     makers: list[tuple[int, str]]
     notes: list[str]
     stored: tuple[int, Floats] | None
+    velocity: Floats | None
 
     def digest(self, step: int) -> bytes:
-        """State digest of a recorded step; empty if unknown, or if it is also that of time levels."""
-        if self.spec.time_levels:
+        """State digest of a recorded step; empty if unknown, or if it is also that of levels at times that are."""
+        if self.spec.time_levels and not self.log.timed:
             return b""
         return self.log.digest(step) or self.digests.get(step, b"")
 
@@ -77,11 +82,14 @@ def read_recorded(folder: Path) -> Recorded:
         )
     files = PosixFileSystem()
     ledger = read_ledger(folder, files)  # only the chain: a copy of an active session may end in the middle of a commit
-    notes = list(_cut(log, ledger, spec.time_levels))
+    notes = list(_cut(log, ledger))
     if not log.steps:
         raise InvalidInput(f"{folder}: nothing can be replayed: {notes[-1]}")
     columns, digests = _steps(folder)
+    if spec.time_levels and not log.timed:
+        notes.append("digests are also those of time levels, and times are not recorded: only coordinates are compared")
     mesh = upload_view(merge(read_mesh(folder / MESH, files, ledger.foundation.mesh)))
+    state = _stored(folder, files, ledger)
     return Recorded(
         folder=folder,
         spec=spec,
@@ -91,29 +99,41 @@ def read_recorded(folder: Path) -> Recorded:
         digests=digests,
         makers=log.makers,
         notes=notes,
-        stored=_stored(folder, files, ledger, len(mesh.points)),
+        stored=None if state is None else (state[0], state[1][: len(mesh.points)]),
+        velocity=None if state is None else _velocity(*state, len(mesh.points), spec, log),
     )
 
 
-def _stored(folder: Path, files: PosixFileSystem, ledger: Ledger, nodes: int) -> tuple[int, Floats] | None:
-    """The stored coordinates; None if they do not verify. They only serve to measure the distance of two runs."""
+def _stored(folder: Path, files: PosixFileSystem, ledger: Ledger) -> tuple[int, Floats] | None:
+    """The stored state; None if it does not verify. It only serves to measure the distance of two runs."""
     try:
-        stored = read_stored_state(folder, files, ledger)
-        return None if stored is None else (stored[0], stored[1][:nodes])  # without earlier time levels
+        return read_stored_state(folder, files, ledger)
     except JournalError:
         return None
 
 
-def _cut(log: BoundaryLog, ledger: Ledger, levels: str) -> Iterator[str]:
-    """Cut the log after the last verified step of the session; yield the reasons, and what is not compared."""
+def _velocity(step: int, state: Floats, nodes: int, spec: StoredSpec, log: BoundaryLog) -> Floats | None:
+    """Velocities (n, d) that the stored ``state`` of a step has or gives; None without time levels."""
+    now, before = log.time(step), spec.time if step == 1 else log.time(step - 1)
+    if not spec.time_levels or now is None or before is None:
+        return None
+    points, level = state[:nodes], state[nodes : 2 * nodes]
+    return level if spec.time_levels == "bossak" else difference_velocity(points, level, now - before)
+
+
+def difference_velocity(points: Floats, before: Floats, seconds: float) -> Floats:
+    """(n, d) mean velocities between two positions (n, d)."""
+    return np.asarray((points - before) / seconds)
+
+
+def _cut(log: BoundaryLog, ledger: Ledger) -> Iterator[str]:
+    """Cut the log after the last verified step of the session; yield the reasons."""
     log.cut(max(log.committed, ledger.step))
     known = [entry for entry in ledger.commits if log.digest(entry.step)]
     wrong = next((n for n, entry in enumerate(known) if log.digest(entry.step) != entry.digest), None)
     if wrong is not None:
         log.cut(known[wrong - 1].step if wrong else 0)
         yield f"the steps from {known[wrong].step} on were made again, while no history was kept"
-    if levels:
-        yield "digests are also those of time levels, and times are not recorded: only coordinates are compared"
     verified = log.verified()
     if verified < log.steps:
         log.cut(verified)

@@ -18,7 +18,7 @@ from mesh_motion_client import MeshMotionError as ClientError
 from mesh_motion_server import __version__
 from mesh_motion_server.cases.comparison import Comparison, Replayed, write_comparison
 from mesh_motion_server.cases.outputs import SERIES, run_folder, write_points
-from mesh_motion_server.cases.recorded import Recorded, read_recorded
+from mesh_motion_server.cases.recorded import Recorded, difference_velocity, read_recorded
 from mesh_motion_server.cases.records import StepRecord
 from mesh_motion_server.cases.results import Results
 from mesh_motion_server.errors import InvalidInput, MeshMotionError
@@ -37,7 +37,7 @@ Progress = Callable[[int, int, StepRecord], None]
 class Runner(Protocol):
     """An open session, as a client has it."""
 
-    def move(self, displacements: Any, *, frame: Any, report: Any) -> Any:
+    def move(self, displacements: Any, *, frame: Any, report: Any, time: Any, velocity: Any) -> Any:
         """Move the boundary by displacements (k, d); return MOVED."""
 
     def commit(self) -> Any:
@@ -132,12 +132,16 @@ def replay_steps(
     """
     reference = points = recorded.mesh.points
     series, digests = Series(), {}
+    levels = recorded.spec.time_levels if recorded.log.timed else ""
     stored: Floats | None = None
+    velocity: Floats | None = None
+    before = recorded.spec.time
     refusal = ""
     for step in range(1, last + 1):
         boundary = recorded.log.read(step)
         try:
-            moved = session.move(boundary.rows, frame=boundary.frame, report="faces")
+            time = boundary.time if levels else None
+            moved = session.move(boundary.rows, frame=boundary.frame, report="faces", time=time, velocity=levels)
         except (MeshMotionError, ClientError) as error:
             if not error.code.startswith("FAILED_PRECONDITION"):
                 raise
@@ -150,11 +154,16 @@ def replay_steps(
         done = {"event": "committed", "step": step, "at": 0.0, "quality": committed.quality}
         series.add(of_metric(done, "size-skew"))
         digests[step] = committed.digest
+        last_points = points
         points = (reference if boundary.frame == "reference" else points) + moved.displacement
         if recorded.stored is not None and step == recorded.stored[0]:
             stored = points
+            if time is not None:
+                mean = difference_velocity(points, last_points, time - before)
+                velocity = moved.velocity if levels == "bossak" else mean
+        before = time if time is not None else before
         seen(boundary, moved, points)
-    return Replayed(dict(changes), series.columns(), digests, refusal, stored)
+    return Replayed(dict(changes), series.columns(), digests, refusal, stored, velocity)
 
 
 @contextmanager
@@ -165,11 +174,13 @@ def _session(
     view = recorded.mesh
     patches = {name: Patch(patch.role, patch.nodes) for name, patch in view.patches.items()}
     mesh = Mesh(view.points, {block.type.name: block.nodes for block in view.cells}, patches)
+    timed = recorded.log.timed and recorded.spec.time_levels
+    levels: dict[str, Any] = {"time": recorded.spec.time, "time_levels": recorded.spec.time_levels} if timed else {}
     label = f"replay of {recorded.spec.label or recorded.spec.session}"[:200]
     with (
         warnings.catch_warnings(),
         connect(endpoint, keys=keys) as server,
-        server.open(mesh, settings, label=label) as session,
+        server.open(mesh, settings, label=label, **levels) as session,
     ):
         warnings.simplefilter("ignore", MeshMotionWarning)  # the results collect them
         try:

@@ -16,6 +16,7 @@ PREFIX = "mesh_motion_"
 
 _SECONDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 _SHORT_SECONDS = (0.0001, 0.0003, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+_STEPS = (1.0, 2.0, 3.0, 5.0, 8.0, 14.0, 20.0, 50.0)
 _QUALITIES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
 
 
@@ -61,6 +62,12 @@ METRICS = {
             "histogram",
             "Predicted minimum quality of each move, after its correction, in the session's metric (a ratio).",
             bounds=_QUALITIES,
+        ),
+        Metric(
+            "move_headroom_steps",
+            "histogram",
+            "Steps like the last one until a cell inverts, of each move that requested it; 100: that or more.",
+            bounds=_STEPS,
         ),
         Metric("corrections", "counter", "Moves whose prediction was corrected, by method.", "method"),
         Metric("predicted_inverted_cells", "counter", "Cells that moves would have inverted without correction."),

@@ -10,6 +10,8 @@ from mesh_motion_server.operation.tally import TALLY
 
 __all__ = ["count_executed"]
 
+#: Steps of a headroom that is left out, since it takes more.
+_BEYOND = 100.0
 #: Name of the operation in the metrics, by the type of its reply.
 _NAMES = {Built.type: "build", Moved.type: "move", Committed.type: "commit"}
 
@@ -40,5 +42,7 @@ def _count_motion(moved: Moved) -> None:
     lowest = moved.quality["corrected"].get("metric", {}).get("min")
     if lowest is not None and math.isfinite(lowest):
         TALLY.observe("move_min_quality", lowest)
+    if moved.headroom.get("along") == "step":
+        TALLY.observe("move_headroom_steps", moved.headroom.get("inversion", _BEYOND))
     if moved.correction["iterations"]:
         TALLY.count("corrections", label=moved.correction["method"])

@@ -56,6 +56,7 @@ def check(session: Session, request: Move) -> None:
     _check_rows(session, request, "displacement", request.displacement)
     session.require_later(request.time)
     _check_velocity(session, request)
+    _check_headroom(request)
     _check_swept_faces(session, request)
 
 
@@ -73,8 +74,10 @@ def run(session: Session, requests: Sequence[Move]) -> list[Moved]:
     motion = outcome.motion
     quality, correction = move_quality(motion, session), correction_report(motion)
     faces = faces_report(outcome.faces, session.mesh)
-    asked = any(request.report in _WITH_HEADROOM for request in requests)
-    headroom = headroom_report(session.headroom(), session.mesh) if asked else {}
+    ways = {request.headroom_along for request in requests if request.report in _WITH_HEADROOM}
+    headroom = {
+        way: headroom_report(session.headroom(way, outcome.velocity), session.mesh) | {"along": way} for way in ways
+    }
     return [
         Moved(
             client=request.client,
@@ -87,9 +90,9 @@ def run(session: Session, requests: Sequence[Move]) -> list[Moved]:
             seconds={name: float(value) for name, value in motion.seconds.items()},
             warnings=shortened(list(motion.warnings)),
             faces=faces if request.report == "faces" else {},
-            headroom=headroom if request.report in _WITH_HEADROOM else {},
+            headroom=headroom[request.headroom_along] if request.report in _WITH_HEADROOM else {},
             displacement=outcome.displacements[request.partition],
-            velocity=outcome.velocities[request.partition] if scheme else None,
+            velocity=None if outcome.velocity is None else session.mesh.scatter(outcome.velocity, request.partition),
             swept=session.swept(request.partition, request.swept_faces) if request.report == "swept" else None,
             enrichment_points=np.ascontiguousarray(motion.correction.enrichment_points, dtype=np.float64),
             **_field_of(session, outcome, request),
@@ -138,6 +141,25 @@ def _check_velocity(session: Session, request: Move) -> None:
         )
     if request.boundary_velocity is not None:
         _check_rows(session, request, "boundary_velocity", request.boundary_velocity)
+
+
+def _check_headroom(request: Move) -> None:
+    """Check that a way on is named where the headroom is wanted only, and a velocity where there is one."""
+    along = request.headroom_along
+    if along == "step":
+        return
+    if request.report not in _WITH_HEADROOM:
+        needed, way_out = f"report 'headroom', got {request.report!r}", "ask for the report 'headroom'"
+    elif along == "velocity" and not request.velocity:
+        needed, way_out = "a velocity, got ''", "ask for a velocity: 'tangent' with the boundary_velocity"
+    else:
+        return
+    raise InvalidInput(
+        f"headroom_along = {along!r}: expected {needed}",
+        code="INVALID_ARGUMENT.VALUE",
+        hint=f"{way_out}, or leave headroom_along out",
+        details={"field": "headroom_along"},
+    )
 
 
 def _check_swept_faces(session: Session, request: Move) -> None:

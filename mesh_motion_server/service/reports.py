@@ -97,7 +97,7 @@ def faces_report(faces: tuple[FaceMeasures, ...], mesh: MergedMesh) -> dict[str,
 
 
 def headroom_report(headroom: Headroom, mesh: MergedMesh) -> dict[str, Any]:
-    """How many more such steps the mesh admits, as sent: without what is beyond the horizon."""
+    """How far the mesh admits to go on, as sent: without what is beyond the horizon."""
     steps = {"inversion": headroom.inversion, "threshold": headroom.threshold}
     found: dict[str, Any] = {name: value for name, value in steps.items() if math.isfinite(value)}
     return found | ({"cell": _place(mesh, headroom.cell)} if "inversion" in found else {})

@@ -60,8 +60,8 @@ class Model(Protocol):
         """Quality of the mesh with its nodes at ``points`` (n, d)."""
         ...
 
-    def headroom(self, before: Floats, points: Floats) -> Headroom:
-        """How many more steps like that from ``before`` to ``points`` (n, d) the mesh admits."""
+    def headroom(self, way: Floats, points: Floats) -> Headroom:
+        """How many more such ways (n, d) the mesh at ``points`` (n, d) admits."""
         ...
 
     def why_no_slope(self) -> InvalidInput | None:

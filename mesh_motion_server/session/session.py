@@ -201,7 +201,7 @@ class Session(Position):
         judged = computed.motion.corrected if computed.exact and in_full and field is None else None
         coefficients = None if field is None else field.coefficients
         trial = Trial(self.step + 1, self.iteration + 1, computed.points, judged, move_input, coefficients, time=time)
-        velocities = self._velocities(trial, velocity) if velocity is not None else []
+        velocities = None if velocity is None else self._velocities(trial, velocity)
         measured = (built.faces, built.faces_at(trial.points)) if report == "faces" else ()
         faces = tuple(filter(None, measured))
         failpoint("session.move.computed")
@@ -210,19 +210,27 @@ class Session(Position):
             trial.step, trial.iteration, computed.motion, computed.displacements, faces, field, velocities
         )
 
-    def _velocities(self, trial: Trial, asked: VelocityAsked) -> list[Floats]:
-        """Velocities (n_p, d) of each partition's nodes."""
-        mesh = self.mesh
+    def _velocities(self, trial: Trial, asked: VelocityAsked) -> Floats:
+        """Velocities (n, d) of all nodes."""
         if asked.scheme == "tangent":
-            found = self._slope_at(trial.points).tangent(self._gather_velocities(asked.boundary))
-        else:
-            before, time = self._committed_state, cast(float, asked.time)
-            found = scheme_velocity(asked.scheme, trial.points, before.points, before.level, time)
-        return [mesh.scatter(found, partition) for partition in range(self.spec.partitions)]
+            return self._slope_at(trial.points).tangent(self._gather_velocities(asked.boundary))
+        before, time = self._committed_state, cast(float, asked.time)
+        return scheme_velocity(asked.scheme, trial.points, before.points, before.level, time)
 
-    def headroom(self) -> Headroom:
-        """How many more steps like that from the committed state to the trial the mesh admits."""
-        return self.model.headroom(self._committed_state.points, self._open_trial.points)
+    def headroom(self, along: str, velocity: Floats | None = None) -> Headroom:
+        """How far the mesh admits that all nodes go on from the trial.
+
+        Parameters
+        ----------
+        along : {"step", "displacement", "velocity"}
+            In multiples of the way from the committed state, or of that from the reference mesh; or in seconds of the
+            trial's ``velocity`` (n, d).
+        """
+        points = self._open_trial.points
+        if velocity is not None and along == "velocity":
+            return self.model.headroom(velocity, points)
+        before = self._committed_state.points if along == "step" else self.mesh.points
+        return self.model.headroom(points - before, points)
 
     def swept(self, partition: int, faces: Integers | None) -> Floats:
         """Volumes that faces of a partition sweep from the committed state to the trial, length unit to the power d.
@@ -395,7 +403,8 @@ class Session(Position):
         entry = Commit(trial.step, digest, tuple(requests), receipt(outcome))
         after = CurrentState(state, next_state)
         boundary = cache(partial(boundary_input, built.mesh, trial.input))  # for history and journal
-        self.history.tell_input(trial.step, boundary, self.spec.dimension)  # first: no answered step may lack it
+        # first: no answered step may lack it
+        self.history.tell_input(trial.step, boundary, self.spec.dimension, next_state.level.time)
 
         def store() -> None:
             built.keeper.commit(entry, durable, boundary)

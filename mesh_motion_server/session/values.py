@@ -103,8 +103,8 @@ class MoveOutcome:
         Of the reference mesh and of the trial; empty where no request asked, or in one dimension.
     field : Field, optional
         The displacement from the reference mesh, if the client evaluates it.
-    velocities : one (n_p, d) array per partition, mesh length unit per second
-        Of all its nodes; empty where no request asked.
+    velocity : (n, d) array, optional, mesh length unit per second
+        Of all nodes, where it was asked for.
     """
 
     step: int
@@ -113,7 +113,7 @@ class MoveOutcome:
     displacements: list[Floats]
     faces: tuple[FaceMeasures, ...] = ()
     field: Field | None = None
-    velocities: Sequence[Floats] = ()
+    velocity: Floats | None = None
 
 
 @dataclass(frozen=True)

@@ -89,11 +89,13 @@ class InProcess:
             view.patches,
         )
         settings = recorded.spec.settings.model_dump() | changes
-        self._driver = new_driver(root, [mesh], **settings)
+        if recorded.spec.time_levels and recorded.log.timed:
+            self._driver = with_levels(root, [mesh], recorded.spec.time_levels)
+        else:
+            self._driver = new_driver(root, [mesh], **settings)
 
-    def move(self, displacements: Any, *, frame: Any, report: Any) -> Any:
-        step = self._driver.host.step + 1
-        return self._replied(self._driver.all(Move, [displacements], step=step, frame=frame, report=report))
+    def move(self, displacements: Any, **asked: Any) -> Any:
+        return self._replied(self._driver.all(Move, [displacements], step=self._driver.host.step + 1, **asked))
 
     def commit(self) -> Any:
         return self._replied(self._driver.all(Commit, step=self._driver.host.step + 1))
@@ -134,23 +136,55 @@ def test_the_same_settings_give_the_same_bits_at_every_step(mode: str, level: st
     assert recorded.columns["iterations"][0] == 3
 
 
-def test_coordinates_are_compared_where_digests_are_those_of_time_levels_too(tmp_path: Path) -> None:
-    """Replay, inspect and the pair of meshes that plot draws read the coordinates of such a session, not its levels."""
-    meshes, store = [boxed(9)], SessionStore(tmp_path / "recorded")
-    spec = make_spec(settings=MethodSettings.from_mapping(SETTINGS), time_levels="bossak")
+def with_levels(root: Path, meshes: list[PartitionMesh], levels: str) -> Driver:
+    spec = make_spec(settings=MethodSettings.from_mapping(SETTINGS), time_levels=levels)
     limits = ServerSettings(reserve_disk_bytes=0)
-    driver = Driver(SessionHost.create(spec, store, limits=limits, build_model=build_motion_model), meshes)
+    driver = Driver(SessionHost.create(spec, SessionStore(root), limits=limits, build_model=build_motion_model), meshes)
     driver.open()
-    for step in (1, 2):
-        driver.all(Move, bulge(driver, 0.1 * step), step=step, time=0.5 * step)
-        driver.all(Commit, step=step)
+    return driver
+
+
+class Late(BoundaryLog):
+    """A seeded bug: the time of a step is not that of the session."""
+
+    def time(self, step: int) -> float | None:
+        known = super().time(step)
+        return None if known is None else known + 0.125 * (step == 3)
+
+
+class Untimed(BoundaryLog):
+    """Of a session of before times were recorded."""
+
+    timed = False  # type: ignore[assignment]
+
+
+@pytest.mark.parametrize("levels", ["bdf2", "bossak"])
+def test_velocities_are_compared_in_a_session_with_time_levels(levels: str, tmp_path: Path) -> None:
+    """Replay, inspect and the pair of meshes that plot draws read the coordinates of such a session, not its levels."""
+    meshes = [boxed(9)]
+    driver = with_levels(tmp_path / "recorded", meshes, levels)
+    for step, time in enumerate((0.25, 1.0, 1.125), start=1):
+        driver.all(Move, bulge(driver, 0.1 * step), step=step, time=7.0)  # another time in the last iteration
+        driver.all(Move, bulge(driver, 0.1 * step), step=step, **({"time": time} if step < 3 else {}))
+        driver.all(Commit, step=step, time=time)
     driver.ask(Close, outcome="keep")
     folder = tmp_path / "recorded" / "sessions" / SESSION
     recorded = read_recorded(folder)
-    comparison = replayed(recorded, tmp_path / "replayed", 2)
-    assert (comparison.agreement.compared, comparison.agreement.stored_step) == (0, 2)
-    assert comparison.agreement.distance == 0.0
-    assert "time levels" in recorded.notes[0]
+    assert [recorded.log.read(step).time for step in (1, 2, 3)] == [0.25, 1.0, 1.125]
+    comparison = replayed(recorded, tmp_path / "replayed", 3)
+    agreement = comparison.agreement
+    assert agreement.exact
+    assert (agreement.compared, agreement.stored_step) == (3, 3)
+    assert (agreement.distance, agreement.velocity_distance) == (0.0, 0.0)
+    assert np.abs(comparison.run.velocity).max() > 0.1
+    late = replayed(replace(recorded, log=Late(folder)), tmp_path / "late", 3).agreement
+    assert (late.equal, late.distance) == (3 if levels == "bdf2" else 2, 0.0)  # a state of "bdf2" has positions only
+    assert not late.exact
+    assert late.velocity_distance > 0.1
+    assert "velocities up to" in str(late)
+    untimed = replace(recorded, log=Untimed(folder))
+    assert untimed.digest(1) == b""
+    assert replayed(untimed, tmp_path / "untimed", 3).agreement.velocity_distance is None
     assert inspect_session(folder).nodes == 81
     after = read_pair(folder).after
     assert after.points.shape == (81, 2)

@@ -18,6 +18,8 @@ PAGE = (DOCS / "operations.md").read_text(encoding="utf-8")
 BOARD = (DOCS / "grafana.json").read_text(encoding="utf-8")
 #: What Prometheus adds to each series of the page's scrape.
 SCRAPED = {"job": "mesh-motion", "instance": "host:9464"}
+#: What an alert says beside its labels.
+ANNOTATED = {"MeshEndsSoon": {"exp_annotations": {"summary": "a mesh ends within 14 steps like its last one"}}}
 #: Scrapes a minute.
 PER_MINUTE = 4
 
@@ -50,6 +52,11 @@ def histogram(name: str, observed: float) -> list[dict[str, str]]:
         series(f"{PREFIX}{name}_bucket", minutes(60, 0, float(observed <= end)), le=f"{end:g}".replace("inf", "+Inf"))
         for end in ends
     ]
+
+
+def at_most_14(values: str) -> list[dict[str, str]]:
+    """The bucket of the moves that said: in 14 steps or fewer a mesh ends."""
+    return [series(PREFIX + "move_headroom_steps_bucket", values, le="14.0")]
 
 
 FALLS, ENDS, REFUSED = (PREFIX + name for name in ("gateway_falls_total", "worker_ends_total", "refused_total"))
@@ -90,12 +97,14 @@ CASES: list[tuple[str, list[dict[str, str]], list[float], list[float], dict[str,
     ("MeshesGetPoor", histogram("move_min_quality", 0.04), [40], [], {}),
     ("MeshesGetPoor", histogram("move_min_quality", -0.2), [40], [], {}),
     ("MeshesGetPoor", histogram("move_min_quality", 0.35), [], [40], {}),
+    ("MeshEndsSoon", at_most_14(steps((20, 3), (20, 4))), [21, 29], [19, 35], {"le": "14.0"}),
+    ("MeshEndsSoon", histogram("move_headroom_steps", 14.5), [], [30], {}),
 ]
 
 
 def as_test(alert: str, given: list[dict[str, str]], spoken: list[float], silent: list[float], labels: Any) -> Any:
     """One of promtool's tests."""
-    expected = [{"exp_labels": SCRAPED | labels}]
+    expected = [{"exp_labels": SCRAPED | labels} | ANNOTATED.get(alert, {})]
     asked = [(minute, expected) for minute in spoken] + [(minute, []) for minute in silent]
     return {
         "interval": "15s",

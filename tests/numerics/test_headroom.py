@@ -72,7 +72,7 @@ def run_of(
             after = model.move(points, way(model.points[model.roles.moving], k), factors).points
         except NumericalError as refusal:
             return found, k - 1 + (refusal.fraction or 0.0)
-        found.append(model.headroom(points, after).inversion)
+        found.append(model.headroom(after - points, after).inversion)
         points = after
     raise AssertionError("the mesh does not end")
 

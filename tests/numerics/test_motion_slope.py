@@ -142,6 +142,24 @@ def test_it_is_that_of_differences_and_its_transpose(name: str) -> None:
     assert abs(np.sum(w * found) - np.sum(back * v)) < 1e-12 * (np.abs(w * found).sum() + np.abs(back * v).sum())
 
 
+@pytest.mark.parametrize("choices", [{}, PLAIN])
+@pytest.mark.parametrize(
+    "make", [lambda: block("hexahedron", 15), lambda: block("quad", 10), lambda: all_moving("quad")]
+)
+def test_a_step_without_correction_is_not_repeated(
+    make: Callable[[], Mesh], choices: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points, cells, patches = make()
+    model, factors = MotionModel.build(points, cells, patches, Method(**choices)), FactorCache(1 << 28)
+    rest, w = points[model.roles.moving], np.random.default_rng(2).standard_normal(points.shape)
+    motion = model.move(points, rest + 0.05 * field(rest), factors)
+    assert not motion.correction.freed_nodes
+    repeated = model.slope(motion.points.copy(), factors).cotangent(w)
+    with monkeypatch.context() as patched:
+        patched.delattr("mesh_motion_server.numerics.motion.standard_motion.StandardMotion.trial")
+        assert (model.slope(motion.points, factors).cotangent(w) == repeated).all()
+
+
 def test_differences_approach_it_with_the_square_of_the_step() -> None:
     points, cells, patches = block("quad + triangle", 10)
     model, factors = MotionModel.build(points, cells, patches, Method()), FactorCache(1 << 28)

@@ -57,7 +57,7 @@ def test_the_numbers_are_those_of_the_client(serve: Any) -> None:
         rows = 0.01 * mesh.points[session.moving_nodes]
         for _ in range(3):
             session.move(rows)
-            session.move(2 * rows)
+            session.move(2 * rows, report="headroom")
             session.commit()
         with pytest.raises(MeshMotionError, match="no trial"):
             session.commit()
@@ -72,7 +72,7 @@ def test_the_numbers_are_those_of_the_client(serve: Any) -> None:
 
         found = wait_until(counted, "the counts arrive")
         assert found["moves_total"] == found["move_seconds_count"] == found["move_min_quality_count"] == 6
-        assert found["commit_seconds_count"] == 3
+        assert found["move_headroom_steps_count"] == found["commit_seconds_count"] == 3
         assert found["builds_total"] == 1
         assert found["refused_total", "FAILED_PRECONDITION.STATE"] == 1
         assert 0 < found["move_seconds_sum"] < 60

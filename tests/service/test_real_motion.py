@@ -162,6 +162,49 @@ def test_the_headroom_is_that_of_the_coordinates_that_were_answered(store: Any) 
     driver.host.close()
 
 
+def test_the_headroom_along_the_displacement_and_along_a_velocity(store: Any) -> None:
+    whole, cells = boxed(12), CellTable.from_arrays(boxed(12).cells)
+    driver = driver_of(store, split_mesh(whole, 3))
+    driver.open()
+    rows, first, replies = bulge(driver, 0.1), [], []
+    for partition in range(3):
+        first += driver.send(driver.request(Move, partition, step=1, displacement=rows[partition]))
+    driver.all(Commit, step=1)
+    ways = ("displacement", "velocity", "step")
+    for partition, way in enumerate(ways):
+        asked = {"velocity": "tangent", "boundary_velocity": 3.0 * rows[partition]} | {"displacement": rows[partition]}
+        request = driver.request(Move, partition, step=2, report="headroom", headroom_along=way, **asked)
+        replies += driver.send(request)
+    displaced, velocity, last = (np.zeros_like(whole.points) for _ in range(3))
+    for before, reply, mesh in zip(first, replies, driver.meshes, strict=True):
+        last[mesh.global_ids] = reply.displacement
+        displaced[mesh.global_ids] = before.displacement + reply.displacement
+        velocity[mesh.global_ids] = reply.velocity
+    rest = cells_at_rest(whole.points, cells)
+    for reply, way, along in zip(replies, (displaced, velocity, last), ways, strict=True):
+        expected = headroom(whole.points + displaced, way, cells, rest, "relative-size-skew", 0.2)
+        assert reply.headroom["along"] == along
+        assert reply.headroom["inversion"] == pytest.approx(expected.inversion, rel=1e-6)
+        assert reply.headroom["threshold"] == pytest.approx(expected.threshold, rel=1e-3)
+    driver.host.close()
+
+
+@pytest.mark.parametrize(
+    ("asked", "expected"),
+    [
+        ({"headroom_along": "displacement"}, "headroom_along = 'displacement': expected report 'headroom', got ''"),
+        ({"headroom_along": "velocity", "report": "headroom"}, "headroom_along = 'velocity': expected a velocity"),
+    ],
+)
+def test_a_way_without_a_headroom_is_refused(store: Any, asked: dict[str, str], expected: str) -> None:
+    driver = driver_of(store, split_mesh(boxed(12), 1))
+    driver.open()
+    (refused,) = driver.send(driver.request(Move, 0, step=1, displacement=bulge(driver, 0.1)[0], **asked))
+    assert refused.code == "INVALID_ARGUMENT.VALUE"
+    assert expected in refused.message
+    driver.host.close()
+
+
 @pytest.fixture
 def ticking(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """A clock that goes on by a second each time it is read; the number of readings."""

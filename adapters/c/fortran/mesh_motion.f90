@@ -90,6 +90,10 @@ module mesh_motion
       procedure :: time_levels => session_time_levels
       procedure :: time => session_time
       procedure :: velocity_scheme => session_velocity_scheme
+      procedure :: boundary_velocity => session_boundary_velocity
+      procedure :: swept_faces => session_swept_faces
+      procedure :: all_swept_faces => session_all_swept_faces
+      procedure :: headroom_along => session_headroom_along
       procedure :: velocity => session_velocity
       procedure :: swept => session_swept
       procedure :: move => session_move
@@ -305,6 +309,26 @@ module mesh_motion
          type(c_ptr), value :: session
          character(kind=c_char), intent(in) :: scheme(*)
          integer(c_int) :: c_set_velocity
+      end function
+      function c_set_boundary_velocity(session, moving, velocity) bind(c, name="mm_set_boundary_velocity")
+         import :: c_ptr, c_int, c_size_t, c_double
+         type(c_ptr), value :: session
+         integer(c_size_t), value :: moving
+         real(c_double), intent(in) :: velocity(*)
+         integer(c_int) :: c_set_boundary_velocity
+      end function
+      function c_set_swept_faces(session, faces, corners, nodes) bind(c, name="mm_set_swept_faces")
+         import :: c_ptr, c_int, c_size_t
+         type(c_ptr), value :: session
+         integer(c_size_t), value :: faces, corners
+         type(c_ptr), value :: nodes
+         integer(c_int) :: c_set_swept_faces
+      end function
+      function c_set_headroom_along(session, way) bind(c, name="mm_set_headroom_along")
+         import :: c_ptr, c_int, c_char
+         type(c_ptr), value :: session
+         character(kind=c_char), intent(in) :: way(*)
+         integer(c_int) :: c_set_headroom_along
       end function
       function c_velocity(session, count) bind(c, name="mm_velocity")
          import :: c_ptr, c_size_t
@@ -827,7 +851,8 @@ contains
       ignored = c_set_evaluation(self%handle, ended(evaluation))
    end subroutine
 
-   ! What a move reports in addition, from now on: "faces" for the mesh as a finite-volume code sees it, "swept", or ""
+   ! What a move reports in addition, from now on: "faces" for the mesh as a finite-volume code sees it, "headroom" for
+   ! how many more such steps it admits, "swept", or ""
    subroutine session_report(self, report)
       class(mm_session), intent(inout) :: self
       character(*), intent(in) :: report
@@ -869,12 +894,49 @@ contains
       ignored = c_set_time(self%handle, time)
    end subroutine
 
-   ! The scheme of the velocities that moves are answered with, from now on: "" (none), "bdf1", "bdf2" or "bossak"
+   ! The scheme of the velocities that moves are answered with, from now on: "" (none), "tangent", "bdf1", "bdf2" or
+   ! "bossak"
    subroutine session_velocity_scheme(self, scheme)
       class(mm_session), intent(inout) :: self
       character(*), intent(in) :: scheme
       integer(c_int) :: ignored
       ignored = c_set_velocity(self%handle, ended(scheme))
+   end subroutine
+
+   ! With the scheme "tangent", and before its moves: velocities (dimension, moving nodes) of the moving nodes
+   subroutine session_boundary_velocity(self, velocity)
+      class(mm_session), intent(inout) :: self
+      real(c_double), intent(in), contiguous :: velocity(:, :)
+      integer(c_int) :: ignored
+      ignored = c_set_boundary_velocity(self%handle, rows_of(self, velocity), velocity)
+   end subroutine
+
+   ! The faces that the report "swept" is about, from now on: the nodes (corners, faces) of each, filled up with 0, in
+   ! space anticlockwise as seen from where the normal points to; of an edge in a plane the normal is on its right
+   subroutine session_swept_faces(self, nodes)
+      class(mm_session), intent(inout) :: self
+      integer, intent(in) :: nodes(:, :)
+      integer(c_int64_t), allocatable, target :: theirs(:, :)
+      integer(c_int) :: ignored
+      allocate (theirs(size(nodes, 1), size(nodes, 2) + 1), source=0_c_int64_t) ! one more: no face has an address, too
+      theirs(:, :size(nodes, 2)) = nodes - 1
+      ignored = c_set_swept_faces(self%handle, size(nodes, 2, c_size_t), size(nodes, 1, c_size_t), c_loc(theirs))
+   end subroutine
+
+   ! The report "swept" is about all faces of the cells again
+   subroutine session_all_swept_faces(self)
+      class(mm_session), intent(inout) :: self
+      integer(c_int) :: ignored
+      ignored = c_set_swept_faces(self%handle, 0_c_size_t, 1_c_size_t, c_null_ptr)
+   end subroutine
+
+   ! What the headroom counts, from now on: "step", "displacement", multiples of the whole displacement since the mesh as
+   ! it was uploaded, or "velocity", seconds of velocity()
+   subroutine session_headroom_along(self, way)
+      class(mm_session), intent(inout) :: self
+      character(*), intent(in) :: way
+      integer(c_int) :: ignored
+      ignored = c_set_headroom_along(self%handle, ended(way))
    end subroutine
 
    ! Of the last move: velocities (dimension, nodes) of all nodes; without any if no scheme was set
@@ -892,7 +954,7 @@ contains
       end if
    end function
 
-   ! Of the last move, with the report "swept": volumes that the faces of the cells sweep outwards
+   ! Of the last move, with the report "swept": volumes that the swept faces sweep; those of the cells outwards
    function session_swept(self) result(swept)
       class(mm_session), intent(in) :: self
       real(c_double), allocatable :: swept(:)

@@ -189,8 +189,12 @@ MM_API mm_result mm_cotangent(mm_session *session, size_t vectors, size_t nodes,
                               double *answer);
 /* What a move reports in addition to the quality, from now on: "", "faces", the mesh as a finite-volume code sees it,
  * "headroom", how many more such steps it admits (SPEC.md, section 15), or "swept" for mm_swept. It takes time: set it
- * for the move that is committed, then set "" again. */
+ * for the move that is committed, then set "" again. mm_moved then has `faces.after.max_non_orthogonality` …, and with
+ * both "headroom" and "faces" `headroom.inversion`, `headroom.threshold`: left out (NaN) if that takes more than 100. */
 MM_API mm_result mm_set_report(mm_session *session, const char *report);
+/* What the headroom counts, from now on: "step", "displacement", multiples of the whole displacement since the mesh as
+ * uploaded, or "velocity", seconds of mm_velocity (docs/watching.md). */
+MM_API mm_result mm_set_headroom_along(mm_session *session, const char *way);
 /* Seconds after which the server gives up computing a move, from now on; 0: never. The move is then refused with
  * MM_DEADLINE_EXCEEDED, and the session is as before. */
 MM_API mm_result mm_set_compute_limit(mm_session *session, double seconds);
@@ -222,12 +226,19 @@ MM_API const uint8_t *mm_digest(const mm_session *session); /* 32 bytes: SHA-256
 MM_API mm_result mm_set_time_levels(mm_session *session, double start, const char *scheme);
 /* The time at the end of the step under way, for its moves; set it again for each step. */
 MM_API mm_result mm_set_time(mm_session *session, double time);
-/* The scheme of the velocities that moves are answered with, from now on: "" (none), "bdf1", "bdf2" or "bossak". */
+/* The scheme of the velocities that moves are answered with, from now on: "" (none), "tangent", "bdf1", "bdf2" or
+ * "bossak". */
 MM_API mm_result mm_set_velocity(mm_session *session, const char *scheme);
+/* With the scheme "tangent", and before its moves: `moving` rows, the velocities of the moving nodes. They are copied. */
+MM_API mm_result mm_set_boundary_velocity(mm_session *session, size_t moving, const double *velocity);
 /* Of the last move: `count` rows of mm_dimension components, the velocities of all nodes. NULL if none was asked for. */
 MM_API const double *mm_velocity(const mm_session *session, size_t *count);
-/* Of the last move, with mm_set_report "swept": `count` volumes that the faces of the cells sweep outwards, cell after
- * cell, in the order of section 25. NULL if none was asked for. */
+/* The faces that the report "swept" is about, from now on: `faces` rows of the `corners` nodes of each, filled up with
+ * -1, in space anticlockwise as seen from where the normal points to; of an edge in a plane the normal is on its right.
+ * They are copied. NULL: all faces of the cells, as without this call. */
+MM_API mm_result mm_set_swept_faces(mm_session *session, size_t faces, size_t corners, const int64_t *nodes);
+/* Of the last move, with mm_set_report "swept": `count` volumes that these faces sweep; of the faces of the cells
+ * outwards, cell after cell, in the order of section 25. NULL if none was asked for. */
 MM_API const double *mm_swept(const mm_session *session, size_t *count);
 /* Where the last move added enrichment functions: `count` rows of mm_dimension coordinates. */
 MM_API const double *mm_enrichment_points(const mm_session *session, size_t *count);
@@ -236,7 +247,7 @@ MM_API const double *mm_enrichment_points(const mm_session *session, size_t *cou
 
 /* The last replies of each kind (SPEC.md, sections 12 and 15); valid until the next one of that kind. */
 MM_API const mm_report *mm_built(const mm_session *session);     /* settings, mesh, quality */
-MM_API const mm_report *mm_moved(const mm_session *session);     /* quality, correction, caches, seconds, warnings, faces */
+MM_API const mm_report *mm_moved(const mm_session *session);     /* quality, correction, seconds, faces, headroom … */
 MM_API const mm_report *mm_committed(const mm_session *session); /* quality, durable_step */
 MM_API const mm_report *mm_status_report(const mm_session *session);
 

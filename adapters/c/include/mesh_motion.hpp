@@ -286,6 +286,23 @@ public:
     }
     Session &time(double seconds) { return check(mm_set_time(get(), seconds)); }
     Session &velocity_scheme(const std::string &scheme) { return check(mm_set_velocity(get(), scheme.c_str())); }
+    /// With the scheme "tangent": velocities of the moving nodes, for the moves from now on.
+    Session &boundary_velocity(View<const double> velocity)
+    {
+        require(velocity.size() % columns() == 0, "boundary_velocity: rows of the dimension");
+        return check(mm_set_boundary_velocity(get(), velocity.size() / columns(), velocity.data()));
+    }
+    /// The faces that the report "swept" is about: the `corners` nodes of each, filled up with -1.
+    Session &swept_faces(View<const std::int64_t> nodes, std::size_t corners)
+    {
+        static const std::int64_t none = 0; // a view of no faces may have no address, which would mean all of them
+        require(corners && nodes.size() % corners == 0, "swept_faces: rows of the corners");
+        const std::int64_t *first = nodes.size() ? nodes.data() : &none;
+        return check(mm_set_swept_faces(get(), nodes.size() / corners, corners, first));
+    }
+    /// Of all faces of the cells again.
+    Session &all_swept_faces() { return check(mm_set_swept_faces(get(), 0, 1, nullptr)); }
+    Session &headroom_along(const std::string &way) { return check(mm_set_headroom_along(get(), way.c_str())); }
     Session &final_step(std::int64_t step) { return check(mm_set_final_step(get(), step)); }
     void commit() { check(mm_commit(get())); }
     void rollback() { check(mm_rollback(get())); }
@@ -316,7 +333,7 @@ public:
         const double *rows = mm_velocity(get(), &count);
         return {rows, count * columns()};
     }
-    /// Of the last move, with report("swept"): volumes that the faces of the cells sweep outwards.
+    /// Of the last move, with report("swept"): volumes that the swept faces sweep; those of the cells outwards.
     View<const double> swept() const
     {
         std::size_t count = 0;

@@ -702,9 +702,9 @@ request mmi_move_request(const mm_session *session, mm_frame frame, const double
     mmi_add_integer(&move, "step", session->step + 1);
     mmi_add_text(&move, "frame", frame == MM_SINCE_REFERENCE ? "reference" : "committed");
     mmi_add_text(&move, "report", session->report);
-    mmi_add_velocity(&move, session);
     move.arrays[0] = mmi_make_block("displacement", rows, session->moving_count, (size_t)session->dimension, 8);
     move.arrays[0].is_float = 1;
+    mmi_add_velocity(&move, session);
     return move;
 }
 

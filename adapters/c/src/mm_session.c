@@ -61,6 +61,8 @@ void mm_session_free(mm_session *session)
     free(session->enrichment);
     free(session->velocity);
     free(session->swept);
+    free(session->boundary_velocity);
+    free(session->swept_faces);
     free(session->trial);
     mmi_report_free(&session->built);
     mmi_report_free(&session->moved);

@@ -51,10 +51,12 @@ struct mm_session {
     double *enrichment;
     size_t enrichment_count;
     /* times and velocities (section 25): of OPEN, of MOVE, and of the last MOVED */
-    double start, time, *velocity, *swept;
+    double start, time, *velocity, *swept, *boundary_velocity;
     int has_time;
-    char time_levels[16], scheme[16];
+    char time_levels[16], scheme[16], headroom_along[16];
     size_t velocity_count, swept_count;
+    int64_t *swept_faces; /* NULL: all of the cells */
+    size_t face_count, face_corners;
     /* the MOVE that made the trial; it is sent again when the trial was lost with a worker */
     double *trial;
     int has_trial;
@@ -72,7 +74,7 @@ struct mm_session {
 outcome mmi_check_joined(mm_session *session);
 /* OPEN and JOIN, repeated while the server cannot answer: a session without an upload costs nothing. */
 outcome mmi_open_patiently(mm_session *session);
-/* What an OPEN and a MOVE say about times and velocities, and what MOVED has of them. */
+/* What an OPEN and a MOVE say about times, velocities, swept faces and the headroom, and what MOVED has of them. */
 void mmi_add_levels(request *open, const mm_session *session);
 void mmi_add_velocity(request *move, const mm_session *session);
 outcome mmi_take_velocity(mm_session *session, const answer *from, size_t nodes);

@@ -1,4 +1,5 @@
 /* Times, velocities of time schemes and swept volumes (SPEC.md, section 25). See mesh_motion.h. */
+#include "mm_mesh.h"
 #include "mm_session.h"
 
 #include <math.h>
@@ -41,6 +42,71 @@ mm_result mm_set_velocity(mm_session *session, const char *scheme)
     return MM_OK;
 }
 
+/* Instead of what is kept: `count` numbers of `size` bytes each, at least one that may be written. */
+static outcome keep(mm_session *session, void **kept, const void *given, size_t count, size_t size)
+{
+    void *copy = calloc(count + 1, size);
+    if (!copy) {
+        return mmi_no_memory(session->context);
+    }
+    if (count) {
+        memcpy(copy, given, count * size);
+    }
+    free(*kept);
+    *kept = copy;
+    return DONE;
+}
+
+mm_result mm_set_boundary_velocity(mm_session *session, size_t moving, const double *velocity)
+{
+    BEGIN_SESSION(session);
+    size_t columns = (size_t)session->dimension;
+    if (mmi_check_joined(session) != DONE) {
+        return session->context->error;
+    }
+    if (moving != session->moving_count || (moving && !velocity)) {
+        mmi_fail(session->context, "INVALID_ARGUMENT.SHAPE", "mm_moving_nodes tells them",
+                 "the boundary velocity must have %zu rows, got %zu", session->moving_count, velocity ? moving : 0);
+        return session->context->error;
+    }
+    block rows = mmi_make_block("boundary_velocity", velocity, moving, columns, 8);
+    rows.is_float = 1;
+    if (mmi_check_rows(session->context, &rows, moving + 1, "the boundary velocity") == DONE) {
+        keep(session, (void **)&session->boundary_velocity, velocity, moving * columns, sizeof *velocity);
+    }
+    return session->context->error;
+}
+
+mm_result mm_set_swept_faces(mm_session *session, size_t faces, size_t corners, const int64_t *nodes)
+{
+    BEGIN_SESSION(session);
+    if (!nodes) {
+        free(session->swept_faces);
+        session->swept_faces = NULL;
+        return MM_OK;
+    }
+    if (!corners || corners > MMI_MOST_COLUMNS || faces > SIZE_MAX / sizeof *nodes / corners - 1) {
+        char got[64];
+        snprintf(got, sizeof got, "%zu faces of %zu nodes", faces, corners);
+        return mmi_invalid(session->context, "there must be some nodes in each swept face, got %s", got);
+    }
+    if (keep(session, (void **)&session->swept_faces, nodes, faces * corners, sizeof *nodes) == DONE) {
+        session->face_count = faces;
+        session->face_corners = corners;
+    }
+    return session->context->error;
+}
+
+mm_result mm_set_headroom_along(mm_session *session, const char *way)
+{
+    BEGIN_SESSION(session);
+    if (!way || strlen(way) >= sizeof session->headroom_along) {
+        return mmi_invalid(session->context, "there is no such way of a headroom: '%s'", way ? way : "");
+    }
+    snprintf(session->headroom_along, sizeof session->headroom_along, "%s", way);
+    return MM_OK;
+}
+
 void mmi_add_levels(request *open, const mm_session *session)
 {
     if (session->start != 0.0) {
@@ -58,6 +124,20 @@ void mmi_add_velocity(request *move, const mm_session *session)
     }
     if (session->scheme[0]) {
         mmi_add_text(move, "velocity", session->scheme);
+    }
+    int is_headroom = strcmp(session->report, "headroom") == 0 || strcmp(session->report, "faces") == 0;
+    if (is_headroom && session->headroom_along[0]) {
+        mmi_add_text(move, "headroom_along", session->headroom_along);
+    }
+    block *array = &move->arrays[1]; /* behind the displacement */
+    if (session->boundary_velocity && strcmp(session->scheme, "tangent") == 0) {
+        *array = mmi_make_block("boundary_velocity", session->boundary_velocity, session->moving_count,
+                                (size_t)session->dimension, 8);
+        array->is_float = 1;
+        ++array;
+    }
+    if (session->swept_faces && strcmp(session->report, "swept") == 0) {
+        *array = mmi_make_block("swept_faces", session->swept_faces, session->face_count, session->face_corners, 8);
     }
 }
 

@@ -25,6 +25,8 @@ FACES_OF = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 6, "w
 
 #: What ends after the steps of each name in the headroom.
 _ENDS = {"threshold": "the quality threshold", "inversion": "the first cell inverts"}
+#: What is counted along each way on.
+_MORE = {"step": "more such steps", "displacement": "times the displacement further", "velocity": "more seconds"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -64,7 +66,7 @@ class Moved(Described, messages.Moved):
             f"{quality['metric']}: minimum {kept:.3f}{corrected}; threshold {quality['threshold']:g}",
             f"{len(self.displacement)} nodes, the farthest moves by {farthest:.4g}",
             *(
-                f"{self.headroom[name]:.3g} more such steps until {end}"
+                f"{self.headroom[name]:.3g} {_MORE[self.headroom.get('along', 'step')]} until {end}"
                 for name, end in _ENDS.items()
                 if name in self.headroom
             ),

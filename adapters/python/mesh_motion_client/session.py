@@ -48,7 +48,7 @@ from mesh_motion_client.quality import QualitySummary
 from mesh_motion_client.settings import Settings
 from mesh_motion_client.volume import Volume
 
-__all__ = ["Frame", "Report", "Scheme", "Session"]
+__all__ = ["Frame", "HeadroomAlong", "Report", "Scheme", "Session"]
 
 #: Settings that a description names.
 _TOLD = ("support_radius", "correction", "quality_threshold", "displacement")
@@ -60,6 +60,7 @@ _Found = TypeVar("_Found")
 
 Frame = Literal["committed", "reference"]
 Report = Literal["", "faces", "swept"]
+HeadroomAlong = Literal["step", "displacement", "velocity"]
 Scheme = Literal["", "tangent", "bdf1", "bdf2", "bossak"]
 
 
@@ -142,6 +143,7 @@ class Session(Described):
         *,
         frame: Frame = "reference",
         report: Report = "",
+        headroom_along: HeadroomAlong = "step",
         time: float | None = None,
         velocity: Scheme = "",
         boundary_velocity: ArrayLike | Mapping[str, ArrayLike] | None = None,
@@ -163,6 +165,9 @@ class Session(Described):
             it takes time, ask once a step. "headroom", and with "faces" too: how many more such steps the mesh admits,
             until a cell inverts and until the threshold, ``headroom`` of the reply. "swept": the volume that each face
             sweeps in this step, ``swept`` of the reply and :meth:`.moved.Moved.swept_of_cells`.
+        headroom_along : {"step", "displacement", "velocity"}
+            What the headroom counts, every node going on so: such steps; multiples of the whole displacement since the
+            reference mesh; or seconds of ``velocity``.
         time : float, optional
             Of the step: at its end, seconds. Later than :attr:`time`.
         velocity : {"", "tangent", "bdf1", "bdf2", "bossak"}
@@ -201,6 +206,7 @@ class Session(Described):
             step=self.step + 1,
             frame=frame,
             report=report,
+            headroom_along=headroom_along,
             time=None if time is None else float(time),
             velocity=velocity,
             compute_limit_ms=math.ceil(1000 * compute_limit),

@@ -22,6 +22,7 @@ from mesh_motion_protocol.field_types import (
     Frame,
     FreedIds,
     FreedVectors,
+    HeadroomAlong,
     JudgedBins,
     JudgedCells,
     JudgedValues,
@@ -178,6 +179,7 @@ class Move(SessionMessage):
     step: Count  # committed step + 1
     frame: Frame  # displacement since the "reference" mesh (total), or since the "committed" state (increment)
     report: Report = ""  # in addition: "faces" as a finite-volume code sees them, the "headroom", or volumes "swept"
+    headroom_along: HeadroomAlong = "step"  # the way on whose multiples the headroom counts: section 15
     time: Time = None  # of the step, seconds, later than that of the committed state: section 25
     velocity: TimeScheme = ""  # the scheme of MOVED's velocity: section 25
     compute_limit_ms: Count = 0  # the server gives up computing after so many milliseconds: section 7; 0 = never

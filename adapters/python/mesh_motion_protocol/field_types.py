@@ -26,6 +26,7 @@ __all__ = [
     "Frame",
     "FreedIds",
     "FreedVectors",
+    "HeadroomAlong",
     "JudgedBins",
     "JudgedCells",
     "JudgedValues",
@@ -66,6 +67,7 @@ Count = Annotated[int, Range(0, 2**63 - 1)]
 Partition = Annotated[int, Range(0, 255)]
 Frame = Annotated[str, Choice(("committed", "reference"))]
 Report = Annotated[str, Choice(("", "faces", "headroom", "swept"))]
+HeadroomAlong = Annotated[str, Choice(("step", "displacement", "velocity"))]
 Time = float | None
 TimeLevels = Annotated[str, Choice(("", "bdf2", "bossak"))]
 TimeScheme = Annotated[str, Choice(("", "tangent", "bdf1", "bdf2", "bossak"))]

@@ -12,7 +12,7 @@ void bind_two_scale(nanobind::module_& m) {
     bind(m, "sum_from_grid", sum_from_grid);
     bind(m, "spline_values", spline_values);
     bind(m, "spline_gradients", spline_gradients);
-    bind(m, "spline_coefficients", spline_coefficients);
+    bind(m, "add_spline_coefficients", add_spline_coefficients);
     bind(m, "quasi_interpolate", quasi_interpolate);
     bind(m, "blend_with_parent", blend_with_parent);
 }

@@ -116,24 +116,32 @@ class Members {
         }
     }
 
-    /// back (k, nc) += Σ_places values (places, k) φ(|x − x_j|/R) of these centres: the transpose of sum.
-    template <class Basis>
-    void add_transposed(const Along& along, Index k, const double* values, double* __restrict back, Index nc) const {
-        const Index n = size(), ny = along[1].size(), nz = along[2].size();
-        std::vector<double> ahead(n), functions(n), total(n * k);
-        for (const double x : along[0]) {
-            for (Index j = 0; j < n; ++j) ahead[j] = square(x * inverse_radius_ - at_[0][j]);
-            for (Index place = 0; place < ny * nz; ++place, values += k) {
+    /// back (k, nc) += Σ_places values (places, k) φ(|x − x_j|/R) of these centres: the transpose of sum. Centres fill
+    /// the vectors here.
+    template <class Basis, Index K>
+    void add_transposed(const Along& along, Index k, const double* values, double* back, Index nc) const {
+        const Index n = size(), nz = along[2].size(), plane = along[1].size() * nz;
+        std::vector<double> ahead(along[0].size() * lanes), across(plane * lanes);
+        for (Index first = 0; first < n; first += lanes) {
+            double at[3][lanes];
+            for (int axis = 0; axis < 3; ++axis)
+                for (Index l = 0; l < lanes; ++l) at[axis][l] = at_[axis][std::min(first + l, n - 1)];
+            for (std::size_t i = 0; i < along[0].size(); ++i)
+                for (Index l = 0; l < lanes; ++l)
+                    ahead[i * lanes + l] = square(along[0][i] * inverse_radius_ - at[0][l]);
+            for (Index place = 0; place < plane; ++place) {
                 const double y = along[1][place / nz] * inverse_radius_, z = along[2][place % nz] * inverse_radius_;
-                for (Index j = 0; j < n; ++j)
-                    functions[j] =
-                        Basis::phi(std::sqrt(ahead[j] + (square(y - at_[1][j]) + square(z - at_[2][j]))));
-                for (Index c = 0; c < k; ++c)
-                    for (Index j = 0; j < n; ++j) total[c * n + j] += values[c] * functions[j];
+                for (Index l = 0; l < lanes; ++l)
+                    across[place * lanes + l] = square(y - at[1][l]) + square(z - at[2][l]);
+            }
+            for (Index c = 0; c < k; c += K) {
+                double sums[K][lanes] = {};
+                for (std::size_t i = 0; i < along[0].size(); ++i)
+                    add_plane<Basis, K>(&ahead[i * lanes], across.data(), plane, values + i * plane * k + c, k, sums);
+                for (Index l = 0; l < std::min(lanes, n - first); ++l)
+                    for (Index m = 0; m < K; ++m) back[(c + m) * nc + numbers_[first + l]] += sums[m][l];
             }
         }
-        for (Index c = 0; c < k; ++c)
-            for (Index j = 0; j < n; ++j) back[c * nc + numbers_[j]] += total[c * n + j];
     }
 
   private:
@@ -152,6 +160,20 @@ class Members {
             }
         for (Index l = 0; l < places; ++l)
             for (Index m = 0; m < K; ++m) values[l * k + c + m] = sums[m][l];
+    }
+
+    /// sums += K components of the values at the places of a plane, for eight centres.
+    template <class Basis, Index K>
+    static void add_plane(const double* __restrict ahead, const double* __restrict across, Index plane,
+                          const double* __restrict values, Index k, double (&sums)[K][lanes]) {
+        double total[K][lanes];
+        std::copy_n(&sums[0][0], K * lanes, &total[0][0]);
+        for (Index place = 0; place < plane; ++place, values += k)
+            for (Index l = 0; l < lanes; ++l) {
+                const double value = Basis::phi(std::sqrt(ahead[l] + across[place * lanes + l]));
+                for (Index m = 0; m < K; ++m) total[m][l] += values[m] * value;
+            }
+        std::copy_n(&total[0][0], K * lanes, &sums[0][0]);
     }
 
     double inverse_radius_;
@@ -243,7 +265,9 @@ void sum_block_back(Matrix<const double> centres, Index k, double inverse_radius
     const auto add = [&](int order, const std::vector<double>& at) {
         const Members members(centres, weightless, inverse_radius, orders, order);
         if (members.size() == 0) return;
-        members.add_transposed<Basis>(places_of(block, order, low, spacing), k, at.data(), back, nc);
+        const Along along = places_of(block, order, low, spacing);
+        if (k == 3) members.add_transposed<Basis, 3>(along, k, at.data(), back, nc);
+        else members.add_transposed<Basis, 1>(along, k, at.data(), back, nc);
     };
     std::vector<double> total;
     std::array<Resampling, 3> matrix;

@@ -74,6 +74,18 @@ const Box<A>& box_of(const std::array<double, A>& x, const std::vector<Box<A>>& 
     return *box;
 }
 
+/// The cell along an axis that a place is in, in spacings from the lower corner, and where in it; rims hold what is
+/// beyond them, and not a number stays that, in cell 0.
+struct Placed {
+    double cell, within;
+
+    Placed(double x, double origin, double inverse, double cells) {
+        const double place = std::min(std::max((x - origin) * inverse, 0.0), cells);
+        cell = place > 0.0 ? std::min(std::floor(place), cells - 1.0) : 0.0;
+        within = place - cell;
+    }
+};
+
 /// Around a point in a box: its first coefficient, how far layers are apart, and their weights; those of the slope
 /// along each axis if asked for.
 template <int A, bool sloped>
@@ -90,13 +102,11 @@ struct Stencil {
                 slope[axis] = {};
                 continue;
             }
-            // not a number stays that, in cell 0
-            const double place = std::min(std::max((x[axis] - box.origin[axis]) * box.inverse, 0.0), box.cells[axis]);
-            const double cell = place > 0.0 ? std::min(std::floor(place), box.cells[axis] - 1.0) : 0.0;
-            row += static_cast<Index>(cell) * box.stride[axis];
-            value[axis] = splines(place - cell);
+            const Placed at(x[axis], box.origin[axis], box.inverse, box.cells[axis]);
+            row += static_cast<Index>(at.cell) * box.stride[axis];
+            value[axis] = splines(at.within);
             if constexpr (sloped)
-                for (int m = 0; m < 4; ++m) slope[axis][m] = slopes(place - cell)[m] * box.inverse;
+                for (int m = 0; m < 4; ++m) slope[axis][m] = slopes(at.within)[m] * box.inverse;
         }
         first = coefficients.data() + row * coefficients.shape(1);
     }
@@ -147,6 +157,90 @@ template <int A, int W, int F, class Step>
                          (last[2] * line[2 * W + c] + last[3] * line[3 * W + c]);
     }
 }
+
+/// Adds W numbers, times the weights, to each point of a stencil: the transpose of sum_stencil.
+template <int A, int W, class Step>
+[[gnu::always_inline]] inline void add_to_stencil(double* __restrict first, Step step,
+                                                  const std::array<Index, A>& stride,
+                                                  const std::array<Four, A>& weights, const double* values) {
+    constexpr int leading = A == 3 ? 16 : A == 2 ? 4 : 1;
+    constexpr int wide = W / 2, narrow = W % 2;
+    double line[4 * W];
+    for (int m = 0; m < 4; ++m)
+        for (int c = 0; c < W; ++c) line[m * W + c] = weights[A - 1][m] * values[c];
+    std::array<Eight, wide> eight;
+    std::array<Quad, narrow> quad;
+    for (int q = 0; q < wide; ++q) std::memcpy(&eight[q], line + 8 * q, sizeof(Eight));
+    for (int q = 0; q < narrow; ++q) std::memcpy(&quad[q], line + 8 * wide, sizeof(Quad));
+#pragma GCC unroll 16
+    for (int p = 0; p < leading; ++p) {
+        const int layer[] = {A == 3 ? p / 4 : p, p % 4};
+        double* to = first;
+        double weight = 1.0;
+        for (int axis = 0; axis < A - 1; ++axis) {
+            to += layer[axis] * stride[axis] * step;
+            weight *= weights[axis][layer[axis]];
+        }
+        if constexpr (std::is_same_v<Step, Index>) {
+            for (int m = 0; m < 4; ++m) to[m * step] += weight * line[m];
+        } else {
+            const auto add = [&](auto& part, double* at) {
+                std::remove_reference_t<decltype(part)> sum;
+                std::memcpy(&sum, at, sizeof sum);
+                sum += weight * part;
+                std::memcpy(at, &sum, sizeof sum);
+            };
+            for (int q = 0; q < wide; ++q) add(eight[q], to + 8 * q);
+            for (int q = 0; q < narrow; ++q) add(quad[q], to + 8 * wide);
+        }
+    }
+}
+
+/// Points in the order of the slabs of cells in which they lie, each with its box: slabs of a box that are next but one
+/// share no coefficient.
+class Slabs {
+  public:
+    template <int A>
+    Slabs(Matrix<const double> points, const std::vector<Box<A>>& boxes) : first_(1, 0) {
+        for (const Box<A>& box : boxes) first_.push_back(first_.back() + 1 + static_cast<Index>(box.cells[0]) / thick);
+        const Index n = points.shape(0);
+        std::vector<Node> slab(n);
+        for_ranges(n, block, [&](Index begin, Index end) {
+            for (Index i = begin; i < end; ++i) {
+                std::array<double, A> x;
+                for (int axis = 0; axis < A; ++axis) x[axis] = points(i, axis);
+                const Box<A>& box = box_of<A>(x, boxes);
+                const double cell = Placed(x[0], box.origin[0], box.inverse, box.cells[0]).cell;
+                slab[i] = static_cast<Node>(first_[&box - boxes.data()] + static_cast<Index>(cell) / thick);
+            }
+        });
+        starts_.assign(first_.back() + 1, 0);
+        for (const Node s : slab) ++starts_[s + 1];
+        for (std::size_t s = 1; s < starts_.size(); ++s) starts_[s] += starts_[s - 1];
+        std::vector<Index> next(starts_.begin(), starts_.end() - 1);
+        order_.resize(n);
+        for (Index i = 0; i < n; ++i) order_[next[slab[i]]++] = static_cast<Node>(i);
+    }
+
+    /// f(box, point) for every point; those of slabs that share coefficients one after the other, in their order.
+    template <class F>
+    void for_points(F&& f) const {
+        for (const Index parity : {0, 1}) {
+            std::vector<std::pair<Index, Index>> tasks;  // box, slab
+            for (std::size_t b = 0; b + 1 < first_.size(); ++b)
+                for (Index s = first_[b] + parity; s < first_[b + 1]; s += 2) tasks.emplace_back(b, s);
+            for_blocks(static_cast<Index>(tasks.size()), [&](Index t) {
+                const auto [b, s] = tasks[t];
+                for (Index at = starts_[s]; at < starts_[s + 1]; ++at) f(b, Index{order_[at]});
+            });
+        }
+    }
+
+  private:
+    static constexpr Index thick = 4;  // cells; a point's stencil has four layers, so that three would do
+    std::vector<Index> first_, starts_;  // the first slab of each box, the first point of each slab
+    std::vector<Node> order_;
+};
 
 /// f(A, W) with both as constants: the axes up to the last with cells, and the components if they are 2 or 3; or else
 /// W = 1, one component after the other.
@@ -256,38 +350,27 @@ void spline_gradients(Matrix<const double> points, Matrix<const double> origin, 
     });
 }
 
-void spline_coefficients(Matrix<const double> points, Matrix<const double> origin, Vector<const double> inverse,
-                         Matrix<const Index> cells, Vector<const Index> start, Matrix<const double> values,
-                         Matrix<double> out) {
+void add_spline_coefficients(Matrix<const double> points, Matrix<const double> origin, Vector<const double> inverse,
+                             Matrix<const Index> cells, Vector<const Index> start, Matrix<const double> values,
+                             Matrix<double> out) {
     check(points, origin, inverse, cells, start);
     const Index k = out.shape(1);
     require(values.shape(0) == points.shape(0) && values.shape(1) == k, "values: expected (n, k)");
-    std::fill(out.data(), out.data() + out.shape(0) * k, 0.0);
-    with_shape(cells, k, [&](auto a, auto) {
-        constexpr int A = a;
+    with_shape(cells, k, [&](auto a, auto w) {
+        constexpr int A = a, W = w;
         require(A <= points.shape(1), "points: expected a coordinate for each axis with cells");
         const auto boxes = boxes_of<A>(origin, inverse, cells, start, out.shape(0));
         const Matrix<const double> coefficients(out.data(), {out.shape(0), k});
-        for (Index i = 0; i < points.shape(0); ++i) {
+        Slabs(points, boxes).for_points([&](Index b, Index i) {
             std::array<double, A> x;
             for (int axis = 0; axis < A; ++axis) x[axis] = points(i, axis);
-            const Stencil<A, false> at(x, box_of<A>(x, boxes), coefficients);
-            const Index first = at.first - coefficients.data();
-            const auto add = [&](Index row, double weight) {
-                for (Index c = 0; c < k; ++c) out.data()[first + row * k + c] += weight * values(i, c);
-            };
-            // along an axis without cells the first layer has the weight 1, and the stride is 0
-            for (Index p = 0; p < (Index{1} << (2 * A)); ++p) {
-                Index row = 0;
-                double weight = 1.0;
-                for (int axis = 0; axis < A; ++axis) {
-                    const Index layer = p >> (2 * axis) & 3;
-                    row += layer * at.stride[axis];
-                    weight *= at.value[axis][layer];
-                }
-                if (weight != 0.0) add(row, weight);
-            }
-        }
+            const Stencil<A, false> at(x, boxes[b], coefficients);
+            double* const first = out.data() + (at.first - coefficients.data());
+            const double* const value = values[i].data();
+            if constexpr (W > 1) add_to_stencil<A, W>(first, std::integral_constant<Index, W>{}, at.stride, at.value, value);
+            else
+                for (Index c = 0; c < k; ++c) add_to_stencil<A, W>(first + c, k, at.stride, at.value, value + c);
+        });
     });
 }
 

@@ -21,10 +21,10 @@ void spline_gradients(Matrix<const double> points, Matrix<const double> origin, 
                       Matrix<const Index> cells, Vector<const Index> start, Matrix<const double> coefficients,
                       Cube<double> out);
 
-/// The transpose of spline_values: out (c, k) from values (n, k) at the points.
-void spline_coefficients(Matrix<const double> points, Matrix<const double> origin, Vector<const double> inverse,
-                         Matrix<const Index> cells, Vector<const Index> start, Matrix<const double> values,
-                         Matrix<double> out);
+/// The transpose of spline_values: adds to out (c, k) what values (n, k) at the points count.
+void add_spline_coefficients(Matrix<const double> points, Matrix<const double> origin, Vector<const double> inverse,
+                             Matrix<const Index> cells, Vector<const Index> start, Matrix<const double> values,
+                             Matrix<double> out);
 
 /// The coefficients (8 f − f₋ − f₊) / 6 along an axis, which loses its first and last entry: out (r, m − 2 stride) of
 /// values (r, m), whose neighbours are `stride` apart.

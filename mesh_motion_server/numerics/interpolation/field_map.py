@@ -81,7 +81,7 @@ class FieldMap:
         else:
             nothing = np.empty((len(field.control_points), 0))
             sums = Interpolant(field.control_points, nothing, field.basis, field.support_radius, field.layout)
-            counted = made.grid.spline_transposed(self._distinct, -left, coarse)
+            counted = made.grid.spline_transposed((self._distinct, -left), of_coefficients=coarse)
             of_coarse = on_grid_transposed(sums, made.grid, counted)
         mean[made.plan.coarse] += field.solve(of_coarse).weights  # of a compact basis: a symmetric matrix
         return made.averaged(mean)  # a symmetric map

@@ -7,16 +7,18 @@ scales the compact levels are solved more accurately than for a motion, where a 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import zip_longest
 from typing import Protocol
 
 import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.centres import CentreLayout
+from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, MakeEachTime, prepared_for
 from mesh_motion_server.numerics.interpolation.factorizations.conditional import NullSpaceCholesky
 from mesh_motion_server.numerics.interpolation.interpolant import AllCentreFactorization, Factorization, Interpolant
 from mesh_motion_server.numerics.interpolation.periodic_interpolant import PeriodicFactorization, PeriodicLevels
@@ -44,8 +46,21 @@ class InterpolationMap(Protocol):
         ...
 
 
-def interpolation_map(factorization: Factorization, places: Floats) -> InterpolationMap:
+def interpolation_map(
+    factorization: Factorization,
+    places: Floats,
+    factors: FactorSource | None = None,
+    *,
+    left_out: Integers | None = None,
+) -> InterpolationMap:
     """The map of a factorization to (n, d) places.
+
+    Parameters
+    ----------
+    factors : FactorSource, optional
+        Where the compact levels' operators are found that a motion has made.
+    left_out : (r,) int64 array, optional
+        Places whose values do not count; their weights are zero.
 
     Raises
     ------
@@ -55,7 +70,12 @@ def interpolation_map(factorization: Factorization, places: Floats) -> Interpola
     if isinstance(factorization, AllCentreFactorization):
         return _OneScale(factorization, places)
     if isinstance(factorization, TwoScaleFactorization):
-        return _TwoScales(factorization, places)
+        return _TwoScales(
+            factorization,
+            places,
+            MakeEachTime() if factors is None else factors,  # an empty cache is falsy
+            np.empty(0, dtype=np.int64) if left_out is None else left_out,
+        )
     if isinstance(factorization, PeriodicFactorization):
         return _Periodic(factorization, places)
     if isinstance(factorization, PeriodicLevels):
@@ -149,6 +169,8 @@ class _TwoScales:
 
     factorization: TwoScaleFactorization
     places: Floats
+    factors: FactorSource
+    left_out: Integers
 
     def apply(self, values: Floats) -> Floats:
         made = self.factorization
@@ -158,55 +180,57 @@ class _TwoScales:
         alone = TwoScaleInterpolant(field, (), made.basis, 0)
         left = mean[made.plan.distinct] - evaluation.displacement(alone, self._distinct)
         out = evaluation.displacement(alone, self.places)
-        for system, there, here in zip(made.systems, self._at_places, self._at_controls, strict=True):
+        for system, there, here in self._levels:
             weights = _solved(system, left[system.level.members])
             there.add(weights, out)
-            left -= _applied(here, weights, len(left))
+            if here is not None:
+                left -= _applied(here, weights, len(left))
         return out
 
     def transpose(self, weights: Floats) -> Floats:
         made = self.factorization
         left = np.zeros((len(self._distinct), weights.shape[1]))  # what the residual before a level counts
-        for system, there, here in reversed([*zip(made.systems, self._at_places, self._at_controls, strict=True)]):
+        for system, there, here in reversed(self._levels):
             centres = len(system.points)
-            of_level = _transposed(there, weights, centres) - _transposed(here, left, centres)
+            of_level = _transposed(there, weights, centres)
+            if here is not None:
+                of_level -= _transposed(here, left, centres)
             left[system.level.members] += _solved(system, of_level)
         mean = np.zeros((len(made.control_points), weights.shape[1]))
         mean[made.plan.distinct] = left
-        at = np.concatenate([self.places, self._distinct])
-        of_coarse = self._coarse_transposed(at, np.concatenate([weights, -left]))
+        of_coarse = self._coarse_transposed(weights, -left)
         mean[made.plan.coarse] += made.coarse.solve(of_coarse).weights  # of a compact basis: a symmetric matrix
         return made.averaged(mean)  # a symmetric map
 
-    def _coarse_transposed(self, places: Floats, weights: Floats) -> Floats:
-        """(m, k) what the weights of the coarse field count for (n, k) weights of its values at (n, d) places."""
+    def _coarse_transposed(self, weights: Floats, of_controls: Floats) -> Floats:
+        """(m, k) what the coarse field's weights count for those of its values at the places and control points."""
         made = self.factorization
         if made.grid is None:
-            return _OneScale(made.coarse, places)._sums(weights)
-        return on_grid_transposed(self._coarse, made.grid, made.grid.spline_transposed(places, weights))
+            here, there = self._coarse_sums
+            return here._sums(weights) + there._sums(of_controls)
+        counted = made.grid.spline_transposed((self.places, weights), (self._distinct, of_controls))
+        coarse = made.weightless.coarse
+        assert isinstance(coarse, Interpolant)
+        return on_grid_transposed(coarse, made.grid, counted)
 
     @cached_property
-    def _coarse(self) -> Interpolant:
-        """The coarse field, without weights."""
-        made = self.factorization.coarse
-        nothing = np.empty((len(made.control_points), 0))
-        return Interpolant(made.control_points, nothing, made.basis, made.support_radius, made.layout)
+    def _coarse_sums(self) -> tuple[_OneScale, _OneScale]:
+        coarse = self.factorization.coarse
+        return _OneScale(coarse, self.places), _OneScale(coarse, self._distinct)
 
     @cached_property
     def _distinct(self) -> Floats:
         return self.factorization.control_points.take(self.factorization.plan.distinct, axis=0)
 
     @cached_property
-    def _at_places(self) -> list[NearOperator]:
-        return [_operator(system, self.places) for system in self.factorization.systems]
-
-    @cached_property
-    def _at_controls(self) -> list[NearOperator]:
-        return [_operator(system, self._distinct) for system in self.factorization.systems]
-
-
-def _operator(system: CompactSystem, places: Floats) -> NearOperator:
-    return NearOperator.build(system.interpolant(np.empty((len(system.points), 0))), places)
+    def _levels(self) -> list[tuple[CompactSystem, NearOperator, NearOperator | None]]:
+        """Each level with its operators at the places and, if another level takes what it leaves, at control points."""
+        made, nowhere = self.factorization, np.empty(0, dtype=np.int64)
+        above = replace(made.weightless, levels=made.weightless.levels[:-1])
+        there = prepared_for(made.weightless, self.places, self.factors, unasked=self.left_out)
+        here = prepared_for(above, self._distinct, self.factors, unasked=nowhere)
+        of_controls = () if here is None else here.operators
+        return [*zip_longest(made.systems, () if there is None else there.operators, of_controls)]
 
 
 def _applied(operator: NearOperator, weights: Floats, n: int) -> Floats:

@@ -108,9 +108,9 @@ class BoundaryMotion:
         del points
         raise SessionError("the trial is not judged, or it was refused", hint="send JUDGE from every partition first")
 
-    def headroom(self, before: Floats, points: Floats) -> Headroom:
+    def headroom(self, way: Floats, points: Floats) -> Headroom:
         """Refuse as :meth:`summary` does."""
-        del before, points
+        del way, points
         raise SessionError("the headroom is not known: the cells are elsewhere")
 
     def why_no_slope(self) -> InvalidInput | None:

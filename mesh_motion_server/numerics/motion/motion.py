@@ -326,6 +326,8 @@ class MotionModel(DifferentiableMesh):
         standard, method = predicted.trial, self.method
         reached = quality.metric.min >= method.quality_threshold
         refuse_unacceptable(method, quality, reached)
+        if correction.points is standard.points and method.correction in ("none", "smooth"):
+            self._latest.led_to(standard.points, predicted.motion)
         return Motion(
             points=correction.points,
             standard=predicted.quality,

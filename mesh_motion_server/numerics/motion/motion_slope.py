@@ -19,6 +19,7 @@ from mesh_motion_server.numerics.correction.smooth_motion import SmoothMotion
 from mesh_motion_server.numerics.correction.smooth_slope import SmoothSlope, not_at_minimum
 from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
 from mesh_motion_server.numerics.interpolation.interpolation_map import InterpolationMap, interpolation_map
+from mesh_motion_server.numerics.mesh.points import bounding_box
 from mesh_motion_server.numerics.motion.boundary_layer_slope import carried_slope
 from mesh_motion_server.numerics.motion.prepared_mesh import PreparedMesh
 from mesh_motion_server.numerics.motion.rigid_slope import RigidSlope, rigid_slope
@@ -88,14 +89,18 @@ class DifferentiableMesh(PreparedMesh):
         def plain_of(motion: StandardMotion) -> Floats:
             return motion.trial(self.points, targets, factors, Stopwatch()).points
 
+        candidates = list(dict.fromkeys((layered, self.standard_motion)))
+        known = self._latest.that_led_to(points)
+        for motion in candidates:
+            if known is not None and known.sliding is None and known.layer is motion.layer:
+                return motion_slope(motion, None, points, points, factors)
         if self.method.correction == "smooth" and self.smooth is not None:
             plain = self._latest.at(targets, lambda: plain_of(layered))
             return motion_slope(layered, self.smooth, plain, points, factors)
-        made = [*dict.fromkeys((layered, self.standard_motion))]
-        made += [replace(motion, sliding=motion.sliding.held()) for motion in made if motion.sliding is not None]
-        for motion in made:  # whether layers were carried, and nodes slid, the mesh says
+        candidates += [replace(one, sliding=one.sliding.held()) for one in candidates if one.sliding is not None]
+        for motion in candidates:  # whether layers were carried, and nodes slid, the mesh says
             plain = plain_of(motion)
-            if np.abs(plain - points).max() <= _SAME * np.ptp(self.points, axis=0).max():
+            if np.abs(plain - points).max() <= _SAME * np.ptp(bounding_box(self.points), axis=0).max():
                 return motion_slope(motion, None, plain, points, factors)
         raise not_at_minimum()
 
@@ -187,7 +192,8 @@ class PlainSlope:
             steps.append(_of_layer(motion, plain))
             known = np.union1d(known, np.flatnonzero(layer.known))
         steps += _of_walls(motion, plain, factors)
-        outer = _Interpolated.build(motion, motion.control_nodes(roles.all), plain, motion.reference, factors)
+        controls = motion.control_nodes(roles.all)
+        outer = _Interpolated.build(motion, controls, plain, motion.reference, factors, known)
         return cls(motion, tuple(steps), outer, known, _of_images(motion))
 
     def apply(self, velocity: Floats) -> Floats:
@@ -207,7 +213,7 @@ class PlainSlope:
         self.tied.transpose(free)
         rows[self.known] = free[self.known]
         free[self.known] = 0.0
-        rows += self.interpolated.transpose(free)
+        self.interpolated.add_transposed(free, rows)
         for step in reversed(self.steps):
             step.transpose(rows)
         return rows[self.motion.roles.moving]
@@ -218,18 +224,23 @@ class _Interpolated:
     """The interpolation from control nodes (c,) to places (p, d): without fixed nodes around the best rigid motion."""
 
     controls: Integers
-    size: int
     map: InterpolationMap
     rigid: RigidSlope | None
 
     @classmethod
     def build(
-        cls, motion: StandardMotion, controls: Integers, goal: Floats, places: Floats, factors: FactorSource
+        cls,
+        motion: StandardMotion,
+        controls: Integers,
+        goal: Floats,
+        places: Floats,
+        factors: FactorSource,
+        left_out: Integers | None = None,
     ) -> _Interpolated:
-        """That of a motion of its control nodes from the reference mesh to ``goal`` (n, d)."""
-        made = interpolation_map(motion.factorized(controls, factors), places)
+        """That of a motion of its control nodes from rest to ``goal`` (n, d), but for the rows ``left_out``."""
+        made = interpolation_map(motion.factorized(controls, factors), places, factors, left_out=left_out)
         rigid = None if len(motion.roles.fixed) else rigid_slope(motion, controls, goal, places)
-        return cls(controls, len(motion.reference), made, rigid)
+        return cls(controls, made, rigid)
 
     def apply(self, rows: Floats) -> Floats:
         values = rows[self.controls]
@@ -238,12 +249,10 @@ class _Interpolated:
         carried, places = self.rigid.apply(values)
         return places + self.map.apply(values - carried)
 
-    def transpose(self, weights: Floats) -> Floats:
-        """(n, d) what the control nodes' rows count for (p, d) weights of the places."""
-        out = np.zeros((self.size, weights.shape[1]))
+    def add_transposed(self, weights: Floats, rows: Floats) -> None:
+        """Add to all nodes' ``rows`` (n, d) what those of the control nodes count for (p, d) weights of the places."""
         values = self.map.transpose(weights)
-        out[self.controls] = values if self.rigid is None else values + self.rigid.transpose(-values, weights)
-        return out
+        rows[self.controls] += values if self.rigid is None else values + self.rigid.transpose(-values, weights)
 
 
 def _of_layer(motion: StandardMotion, prescribed: Floats) -> _Linear:
@@ -311,6 +320,6 @@ def _of_wall(nodes: Integers, onto: Floats, following: _Interpolated | None) -> 
         weights = np.einsum("mij,mi->mj", onto, rows[nodes])
         rows[nodes] = 0.0
         if following is not None:
-            rows += following.transpose(weights)
+            following.add_transposed(weights, rows)
 
     return _Linear(apply, transpose)

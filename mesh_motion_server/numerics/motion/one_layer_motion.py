@@ -84,9 +84,10 @@ class OneLayerMotion:
         """Quality of the plane with the nodes at ``points`` (n, 3)."""
         return self._in_space(self.plane.summary(self.layer.project(points)), points)
 
-    def headroom(self, before: Floats, points: Floats) -> Headroom:
+    def headroom(self, way: Floats, points: Floats) -> Headroom:
         """As :meth:`.PreparedMesh.headroom`, of the plane."""
-        return self.plane.headroom(self.layer.project(before), self.layer.project(points))
+        before, now = (self.layer.project(places) for places in (points - way, points))
+        return self.plane.headroom(now - before, now)
 
     def without_distributions(self) -> Self:
         """The same, judged exactly by its worst cells, without distributions."""

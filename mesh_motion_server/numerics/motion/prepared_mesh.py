@@ -141,10 +141,10 @@ class PreparedMesh:
         sliding = self.standard_motion.sliding
         return PossibleCrossing.build(self.points, self.cells, self.roles, self.coincident, sliding)
 
-    def headroom(self, before: Floats, points: Floats) -> Headroom:
-        """How many more steps like that from ``before`` to ``points`` (n, d) the mesh admits."""
-        step, method = points - before, self.method
-        return headroom(points, step, self.cells, self.reference_sizes, method.quality_metric, method.quality_threshold)
+    def headroom(self, way: Floats, points: Floats) -> Headroom:
+        """How many more such ways (n, d) the mesh at ``points`` (n, d) admits."""
+        method = self.method
+        return headroom(points, way, self.cells, self.reference_sizes, method.quality_metric, method.quality_threshold)
 
     def summary(self, points: Floats, quality: CellQuality | None = None) -> Judgement:
         """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh.

@@ -7,9 +7,11 @@ in parts, each corrected before the next.
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +19,9 @@ from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.correction.correction import Correction
 from mesh_motion_server.numerics.correction.smooth_motion import Smoothed, SmoothMotion
+
+if TYPE_CHECKING:
+    from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
 
 __all__ = ["NOT_SMOOTH", "Followed", "LatestPlain", "follow", "smooth_step", "unconverged"]
 
@@ -57,10 +62,12 @@ class LatestPlain:
     """The latest plain motions of a mesh: a step begins where another one ended.
 
     Three are kept, the latest last: a step's first boundary, the trial before and the trial. Of a large mesh none is:
-    its correction takes many times as long, and they would be a tenth of its memory.
+    its correction takes many times as long, and they would be a tenth of its memory. But of as many meshes that nothing
+    has corrected, the motion that led there is known.
     """
 
     kept: dict[bytes, Floats] = field(default_factory=dict)
+    uncorrected: tuple[tuple[weakref.ref[Floats], StandardMotion], ...] = ()
 
     def at(self, targets: Floats, make: Callable[[], Floats]) -> Floats:
         """That (n, d) to the moving nodes' ``targets`` (k, d), made if it is not kept."""
@@ -70,6 +77,14 @@ class LatestPlain:
         if len(plain) <= _MOST_KEPT:
             self.kept = dict([*self.kept.items()][-2:]) | {key: plain}
         return plain
+
+    def led_to(self, points: Floats, motion: StandardMotion) -> None:
+        """Keep that a motion alone has led to the mesh ``points`` (n, d), as long as there is this array."""
+        self.uncorrected = (*self.uncorrected[-2:], (weakref.ref(points), motion))
+
+    def that_led_to(self, points: Floats) -> StandardMotion | None:
+        """The motion that alone has led to this array ``points`` (n, d), if that is known."""
+        return next((motion for mesh, motion in self.uncorrected if mesh() is points), None)
 
 
 def smooth_step(

@@ -6,15 +6,16 @@ A segment is a sequence of records, little-endian, each with a head of 40 bytes 
     4   4  CRC-32 of all that follows
     8   8  bytes of the body
     16  8  step
-    24  4  kind: 1 input, 2 outcome, 3 maker, 4 taken up
+    24  4  kind: 1 input, 2 outcome, 3 maker, 4 taken up, 5 time
     28  4  frame of an input: 0 committed, 1 reference
     32  8  bytes a row of an input: 8 d
 
 The body of an input contains the displacements of the moving nodes in the frame, doubles, ascending by global id.
 The body of an outcome is the state digest of the committed step. The body of a maker names what computes the steps from
 here on: versions and processor in UTF-8. "Taken up" has no body: the session continues at that step, and a crash lost
-the later steps of the log. An input is written before its commit and the outcome after it: so every answered step has
-its input, and the last input of a step is the valid one.
+the later steps of the log. The body of a time is that of the step, a double, seconds; there is none where the step has
+no time. An input and its time are written before the commit and the outcome after it: so every answered step has its
+input, and the last input of a step is the valid one.
 """
 
 import os
@@ -43,6 +44,7 @@ __all__ = [
     "pack_maker",
     "pack_outcome",
     "pack_taken_up",
+    "pack_time",
 ]
 
 BOUNDARY = "boundary"
@@ -50,7 +52,8 @@ FRAMES = ("committed", "reference")
 
 _HEAD = struct.Struct("<4sIQQIIQ")
 _MAGIC = b"MMBH"
-_INPUT, _OUTCOME, _MAKER, _TAKEN_UP = 1, 2, 3, 4
+_INPUT, _OUTCOME, _MAKER, _TAKEN_UP, _TIME = 1, 2, 3, 4, 5
+_SECONDS = struct.Struct("<d")
 #: Number of bits of a record's place that hold its offset.
 _OFFSET_BITS = 40
 _NOWHERE = -1
@@ -67,12 +70,15 @@ class BoundaryStep:
         Displacements of the moving nodes, ascending by global id.
     digest : bytes
         State digest of the committed step; empty if it is not known.
+    time : float or None
+        Of the step, seconds; None if it is not known.
     """
 
     step: int
     frame: str
     rows: Floats
     digest: bytes = b""
+    time: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +110,8 @@ class BoundaryLog:
 
     def __init__(self, session_folder: Path) -> None:
         self._paths = list_segments(session_folder / FOLDER, BOUNDARY)
-        self._inputs, self._outcomes = array("q"), array("q")  # by step - 1: see _place; millions of steps fit
+        # by step - 1: see _place; millions of steps fit
+        self._inputs, self._outcomes, self._times = array("q"), array("q"), array("q")
         self._maker = ""
         self.makers: list[tuple[int, str]] = []
         for number, path in enumerate(self._paths):
@@ -152,12 +159,26 @@ class BoundaryLog:
         head, body = found
         rows = np.frombuffer(body, dtype="<f8").astype(np.float64, copy=False)
         frame = FRAMES[min(head.frame, 1)]
-        return BoundaryStep(step, frame, rows.reshape(-1, head.row_bytes // 8), self.digest(step))
+        return BoundaryStep(step, frame, rows.reshape(-1, head.row_bytes // 8), self.digest(step), self.time(step))
 
     def digest(self, step: int) -> bytes:
         """State digest of a committed step; empty if it is not known."""
-        known = 0 < step <= len(self._outcomes) and self._outcomes[step - 1] != _NOWHERE
-        found = self._record(self._outcomes[step - 1]) if known else None
+        return self._body(self._outcomes, step)
+
+    def time(self, step: int) -> float | None:
+        """Of a step, seconds; None if it is not known."""
+        body = self._body(self._times, step)
+        return float(_SECONDS.unpack(body)[0]) if len(body) == _SECONDS.size else None
+
+    @property
+    def timed(self) -> bool:
+        """Whether the time of each step is known."""
+        return _NOWHERE not in self._times[: self.steps]
+
+    def _body(self, places: "array[int]", step: int) -> bytes:
+        """Of a step's record of a kind; empty if there is none, or it does not verify."""
+        known = 0 < step <= len(places) and places[step - 1] != _NOWHERE
+        found = self._record(places[step - 1]) if known else None
         return found[1] if found else b""
 
     def _record(self, place: int) -> tuple[_Head, bytes] | None:
@@ -169,9 +190,10 @@ class BoundaryLog:
         return None
 
     def _take(self, handle: int, head: _Head, place: int) -> None:
-        if head.kind == _OUTCOME:
+        if head.kind in (_OUTCOME, _TIME):
+            places = self._outcomes if head.kind == _OUTCOME else self._times
             if 0 < head.step <= len(self._inputs) and _verified(handle, head):
-                self._outcomes[head.step - 1] = place
+                places[head.step - 1] = place
         elif head.kind == _MAKER:
             self._maker = (_verified(handle, head) or b"").decode("utf-8", "replace")
         elif head.kind == _TAKEN_UP:
@@ -181,18 +203,24 @@ class BoundaryLog:
             self._drop(head.step)
             self._inputs.append(place)
             self._outcomes.append(_NOWHERE)
+            self._times.append(_NOWHERE)
             if not self.makers or self.makers[-1][1] != self._maker:
                 self.makers.append((head.step, self._maker))
 
     def _drop(self, first: int) -> None:
         """Drop steps from before a restart that the journal does not have."""
-        del self._inputs[first - 1 :], self._outcomes[first - 1 :]
+        del self._inputs[first - 1 :], self._outcomes[first - 1 :], self._times[first - 1 :]
         self.makers = [change for change in self.makers if change[0] < first]
 
 
 def pack_input(step: int, frame: str, rows: bytes, row_bytes: int) -> bytes:
     """The record of a commit's input; ``rows`` are doubles, ``row_bytes`` of them per node."""
     return _pack(step, _INPUT, FRAMES.index(frame), row_bytes, rows)
+
+
+def pack_time(step: int, time: float) -> bytes:
+    """The record of the time of a step, seconds."""
+    return _pack(step, _TIME, 0, 0, _SECONDS.pack(time))
 
 
 def pack_outcome(step: int, digest: bytes) -> bytes:

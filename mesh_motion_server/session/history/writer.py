@@ -17,6 +17,7 @@ from mesh_motion_server.session.history.boundary import (
     pack_maker,
     pack_outcome,
     pack_taken_up,
+    pack_time,
 )
 from mesh_motion_server.session.history.events import EVENTS, FOLDER, end_torn_line, kept_of, last_committed, line_of
 from mesh_motion_server.session.history.segments import Full, Segments, list_segments, require_room
@@ -71,10 +72,12 @@ class History:
         """Add an event."""
         self.attempt(lambda: self._write_event(event, values))
 
-    def tell_input(self, step: int, boundary: Callable[[], BoundaryInput], dimension: int) -> None:
-        """Record the input of the next commit."""
+    def tell_input(
+        self, step: int, boundary: Callable[[], BoundaryInput], dimension: int, time: float | None = None
+    ) -> None:
+        """Record the input of the next commit, and the time of its step if it has one."""
         if not self._boundary_over:
-            self.attempt(lambda: self._write_input(step, boundary, dimension))
+            self.attempt(lambda: self._write_input(step, boundary, dimension, time))
 
     def tell_outcome(self, step: int, digest: bytes) -> None:
         """Record the digest of a committed state."""
@@ -128,7 +131,9 @@ class History:
             self._events = self._open(EVENTS, min(_SEGMENT, total // _LEAST_SEGMENTS), total, end_torn_line)
         self._events.append(line_of(time.time(), event, values), forget=True)
 
-    def _write_input(self, step: int, boundary: Callable[[], BoundaryInput], dimension: int) -> None:
+    def _write_input(
+        self, step: int, boundary: Callable[[], BoundaryInput], dimension: int, seconds: float | None
+    ) -> None:
         if step > self._next:
             self._end_boundary(step, self._why)
             return
@@ -139,6 +144,8 @@ class History:
             self._write_boundary(pack_maker(step, found.maker), step)
         if not self._boundary_over:
             self._write_boundary(pack_input(step, found.frame, found.rows, 8 * dimension), step)
+        if seconds is not None and not self._boundary_over:
+            self._write_boundary(pack_time(step, seconds), step)
 
     def _take_up(self, step: int, digest: bytes) -> None:
         found = digest_at(self._session, step) if step else b""

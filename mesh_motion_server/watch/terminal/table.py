@@ -20,6 +20,12 @@ _TONES = {"good": "green", "warn": "bold yellow", "bad": "bold red", "": ""}
 _KINDS = {"warning": "yellow", "refused": "bold magenta", "failed": "bold red"}
 _WORST = 3
 _MESSAGES = 10
+#: What the headroom counts, by the way on that was asked for.
+_MORE = {
+    "step": "more steps like the last one",
+    "displacement": "times the displacement further",
+    "velocity": "seconds of this velocity",
+}
 
 
 @dataclass(frozen=True)
@@ -114,7 +120,7 @@ def _details(entry: Mapping[str, Any], details: Mapping[str, Any]) -> list[Rende
     rows += _quality(entry, details)
     ends = {"threshold": "the threshold", "inversion": "the first inverted cell"}
     ahead = [f"{details['headroom'][name]:.2g} to {end}" for name, end in ends.items() if name in details["headroom"]]
-    rows += [inert(f"more steps like the last one: {', '.join(ahead)}")] if ahead else []
+    rows += [inert(f"{_MORE[details['headroom'].get('along', 'step')]}: {', '.join(ahead)}")] if ahead else []
     rows += [inert(f"worst  {_cell_words(cell)}") for cell in details["worst"]["cells"][:_WORST]]
     for told in reversed(details["notable"][:_MESSAGES]):
         clock = time.strftime("%H:%M:%S", time.localtime(told["at"]))

@@ -137,6 +137,28 @@ int main(int count, char **arguments)
     EXPECT(mm_tangent(session, 2, 2, two, 4, all) == MM_INVALID_ARGUMENT);
     EXPECT(mm_error_is(server, "INVALID_ARGUMENT.NONFINITE"));
     mm_clear_error(server);
+    EXPECT(mm_set_boundary_velocity(session, 2, two) == MM_INVALID_ARGUMENT && strstr(mm_error_message(server), "row 1"));
+    mm_clear_error(server);
+    EXPECT(mm_set_boundary_velocity(session, 3, two) == MM_INVALID_ARGUMENT && strstr(mm_error_message(server), "got 3"));
+    mm_clear_error(server);
+    EXPECT(mm_set_velocity(session, "tangent") == MM_OK); /* without velocities */
+    EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_INVALID_ARGUMENT);
+    mm_clear_error(server);
+    EXPECT(mm_set_velocity(session, "") == MM_OK && mm_set_report(session, "swept") == MM_OK);
+    EXPECT(mm_set_swept_faces(session, 1, 0, left) == MM_INVALID_ARGUMENT);
+    mm_clear_error(server);
+    int64_t beyond[] = {2, 4};
+    EXPECT(mm_set_swept_faces(session, 1, 2, beyond) == MM_OK);
+    EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_INVALID_ARGUMENT);
+    EXPECT(strstr(mm_error_message(server), "column 1 is 4") != NULL);
+    mm_clear_error(server);
+    EXPECT(mm_set_swept_faces(session, 0, 0, NULL) == MM_OK && mm_set_report(session, "headroom") == MM_OK);
+    EXPECT(mm_set_headroom_along(session, "everywhere at once") == MM_INVALID_ARGUMENT);
+    mm_clear_error(server);
+    EXPECT(mm_set_headroom_along(session, "displacement") == MM_OK);
+    EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_OK);
+    EXPECT(isfinite(mm_report_number(mm_moved(session), "headroom.inversion")));
+    EXPECT(mm_set_report(session, "") == MM_OK);
     EXPECT(mm_rollback(session) == MM_OK && mm_status(session) == MM_OK && strcmp(mm_state(session), "READY") == 0);
     EXPECT(is_listed(server, mm_id(session)) && !is_listed(server, "00000000000000000000000000000000"));
     EXPECT(mm_list(server, "ffffffffffffffffffffffffffffffff") == MM_OK);

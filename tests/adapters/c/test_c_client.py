@@ -117,7 +117,9 @@ def test_velocities_and_swept_volumes(compiler, endpoint, tools, name):
     found = np.array(printed, dtype=float)
     np.testing.assert_allclose(found[:8], [0, 0, 0, 0, 1, 0, 0, 0], atol=1e-13)
     # of the edges 0 1, 1 2, 2 0 and 0 2, 2 3, 3 0, while the corner goes from (1.1, 1) to (1.3, 1)
-    np.testing.assert_allclose(found[8:], [0, 0.1, -0.1, 0.1, 0, 0], atol=1e-15)
+    np.testing.assert_allclose(found[8:14], [0, 0.1, -0.1, 0.1, 0, 0], atol=1e-15)
+    # the corner's velocity and the areas of two triangles; it falls from 1.1 to 0 at 2 a second; no faces, and all
+    np.testing.assert_allclose(found[14:], [0, -2, 2, -0.015, 0.065, 0.55, 0, 6], atol=1e-13)
 
 
 def test_arrays_of_another_shape_are_refused_f90(compiler, tools):

@@ -1,4 +1,5 @@
-// Velocities and swept volumes of two steps: velocities ENDPOINT prints those of the second, one number a line.
+// Velocities and swept volumes of two steps: velocities ENDPOINT prints those of the second, one number a line, and
+// what a third one with the scheme "tangent", faces of its own and a headroom is answered.
 //
 // Two triangles; the node 2 moves along x, by 0.1 and by 0.3, at 1.25 s and at 1.5 s after a start at 1 s.
 #include <mesh_motion.hpp>
@@ -48,6 +49,23 @@ int main(int, char **arguments)
         }
         session.commit();
     }
+    // the corner goes to (1.3, 1.1), at (0, -2) a second: its velocity, the volumes of two edges, and the time until it
+    // meets the edge below
+    session.time(1.75).velocity_scheme("tangent").boundary_velocity(std::vector<double>{0.0, -2.0});
+    session.swept_faces(std::vector<std::int64_t>{1, 2, 2, 0}, 2);
+    session.move(std::vector<double>{0.0, 0.1}, answer, MM_SINCE_COMMITTED);
+    std::printf("%.17g\n%.17g\n%zu\n", session.velocity()[4], session.velocity()[5], session.swept().size());
+    for (double value : session.swept()) {
+        std::printf("%.17g\n", value);
+    }
+    session.report("headroom").headroom_along("velocity");
+    session.move(std::vector<double>{0.0, 0.1}, answer, MM_SINCE_COMMITTED);
+    std::printf("%.17g\n", session.moved().number("headroom.inversion"));
+    session.swept_faces(std::vector<std::int64_t>{}, 2).report("swept");
+    session.move(std::vector<double>{0.0, 0.1}, answer, MM_SINCE_COMMITTED);
+    std::printf("%zu\n", session.swept().size());
+    session.all_swept_faces().move(std::vector<double>{0.0, 0.1}, answer, MM_SINCE_COMMITTED);
+    std::printf("%zu\n", session.swept().size());
     session.close(MM_DISCARD);
     return 0;
 }

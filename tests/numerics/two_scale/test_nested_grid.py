@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from mesh_motion_server.numerics.interpolation.two_scale.boxes import MARGIN, nested_boxes
 from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedGrid
 from mesh_motion_server.numerics.mesh.spacing import local_spacing
+from mesh_motion_server.numerics.threads import limited_to
 
 Floats = NDArray[np.float64]
 
@@ -126,11 +127,16 @@ def test_a_place_outside_takes_the_value_at_the_rim() -> None:
     np.testing.assert_array_equal(values[0], values[1])
 
 
+@pytest.mark.parametrize("components", [1, 2, 3, 4])
 @pytest.mark.parametrize("d", [1, 2, 3])
-def test_the_transpose_of_a_spline(d: int) -> None:
+def test_the_transpose_of_a_spline(d: int, components: int) -> None:
     grid, numbers = _grid(d), np.random.default_rng(d)
     x = np.ascontiguousarray(_places(d)[:, :d])
-    field, weights = numbers.standard_normal((len(grid.points()), 2)), numbers.standard_normal((len(x), 2))
-    forth, back = _values(grid, field, x)[0], grid.spline_transposed(x, weights)
+    field, weights = (numbers.standard_normal((len(rows), components)) for rows in (grid.points(), x))
+    forth, back = _values(grid, field, x)[0], grid.spline_transposed((x, weights))
     assert len(grid.boxes) > 2
     assert abs(np.sum(weights * forth) - np.sum(back * field)) < 1e-12 * np.abs(weights * forth).sum()
+    with limited_to(1):
+        assert (grid.spline_transposed((x, weights)) == back).all()
+    apart = grid.spline_transposed((x[:700], weights[:700]), (x[700:], weights[700:]))
+    np.testing.assert_allclose(apart, back, atol=1e-13 * np.abs(back).max())

@@ -247,6 +247,7 @@ def _broken_fields() -> Iterable[tuple[str, Frames, str, str]]:
     yield "time-nil", _field("MOVE", "time", None), header, "nil is no number: a time that is not known is left out"
     nowhere = _field("COMMIT", "time", float("inf"))
     yield "time-infinite", nowhere, "INVALID_ARGUMENT.NONFINITE", "numbers in requests are finite"
+    yield "way-unknown", _field("MOVE", "headroom_along", "tangent"), value, "no such way"
     yield "scheme-unknown", _field("MOVE", "velocity", "bdf3"), value, "no such scheme"
     yield "step-negative", _field("MOVE", "step", -1), value, "steps are not negative"
     yield "dimension-4", _field("OPEN", "dimension", 4), value, "1, 2 or 3 dimensions"

@@ -25,7 +25,11 @@ from scipy.spatial import cKDTree
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.numerics.interpolation.factorizations.conjugate_gradients import largest
-from mesh_motion_server.numerics.interpolation.interpolant import AllCentreFactorization, factorize
+from mesh_motion_server.numerics.interpolation.interpolant import (
+    AllCentreFactorization,
+    Interpolant,
+    factorize,
+)
 from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named
 from mesh_motion_server.numerics.interpolation.two_scale.boxes import nested_boxes
 from mesh_motion_server.numerics.interpolation.two_scale.coarse_points import coarse_points, separated_points
@@ -238,6 +242,15 @@ class TwoScaleFactorization:
             if not last:
                 left -= evaluation.displacement(level, points)
         return TwoScaleInterpolant(coarse, tuple(levels), self.basis, iterations)
+
+    @cached_property
+    def weightless(self) -> TwoScaleInterpolant:
+        """An interpolant of no component, which has the coarse points and the levels."""
+        coarse = self.coarse
+        nothing = np.empty((len(coarse.control_points), 0))
+        field = Interpolant(coarse.control_points, nothing, coarse.basis, coarse.support_radius, coarse.layout)
+        levels = tuple(system.interpolant(np.empty((len(system.points), 0))) for system in self.systems)
+        return TwoScaleInterpolant(field, levels, self.basis, 0)
 
     def averaged(self, values: Floats) -> Floats:
         """The values (n, k) with their mean at the first of each place."""

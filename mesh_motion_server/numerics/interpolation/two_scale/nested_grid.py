@@ -10,6 +10,7 @@ C. de Boor, *A Practical Guide to Splines*, Springer 2001, ch. XII (quasi-interp
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mesh_motion_kernels as kernels
@@ -59,8 +60,9 @@ class NestedSpline:
         kernels.spline_gradients(np.ascontiguousarray(points), *self._boxes, self.coefficients, out)
 
     def count(self, points: Floats, weights: Floats) -> None:
-        """Set the coefficients to what they count for (n, k) weights of the values at (n, d) points: the transpose."""
-        kernels.spline_coefficients(np.ascontiguousarray(points), *self._boxes, weights, self.coefficients)
+        """Add to the coefficients what they count for (n, k) weights of the values at (n, d) points: the transpose."""
+        points, weights = np.ascontiguousarray(points), np.ascontiguousarray(weights)
+        kernels.add_spline_coefficients(points, *self._boxes, weights, self.coefficients)
 
     @property
     def _boxes(self) -> tuple[Floats, Floats, Integers, Integers]:
@@ -106,7 +108,7 @@ class NestedGrid:
 
     def spline(self, values: Floats) -> NestedSpline:
         """The spline of values (g, k) at :meth:`points`."""
-        packed, starts = self._packed(values.shape[1])
+        packed, starts = self._packed(np.empty, values.shape[1])
         coefficients: list[Floats] = []
         first = 0
         for box, row, size in zip(self.boxes, starts, self._sizes, strict=True):
@@ -120,13 +122,16 @@ class NestedGrid:
             coefficients.append(own)
         return packed
 
-    def spline_transposed(self, points: Floats, weights: Floats, of_coefficients: Floats | None = None) -> Floats:
-        """(g, k) what the values at :meth:`points` count for (n, k) weights of the spline's values at (n, d) points.
+    def spline_transposed(self, *weighted: tuple[Floats, Floats], of_coefficients: Floats | None = None) -> Floats:
+        """(g, k) what the values at :meth:`points` count for the spline's values at (n, d) points with (n, k) weights.
 
-        ``of_coefficients`` (r, k): weights of the spline's coefficients, in addition.
+        These are given together, as often as there are such points. ``of_coefficients`` (r, k): weights of the spline's
+        coefficients, in addition.
         """
-        packed, starts = self._packed(weights.shape[1])
-        packed.count(points, weights)
+        components = weighted[0][1].shape[1]
+        packed, starts = self._packed(np.zeros, components)
+        for points, weights in weighted:
+            packed.count(points, weights)
         if of_coefficients is not None:
             packed.coefficients[:] += of_coefficients
         own = [
@@ -136,9 +141,11 @@ class NestedGrid:
         values = []
         for box, found in zip(self.boxes[::-1], own[::-1], strict=True):  # a box before its parent
             counted = self._blend_transposed(found, box, own[box.parent]) if box.parent >= 0 else found
-            for axis in reversed(range(self.dimension)):
-                counted = _quasi_interpolated_transposed(counted, axis)
-            values.append(counted.reshape(-1, weights.shape[1]))
+            # transposed, the same differences along an axis with nothing beyond both ends
+            counted = np.pad(counted, [(2, 2)] * self.dimension + [(0, 0)])
+            for axis in range(self.dimension):
+                counted = _quasi_interpolated(counted, axis)
+            values.append(counted.reshape(-1, components))
         return np.concatenate(values[::-1])
 
     @property
@@ -146,8 +153,8 @@ class NestedGrid:
         """Coefficients of each box."""
         return [math.prod(int(n) + 3 for n in box.cells[: self.dimension]) for box in self.boxes]
 
-    def _packed(self, components: int) -> tuple[NestedSpline, Integers]:
-        """A spline whose coefficients are not set, and the first one (b,) of each box."""
+    def _packed(self, make: Callable[[tuple[int, int]], Floats], components: int) -> tuple[NestedSpline, Integers]:
+        """A spline whose coefficients NumPy makes, and the first one (b,) of each box."""
         order = self.boxes[::-1]  # finest first: a point takes the first that holds it
         start = np.cumsum([0, *self._sizes[::-1]])
         spline = NestedSpline(
@@ -155,7 +162,7 @@ class NestedGrid:
             np.array([1.0 / box.spacing for box in order]),
             np.stack([box.cells for box in order]),
             start[:-1],
-            np.empty((start[-1], components)),
+            make((int(start[-1]), components)),
             self.dimension,
         )
         return spline, start[-2::-1]
@@ -201,16 +208,6 @@ def _quasi_interpolated(values: Floats, axis: int, out: Floats | None = None) ->
     rows, stride = math.prod(before), math.prod(after)
     kernels.quasi_interpolate(np.ascontiguousarray(values).reshape(rows, -1), stride, out.reshape(rows, -1))
     return out
-
-
-def _quasi_interpolated_transposed(values: Floats, axis: int) -> Floats:
-    """The transpose: an axis gains an entry at both ends."""
-    moved = np.moveaxis(values, axis, 0)
-    out = np.zeros((len(moved) + 2, *moved.shape[1:]))
-    out[1:-1] += 8.0 / 6.0 * moved
-    out[:-2] -= moved / 6.0
-    out[2:] -= moved / 6.0
-    return np.moveaxis(out, 0, axis)
 
 
 def _subdivision(n: int, first: int, parents: int) -> Floats:

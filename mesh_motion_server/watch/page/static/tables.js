@@ -35,7 +35,10 @@ const FACES = [
   ["smallest face, of that at rest", "smallest_face", quality],
 ];
 
-/** What steps like the last one lead to. */
+/** What the headroom counts, by the way on that was asked for. */
+const MORE = { step: "more", displacement: "times the displacement further", velocity: "seconds" };
+
+/** Where it leads. */
 const ENDS = [
   ["threshold", "the threshold"],
   ["inversion", "the first inverted cell"],
@@ -46,7 +49,7 @@ export function showFaces(faces, headroom, step) {
   const { before, after } = faces ?? {};
   byId("faces-panel").hidden = !after;
   if (!after) return;
-  const ends = ENDS.filter(([key]) => headroom?.[key] !== undefined).map(([key, end]) => `${headroom[key].toPrecision(2)} more to ${end}`);
+  const ends = ENDS.filter(([key]) => headroom?.[key] !== undefined).map(([key, end]) => `${headroom[key].toPrecision(2)} ${MORE[headroom.along ?? "step"]} to ${end}`);
   byId("faces-of").textContent = [`step ${step}`, ...ends].join("; ");
   const heads = ["as uploaded", "now"];
   const row = ([name, key, told]) =>
