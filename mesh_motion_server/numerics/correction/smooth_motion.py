@@ -32,6 +32,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -163,6 +164,7 @@ class SmoothMotion:
     law: Law = field(default_factory=Law)
     constraint: BoundaryConstraint | None = None
     elsewhere: Elsewhere | None = None
+    _later: SmoothMotion | None = None
     _last: tuple[bytes, SmoothRegion] | None = None  # of the latest free nodes: the next step's are often the same
 
     @classmethod
@@ -173,6 +175,14 @@ class SmoothMotion:
         smooth = None if constraint is None else constraint.smooth()
         held = held if smooth is None else held & ~smooth.released
         return cls(reference, cells, held, Law.of(len(reference)), smooth)
+
+    def later(self, shift: float) -> SmoothMotion:
+        """The same where a cell begins to resist at a distortion that is larger by the ``shift``."""
+        if shift == 0.0:
+            return self
+        self._later = self._later or copy(self)  # with what is prepared
+        self._later.law = replace(self.law, onset=self.law.onset + shift)
+        return self._later
 
     @cached_property
     def _at_rest(self) -> CellsAtRest:

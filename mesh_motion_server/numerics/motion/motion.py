@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from mesh_motion_server.numerics.motion.acceptance import (
     refuse_unacceptable,
     way_out,
 )
-from mesh_motion_server.numerics.motion.body_paths import Way, moving_bodies, straight_way, ways
+from mesh_motion_server.numerics.motion.body_paths import Way, straight_way, ways
 from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer, held_with
 from mesh_motion_server.numerics.motion.boundary_layer_fallback import LayerAttempts, fitting_layer, given_way
 from mesh_motion_server.numerics.motion.crossing import NoMeshExists
@@ -41,6 +42,7 @@ from mesh_motion_server.numerics.motion.motion_slope import DifferentiableMesh
 from mesh_motion_server.numerics.motion.smooth_step import NOT_SMOOTH, smooth_step, unconverged
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_server.numerics.motion.sub_steps import Leg, Walk, furthest_walk
+from mesh_motion_server.numerics.motion.winding import UNWOUND, Turns
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
 from mesh_motion_server.numerics.stopwatch import Stopwatch, check_time
 
@@ -209,32 +211,47 @@ class MotionModel(DifferentiableMesh):
         return motion if asked is None else replace(motion, warnings=[*given_way(asked, left), *motion.warnings])
 
     def _smooth_or_optimised(self, step: _Step, smooth: SmoothMotion) -> Motion:
-        """The smooth motion; where it finds no mesh, that of the correction which reaches most, with a warning."""
-        try:
-            return self._smooth_attempt(step, smooth)
-        except NumericalError as refusal:
-            if not _may_be_avoided(refusal):
-                raise
+        """The smooth motion; where it finds no mesh, that of the correction which reaches most, with a warning.
+
+        A mesh that can be wound no further is unwound first.
+        """
+        turns = None if self.winding is None else self.winding.turns(step.committed, step.targets)
+        meant: list[tuple[Turns | None, tuple[str, ...]]] = [(turns, ())] if turns is None or turns.certain else []
+        if turns is not None and turns.unwound is not None:
+            meant.append((turns.unwound, (UNWOUND,)))
+        for turns, warnings in meant:
+            try:
+                motion = self._smooth_attempt(step, smooth, turns)
+            except NumericalError as refusal:
+                if not _may_be_avoided(refusal):
+                    raise
+            else:
+                return replace(motion, warnings=[*motion.warnings, *warnings])
         motion = self.with_method(correction="optimised")._accept_or_lead(step)
         return replace(motion, warnings=[*motion.warnings, NOT_SMOOTH])
 
-    def _smooth_attempt(self, step: _Step, smooth: SmoothMotion) -> Motion:
+    def _smooth_attempt(self, step: _Step, smooth: SmoothMotion, turns: Turns | None) -> Motion:
         """One step of the motion that is a smooth function of the boundary; layers move with their walls always."""
         watch = Stopwatch()
         check_time()
-        predicted = self._interpolate(step, self.carrying_layers, watch)
+        predicted = self._interpolate(step, self.carrying_layers, watch, turns)
         plain, moving = predicted.trial.points, step.committed[self.roles.moving]
 
-        def plain_at(targets: Floats) -> Floats:
-            return predicted.motion.trial(step.committed, targets, predicted.factors, Stopwatch()).points
+        def plain_at(targets: Floats, fraction: float) -> Floats:
+            return self._plain(predicted.motion, replace(step, targets=targets), turns, fraction).points
 
-        self._latest.at(step.targets, lambda: plain)
+        def before() -> Floats:
+            return plain_at(moving, 0.0) if turns else self._latest.at(moving, lambda: plain_at(moving, 0.0))
+
+        if turns is None:
+            self._latest.at(step.targets, lambda: plain)
         with watch.phase("correct"), one_blas_thread():
-            ways = (lambda t, path=path: plain_at(path.at(t)) for path in self._ways(moving, step.targets))
+            ways = (lambda t, path=path: plain_at(path.at(t), t) for path in self._ways(moving, step.targets))
             lead = ways if self.method.sub_steps != "never" else ()
-            followed = smooth_step(
-                smooth, step.committed, lambda: self._latest.at(moving, lambda: plain_at(moving)), plain, lead
-            )
+            carried = None
+            if turns is not None and self.winding is not None:
+                carried, smooth = partial(self.winding.carried, turns), smooth.later(self.winding.sheared(turns))
+            followed = smooth_step(smooth, step.committed, before, plain, lead, carried)
         found, correction = followed.found, followed.correction()
         quality = self._judge(predicted, correction, watch)
         if not found.converged and quality.metric.min < self.method.quality_threshold:
@@ -244,11 +261,13 @@ class MotionModel(DifferentiableMesh):
 
     # --- its parts ---------------------------------------------------------------------------------------------------
 
-    def _interpolate(self, step: _Step, motion: StandardMotion, watch: Stopwatch) -> _Predicted:
+    def _interpolate(
+        self, step: _Step, motion: StandardMotion, watch: Stopwatch, turns: Turns | None = None
+    ) -> _Predicted:
         """Interpolate and judge."""
         if len(self.coincident) and not self.method.allow_invalid:
             self.boundary.refuse_passing(step.committed, step.targets)
-        predicted = self._predict(motion, step, watch)
+        predicted = self._predict(motion, step, watch, turns)
         if self._overshoots(step, predicted.trial):
             absolute = replace(motion, method=replace(motion.method, displacement="absolute"))
             predicted = max(predicted, self._predict(absolute, step, watch), key=lambda found: found.quality.metric.min)
@@ -265,11 +284,22 @@ class MotionModel(DifferentiableMesh):
             self.boundary.refuse(predicted.trial.points, step.targets, refusal)
         return predicted
 
-    def _predict(self, motion: StandardMotion, step: _Step, watch: Stopwatch) -> _Predicted:
+    def _predict(self, motion: StandardMotion, step: _Step, watch: Stopwatch, turns: Turns | None = None) -> _Predicted:
         factors = Recorded(step.factors)
-        trial = motion.trial(step.committed, step.targets, factors, watch)
+        trial = self._plain(motion, replace(step, factors=factors), turns, 1.0, watch)
         with watch.phase("predict"):
             return _Predicted(motion, trial, self.summary(trial.points), factors)
+
+    def _plain(
+        self, motion: StandardMotion, step: _Step, turns: Turns | None, fraction: float, watch: Stopwatch | None = None
+    ) -> StandardTrial:
+        """The plain motion a fraction of the way of the bodies' turns; interpolation alone if they do not wind."""
+        watch = watch or Stopwatch()
+        if turns is None or self.winding is None:
+            return motion.trial(step.committed, step.targets, step.factors, watch)
+        unwound, wind = self.winding.winds(step.targets, turns, fraction)
+        trial = motion.trial(step.committed, unwound, step.factors, watch)
+        return replace(trial, points=wind(trial.points))
 
     def _overshoots(self, step: _Step, trial: StandardTrial) -> bool:
         """Whether interpolation from the committed mesh moves some node much further than any of the boundary."""
@@ -388,7 +418,7 @@ class MotionModel(DifferentiableMesh):
         """Ways for the moving nodes (k, d); periodic nodes must move alike, so their displacement is only scaled."""
         if self.standard_motion.periodic is not None:
             return iter([straight_way(origin, targets)])
-        return ways(origin, targets, moving_bodies(self.cells, self.roles.moving))
+        return ways(origin, targets, self.bodies)
 
     def _other_unit(self, targets: Floats) -> str:
         """The question whether the targets (k, d) are in the unit of the mesh, where that is in doubt."""

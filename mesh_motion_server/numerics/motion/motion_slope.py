@@ -85,6 +85,12 @@ class DifferentiableMesh(PreparedMesh):
         if refusal is not None:
             raise refusal
         targets, layered = points[self.roles.moving], self.carrying_layers
+        if self.winding is not None and self.winding.turns(points, targets) is not None:
+            raise NumericalError(
+                "a body has turned by more than a quarter turn: the motion that winds the mesh is not differentiated",
+                code="FAILED_PRECONDITION",
+                hint="ask at a smaller turn",
+            )
 
         def plain_of(motion: StandardMotion) -> Floats:
             return motion.trial(self.points, targets, factors, Stopwatch()).points

@@ -16,11 +16,13 @@ from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.plane_rims import PlaneRims
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.body_paths import Body, moving_bodies
 from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer, held_with
 from mesh_motion_server.numerics.motion.crossing import PossibleCrossing
 from mesh_motion_server.numerics.motion.layered_walls import LayeredWalls
 from mesh_motion_server.numerics.motion.method_check import check_method
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
+from mesh_motion_server.numerics.motion.winding import Winding, winding_body
 from mesh_motion_server.numerics.quality.headroom import Headroom, headroom
 from mesh_motion_server.numerics.quality.mesh_check import checked_mesh
 from mesh_motion_server.numerics.quality.mesh_summary import lowest_of, lowest_quality, mesh_summary, summarize
@@ -163,6 +165,29 @@ class PreparedMesh:
         if self.layered is None or self.standard_motion.layer is not None:
             return self.standard_motion
         return self.motion_with(self.layered.layer)
+
+    @cached_property
+    def bodies(self) -> tuple[Body, ...]:
+        """The bodies of the moving boundary."""
+        return moving_bodies(self.cells, self.roles.moving)
+
+    @cached_property
+    def winding(self) -> Winding | None:
+        """The bodies that may wind the mesh of a smooth motion; None without such bodies."""
+        smooth, layer = self.smooth, self.carrying_layers.layer
+        if smooth is None or not len(self.roles.fixed):
+            return None
+        simplices = smooth.corners.nodes
+        found = (
+            winding_body(self.points, simplices, self.roles.moving[body.rows], body.rows, self.roles.fixed)
+            for body in self.bodies
+            if not len(body.seam) and not np.isin(self.roles.moving[body.rows], self.roles.periodic).any()
+        )
+        bodies = tuple(body for body in found if body is not None)
+        if not bodies:
+            return None
+        held = held_with(self.held, layer)
+        return Winding(self.points, self.roles.moving, held, simplices, layer, lambda: smooth.averages, bodies)
 
     def motion_with(self, layer: BoundaryLayer | None) -> StandardMotion:
         """The standard motion with this boundary layer."""

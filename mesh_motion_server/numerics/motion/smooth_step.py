@@ -93,6 +93,7 @@ def smooth_step(
     plain_before: Callable[[], Floats],
     plain: Floats,
     ways: Iterable[PlainWay],
+    carried: Carried | None = None,
 ) -> Followed:
     """The corrected mesh for the ``plain`` motion (n, d).
 
@@ -103,18 +104,21 @@ def smooth_step(
         Makes the plain motion (n, d) to the committed mesh's boundary, if it is needed.
     ways : iterable of callable
         Fraction → the plain motion (n, d), from there to ``plain``; tried in turn where one step fails.
+    carried : callable, optional
+        Carries a mesh along a part of the way; by default with the plain motion.
 
     Raises
     ------
     NumericalError
         If no way leads to a valid mesh: says how far the mesh stayed valid.
     """
-    at_once = correction.correct(plain, lambda: _carried(committed, plain_before(), plain))
+    carried = carried or _with_plain
+    at_once = correction.correct(plain, lambda: carried(committed, plain_before(), plain, 0.0, 1.0))
     if at_once.converged:
         return Followed(at_once, 1.0, 1, at_once.iterations)
     furthest, left, before = 0.0, _MOST_ITERATIONS, plain_before()
     for way in ways:
-        followed = follow(correction, committed, before, way, left)
+        followed = follow(correction, committed, before, way, left, carried)
         if followed.fraction == 1.0:
             return followed
         furthest, left = max(furthest, followed.fraction), left - followed.iterations
@@ -124,9 +128,13 @@ def smooth_step(
 
 
 PlainWay = Callable[[float], Floats]
+Carried = Callable[[Floats, Floats, Floats, float, float], Floats]
+"""A mesh, the plain motion there, the one to reach, and both fractions of the way → a mesh near the result (n, d)."""
 
 
-def follow(correction: SmoothMotion, committed: Floats, plain_before: Floats, way: PlainWay, most: int) -> Followed:
+def follow(
+    correction: SmoothMotion, committed: Floats, plain_before: Floats, way: PlainWay, most: int, carried: Carried
+) -> Followed:
     """Lead the committed mesh along a way, in hardly more than ``most`` iterations.
 
     A part is halved where the iterations cannot begin or do not end soon.
@@ -136,7 +144,7 @@ def follow(correction: SmoothMotion, committed: Floats, plain_before: Floats, wa
     while fraction < 1.0 and length >= _SHORTEST and iterations < most:
         length = min(length, 1.0 - fraction)  # sums of powers of two: exact
         plain = way(fraction + length)
-        leg = correction.correct(plain, partial(_carried, points, before, plain))
+        leg = correction.correct(plain, partial(carried, points, before, plain, fraction, fraction + length))
         iterations += leg.iterations
         if leg.converged:
             found, fraction, points, before, legs = leg, fraction + length, leg.points, plain, legs + 1
@@ -146,7 +154,7 @@ def follow(correction: SmoothMotion, committed: Floats, plain_before: Floats, wa
     return Followed(found, fraction, legs, iterations)
 
 
-def _carried(points: Floats, before: Floats, plain: Floats) -> Floats:
+def _with_plain(points: Floats, before: Floats, plain: Floats, _begin: float, _end: float) -> Floats:
     return points + (plain - before)
 
 

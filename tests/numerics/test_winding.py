@@ -1,0 +1,130 @@
+"""Bodies that turn by more than half a turn: 200 degrees is not −160, in any number of steps and after a restart."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from box_meshes import box_mesh
+from correction_cases import BodyMesh, stored
+
+from mesh_motion_server.errors import NumericalError
+from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_server.numerics.method import Method
+from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_server.numerics.motion.motion_found import Motion
+from mesh_motion_server.numerics.motion.winding import UNWOUND, wound
+from mesh_motion_server.session.factors import FactorCache
+
+TOLERANCE = 1e-9
+RINGS, AROUND, RATIO = 24, 48, 10.0
+
+
+@cache
+def model(kind: str) -> MotionModel:
+    mesh = {"triangle": lambda: stored("thesis_block"), "ring": ring}.get(kind, lambda: box_mesh(kind))()
+    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+    return MotionModel.build(mesh.points, mesh.cells, patches, Method())
+
+
+def ring() -> BodyMesh:
+    """A circle in a circle, whose radii grow by the same factor from ring to ring."""
+    radius, angle = np.meshgrid(RATIO ** (np.arange(RINGS + 1) / RINGS), np.arange(AROUND), indexing="ij")
+    angle = 2.0 * np.pi * angle / AROUND
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1).reshape(-1, 2)
+    first = np.arange(RINGS * AROUND)
+    after = first - first % AROUND + (first + 1) % AROUND
+    halves = [[first, after + AROUND, after], [first, first + AROUND, after + AROUND]]
+    cells = CellTable.from_arrays({"triangle": np.concatenate([np.stack(half, axis=1) for half in halves])})
+    return BodyMesh(points, cells, np.arange(RINGS * AROUND, len(points)), np.arange(AROUND))
+
+
+def turned(model: MotionModel, degrees: float) -> np.ndarray:
+    """The body's nodes after a turn about its centre and z."""
+    rest, angle = model.points[model.roles.moving], np.radians(degrees)
+    turn = np.eye(rest.shape[1])
+    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    return rest if degrees == 0.0 else (rest - rest.mean(axis=0)) @ turn.T + rest.mean(axis=0)
+
+
+def gone(model: MotionModel, angles: list[float], start: np.ndarray | None = None) -> Motion:
+    """The motion of the last of the steps."""
+    points, factors = model.points if start is None else start, FactorCache(1 << 26)
+    for degrees in angles:
+        motion = model.move(points, turned(model, degrees), factors)
+        points = motion.points
+    return motion
+
+
+@pytest.mark.parametrize(
+    ("kind", "top", "sizes"), [("ring", 360.0, (15.0, 40.0, 90.0)), ("triangle", 240.0, (20.0, 80.0))]
+)
+def test_a_body_winds_in_any_number_of_steps_and_returns(kind: str, top: float, sizes: tuple[float, ...]) -> None:
+    mesh = model(kind)
+    steps = [list(np.linspace(0.0, top, round(top / size) + 1)[1:]) for size in sizes]
+    wound = [gone(mesh, angles) for angles in steps]
+    for motion in wound:
+        np.testing.assert_allclose(motion.points, wound[0].points, atol=TOLERANCE)
+        assert motion.corrected.metric.min > 0.0
+        assert UNWOUND not in motion.warnings
+    assert np.abs(wound[-1].points - gone(mesh, [top % 360.0 - 360.0]).points).max() > 0.1  # the same boundary
+    back = gone(mesh, [*steps[-1][-2::-1], 0.0], wound[-1].points)
+    np.testing.assert_array_equal(back.points, mesh.points)
+
+
+def test_200_degrees_are_not_minus_160() -> None:
+    block = model("triangle")
+    on, back = gone(block, [100.0, 200.0]), gone(block, [-80.0, -160.0])
+    np.testing.assert_allclose(turned(block, 200.0), turned(block, -160.0), atol=1e-15)
+    assert np.abs(on.points - back.points).max() > 0.1
+    assert on.corrected.metric.min > 0.0
+    assert back.corrected.metric.min > 0.0
+    np.testing.assert_allclose(gone(block, [200.0]).points, back.points, atol=1e-6)  # one step: the smallest turn
+
+
+def test_a_new_model_goes_on_from_the_turn_of_the_committed_mesh() -> None:
+    block = model("triangle")
+    committed = gone(block, [120.0, 220.0])
+    resumed = MotionModel.build(
+        block.points,
+        block.cells,
+        {"body": Patch("moving", block.roles.moving), "outer": Patch("fixed", block.roles.fixed)},
+        Method(),
+    )
+    on, again = (one.move(committed.points, turned(one, 260.0)) for one in (block, resumed))
+    np.testing.assert_array_equal(on.points, again.points)
+
+
+@pytest.mark.nightly
+def test_a_body_in_space_winds() -> None:
+    box = model("tetra")
+    on, other = gone(box, [66.0, 133.0, 200.0]), gone(box, [100.0, 200.0])
+    assert on.corrected.metric.min > 0.0
+    np.testing.assert_allclose(on.points, other.points, atol=TOLERANCE)
+    assert np.abs(on.points - gone(box, [-80.0, -160.0]).points).max() > 0.1
+
+
+def test_a_mesh_that_can_be_wound_no_further_says_so_and_goes_on() -> None:
+    coarse = model("quad")
+    points, said = coarse.points, []
+    for degrees in range(40, 1100, 40):
+        motion = coarse.move(points, turned(coarse, degrees))
+        points = motion.points
+        assert motion.corrected.inverted == 0
+        said += [warning for warning in motion.warnings if warning == UNWOUND]
+    assert said
+
+
+def test_up_to_a_quarter_turn_nothing_is_wound_and_then_smoothly() -> None:
+    angles = np.linspace(0.0, 3.0 * np.pi, 6001)
+    found = np.array([wound(angle) for angle in angles])
+    assert not found[angles <= np.pi / 2].any()
+    np.testing.assert_allclose(found[angles >= 1.5 * np.pi], angles[angles >= 1.5 * np.pi])
+    np.testing.assert_array_equal(found, [-wound(-angle) for angle in angles])
+    assert np.abs(np.diff(found, 2)).max() < 4.0 * (angles[1] - angles[0]) ** 2
+
+
+def test_the_derivative_of_a_wound_mesh_is_refused() -> None:
+    block = model("triangle")
+    with pytest.raises(NumericalError, match="winds the mesh is not differentiated"):
+        block.slope(gone(block, [120.0]).points, FactorCache(1 << 26))
