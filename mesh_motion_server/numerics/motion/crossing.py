@@ -161,8 +161,8 @@ class PossibleCrossing:
 def refuse_region(
     cells: CellTable, moving: Integers, held: Integers, reference: Floats, positions: Floats, refusal: NumericalError
 ) -> None:
-    """As :meth:`PossibleCrossing.refuse`, in a part of a mesh: for facets that go through each other, and for nodes that
-    leave their side of a part of the boundary that is there as a whole.
+    """As :meth:`PossibleCrossing.refuse`, in a part of a mesh: for facets that go through each other, and for nodes
+    that leave their side of a part of the boundary that is there as a whole.
 
     Parameters
     ----------
