@@ -65,6 +65,7 @@ def test_a_built_session_without_its_manifest_is_lost_data_and_stays(
         with pytest.raises(JournalError) as caught:
             load(store)
         assert caught.value.code == "DATA_LOSS.CHECKSUM"
+        assert "manifest: No such file" in str(caught.value)  # the first of those that are lost by now
         assert [found.state for found in store.sessions()] == [State.FAILED]
         assert inspect_session(folder).state == "damaged"
 

@@ -125,7 +125,8 @@ def write_file(files: FileSystem, path: Path, data: bytes) -> None:
 def unreadable(what: str, error: OSError) -> JournalError:
     """Make the error of a failed read: nothing is known to be lost, unless the file itself is missing."""
     if isinstance(error, FileNotFoundError):
-        return JournalError(f"{what} cannot be read: {error.strerror or error}")
+        missing = f"{os.path.basename(os.fsdecode(error.filename))}: " if error.filename else ""
+        return JournalError(f"{what} cannot be read: {missing}{error.strerror or error}")
     return disk_failure(
         f"{what} cannot be read", error, hint="see to the disk that holds the state folder, then try again"
     )
