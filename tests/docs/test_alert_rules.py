@@ -18,7 +18,7 @@ PAGE = (DOCS / "operations.md").read_text(encoding="utf-8")
 BOARD = (DOCS / "grafana.json").read_text(encoding="utf-8")
 #: What Prometheus adds to each series of the page's scrape.
 SCRAPED = {"job": "mesh-motion", "instance": "host:9464"}
-#: What an alert says beside its labels.
+#: The text of an alert, in addition to its labels.
 ANNOTATED = {"MeshEndsSoon": {"exp_annotations": {"summary": "a mesh ends within 14 steps like its last one"}}}
 #: Scrapes a minute.
 PER_MINUTE = 4
