@@ -85,7 +85,7 @@ def test_wrong_cells_are_found(seed: Seed, tmp_path: Path) -> None:
         assert "PERMISSION_DENIED, got CLOSED" in found(made, Cell(("monitor",), "CLOSE", "data", False))
         assert "expected LISTED, got PERMISSION_DENIED" in found(made, Cell(("admin",), "LIST", "control", True))
         row.judge(cell := Cell(("owner",), "COMMIT", "data", True), row.outcome(made, cell))
-        assert "tells places" in found(made, Cell(("monitor",), "STATUS", "data", True))
+        assert "shows places" in found(made, Cell(("monitor",), "STATUS", "data", True))
 
 
 @pytest.mark.nightly
