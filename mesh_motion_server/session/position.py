@@ -160,7 +160,7 @@ class Position:
                 f"time: expected more than {last!r}, that of step {self.step}, got {time!r}",
                 code="INVALID_ARGUMENT.VALUE",
                 hint="give the time at the end of the step, seconds; OPEN has that of the reference mesh",
-                details={"field": "time", "value": time, "expected": last},
+                details={"field": "time", "value": float(time), "expected": last},
             )
 
     def require_time_of_commit(self, time: float | None) -> None:
@@ -172,12 +172,12 @@ class Position:
         """
         self.require_later(time)
         of_move = self._open_trial.time
-        if None not in (time, of_move) and time != of_move:
+        if time is not None and of_move is not None and time != of_move:
             raise InvalidInput(
                 f"time: expected {of_move!r}, that of the step's last MOVE, got {time!r}",
                 code="INVALID_ARGUMENT.VALUE",
                 hint="leave it out, or send the MOVE again with another time",
-                details={"field": "time", "value": time, "expected": of_move},
+                details={"field": "time", "value": float(time), "expected": float(of_move)},
             )
         if self.spec.time_levels and time is None and of_move is None:
             raise InvalidInput(
