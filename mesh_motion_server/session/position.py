@@ -160,7 +160,7 @@ class Position:
                 f"time: expected more than {last!r}, that of step {self.step}, got {time!r}",
                 code="INVALID_ARGUMENT.VALUE",
                 hint="give the time at the end of the step, seconds; OPEN has that of the reference mesh",
-                details={"field": "time", "value": float(time), "expected": last},
+                details={"field": "time", "value": float(time), "expected": float(last)},
             )
 
     def require_time_of_commit(self, time: float | None) -> None:
