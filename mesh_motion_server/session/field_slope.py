@@ -23,6 +23,7 @@ from mesh_motion_server.session.partitions.regions import Rows
 if TYPE_CHECKING:  # no other session needs it, and it loads much
     from mesh_motion_server.numerics.correction.smooth_slope import SmoothSlope
     from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
+    from mesh_motion_server.numerics.interpolation.interpolation_map import FieldMap
     from mesh_motion_server.numerics.motion.boundary_motion import BoundaryMotion
     from mesh_motion_server.session.corrections import CorrectedRegion
     from mesh_motion_server.session.partitions.regions import MergedRegion
@@ -94,7 +95,7 @@ class FieldSlope:
         """For one vector (k, d) of the moving nodes."""
         roles, rows = self.model.motion.roles, np.zeros_like(self.mesh.points)
         rows[roles.moving] = velocity
-        interpolant = self.model.field_map(self.factors).interpolant(rows[roles.all])
+        interpolant = self._map.interpolant(rows[roles.all])
         free = np.setdiff1d(np.arange(len(rows)), roles.all)
         rows[free] = evaluation.displacement(interpolant, self.mesh.points[free])
         coefficients = Field.of(interpolant).coefficients
@@ -127,9 +128,13 @@ class FieldSlope:
         places.append(self.mesh.points[free])
         counted.append(rows[free])
         total = given.coefficients + self.field.counted(np.concatenate(places), np.concatenate(counted))
-        found = self.model.field_map(self.factors).transpose(*self.field.split(total))
+        found = self._map.transpose(*self.field.split(total))
         rows[roles.all] += found
         return rows[roles.moving]
+
+    @cached_property
+    def _map(self) -> FieldMap:
+        return self.model.field_map(self.factors)
 
     # --- the corrected region ----------------------------------------------------------------------------------------
 

@@ -23,7 +23,7 @@ from mesh_motion_server.numerics.interpolation.factor_source import (
     MakeEachTime,
     Recorded,
 )
-from mesh_motion_server.numerics.interpolation.field_map import FieldMap
+from mesh_motion_server.numerics.interpolation.interpolation_map import FieldMap
 from mesh_motion_server.numerics.interpolation.support_radius import suggest_support_radius
 from mesh_motion_server.numerics.interpolation.two_scale.plans import TwoScalePlans
 from mesh_motion_server.numerics.mesh.cells import CellTable
@@ -124,7 +124,7 @@ class BoundaryMotion:
 
     def field_map(self, factors: FactorSource) -> FieldMap:
         """The field as a function of the displacements of the nodes with a role."""
-        return FieldMap(self.motion.factorized(self.motion.roles.all, factors))
+        return FieldMap(self.motion.factorized(self.motion.roles.all, factors), factors)
 
     def move(
         self,

@@ -29,7 +29,7 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array, csr_array, eye_array
 from scipy.sparse.csgraph import breadth_first_order
 from scipy.sparse.linalg import bicgstab
 from scipy.spatial import cKDTree
@@ -234,7 +234,7 @@ class Winding:
             body_of[self.layer.nodes] = body_of[self.layer.wall.nodes[foot]]
         means, free = self.averages(), np.flatnonzero(~self.held)
         inner = csr_array(means[free][:, free])
-        system = csr_array((np.ones(len(free)), (np.arange(len(free)), np.arange(len(free))))) - inner
+        system = eye_array(len(free), format="csr") - inner
         for number, share in enumerate(shares):
             share[body_of == number] = 1.0
             with one_blas_thread():
