@@ -35,8 +35,6 @@ __all__ = ["CHECK", "TASKS", "Rig", "let_fail", "passages", "rig"]
 _MOST_COMMITS = 400
 #: How often a task is done until the planned passage comes: what runs in the background comes at its own time.
 _TRIES = 4
-#: A new server is started after so many faults: this one would give up a gateway that was killed so often.
-_FAULTS_OF_A_SERVER = 100
 #: Points in the process that is the server: after a kill there the check has to start it again.
 _SUPERVISOR = ("supervisor.", "store.list", "store.sweep")
 
@@ -238,9 +236,6 @@ def run(seed: int, budget: Budget) -> Result:
             hits = [random.randint(1, found[task][point]) for task in where[point]]
             _try_point(made, dict(zip(where[point], hits, strict=True)), point, fault)
             faults[fault.partition(":")[0]] += 1
-            if faults.total() % _FAULTS_OF_A_SERVER == 0:
-                made.user.begin()
-                made.restart()
         refusals = made.user.refusals + made.bystander.refusals
         details = {"points": len(POINTS), "faults": dict(faults), "refusals": dict(refusals),
                    "server_starts": made.server.starts, "steps": made.user.step + made.bystander.step}  # fmt: skip
