@@ -20,12 +20,12 @@ RUN apt-get update && apt-get install -y --no-install-recommends g++ python3-dev
 COPY requirements requirements
 RUN pip install --no-cache-dir --require-hashes -r requirements/build.lock
 COPY pyproject.toml README.md LICENSE ./
-COPY kernels kernels
+COPY numerics numerics
 COPY docs/man docs/man
 COPY mesh_motion_server mesh_motion_server
 COPY protocol protocol
 COPY adapters adapters
-RUN pip wheel --no-cache-dir --no-deps --no-build-isolation --wheel-dir /wheels ./adapters/python .
+RUN pip wheel --no-cache-dir --no-deps --no-build-isolation --wheel-dir /wheels ./adapters/python ./numerics .
 
 FROM python AS client
 COPY requirements/client.lock ./

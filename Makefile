@@ -56,10 +56,10 @@ LOCKED_PACKAGES = $(if $(LOCKED),$(BIN)/pip install --quiet --disable-pip-versio
 
 # What runs the server and draws. The kernels are built for this machine; MESH_MOTION_LEVELS=all builds every instruction set.
 CLIENT := adapters/python
-KERNELS := $(shell find kernels -type f -not -name '*.pyc')
-$(VENV)/.runtime: $(BIN)/python pyproject.toml $(CLIENT)/pyproject.toml $(KERNELS)
+KERNELS := $(shell find numerics/kernels -type f -not -name '*.pyc')
+$(VENV)/.runtime: $(BIN)/python pyproject.toml $(CLIENT)/pyproject.toml numerics/pyproject.toml $(KERNELS)
 	$(LOCKED_PACKAGES)
-	$(BIN)/pip install --quiet --disable-pip-version-check -e $(CLIENT) -e '.[server,plot]'
+	$(BIN)/pip install --quiet --disable-pip-version-check -e $(CLIENT) -e numerics -e '.[server,plot]'
 	@touch $@
 
 $(VENV)/.development: $(VENV)/.runtime
@@ -95,7 +95,7 @@ lock: $(BIN)/python
 	for name in build client server dev; do \
 	  case $$name in build) from=requirements/build.in;; client) from=$(CLIENT)/pyproject.toml;; dev) from="--extra dev --extra docs pyproject.toml";; *) from="--extra $$name pyproject.toml";; esac; \
 	  $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-	    --no-emit-package mesh-motion-server --no-emit-package mesh-motion-client --custom-compile-command "make lock" $$from -o requirements/$$name.lock || exit 1; \
+	    --no-emit-package mesh-motion-server --no-emit-package mesh-motion-client --no-emit-package mesh-motion-numerics --custom-compile-command "make lock" $$from -o requirements/$$name.lock || exit 1; \
 	done
 
 wheel: $(VENV)/.development
@@ -136,9 +136,9 @@ mutants: $(VENV)/.development
 # The sanitizer's library must be loaded before Python; Python's own arenas and leaks at its end are not our matter. Without
 # -S the editable install would find its own kernels first, whatever PYTHONPATH says. OpenBLAS is not instrumented: none of its threads.
 # No second runs here nor in the proofs: a race, or a broken promise, that shows itself once is a fault.
-SANITIZED = cmake -S kernels -B out/sanitize/$(1) -DMESH_MOTION_LEVELS=v3 -DMESH_MOTION_SANITIZE=$(2) \
+SANITIZED = cmake -S numerics/kernels -B out/sanitize/$(1) -DMESH_MOTION_LEVELS=v3 -DMESH_MOTION_SANITIZE=$(2) \
     -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python --log-level=WARNING && cmake --build out/sanitize/$(1) -j $(JOBS) \
-  && LD_PRELOAD="$$($(CXX) -print-file-name=$(3)) $$($(CXX) -print-file-name=libstdc++.so)" PYTHONPATH=$(CURDIR)/out/sanitize/$(1):$(CURDIR):$(CURDIR)/$(CLIENT):$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
+  && LD_PRELOAD="$$($(CXX) -print-file-name=$(3)) $$($(CXX) -print-file-name=libstdc++.so)" PYTHONPATH=$(CURDIR)/out/sanitize/$(1):$(CURDIR):$(CURDIR)/$(CLIENT):$(CURDIR)/numerics:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
     ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=halt_on_error=1 TSAN_OPTIONS=halt_on_error=1:die_after_fork=0 MESH_MOTION_THREADS=3 OPENBLAS_NUM_THREADS=1 \
     $(BIN)/python -S -m pytest -q -m "not nightly" --timeout 3000 -o faulthandler_timeout=3600 -p no:cacheprovider $(SANITIZED_TESTS)
 SANITIZED_TESTS ?= tests/kernels tests/numerics

@@ -13,7 +13,9 @@ from typing import Any, Protocol
 
 import numpy as np
 from mesh_motion_client import Keys, Mesh, MeshMotionWarning, Patch, connect
-from mesh_motion_client import MeshMotionError as ClientError
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.roles import nodes_with
+from mesh_motion_protocol.errors import InvalidInput, MeshMotionError
 
 from mesh_motion_server import __version__
 from mesh_motion_server.cases.comparison import Comparison, Replayed, write_comparison
@@ -21,10 +23,7 @@ from mesh_motion_server.cases.outputs import SERIES, run_folder, write_points
 from mesh_motion_server.cases.recorded import Recorded, difference_velocity, read_recorded
 from mesh_motion_server.cases.records import StepRecord
 from mesh_motion_server.cases.results import Results
-from mesh_motion_server.errors import InvalidInput, MeshMotionError
 from mesh_motion_server.files import VtuSeries
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.roles import nodes_with
 from mesh_motion_server.session.history.boundary import BoundaryStep
 from mesh_motion_server.settings import MethodSettings
 from mesh_motion_server.watch.observation.series import Series, of_metric
@@ -74,7 +73,7 @@ def replay(
     ------
     InvalidInput
         If there is nothing to replay, or a setting is wrong.
-    JournalError
+    DataLoss
         If the folder is not a session folder, or does not verify.
     MeshMotionError
         If no server is available.
@@ -142,7 +141,7 @@ def replay_steps(
         try:
             time = boundary.time if levels else None
             moved = session.move(boundary.rows, frame=boundary.frame, report="faces", time=time, velocity=levels)
-        except (MeshMotionError, ClientError) as error:
+        except MeshMotionError as error:
             if not error.code.startswith("FAILED_PRECONDITION"):
                 raise
             refusal = f"step {step} refused: {error.code}: {error.message}"
@@ -186,7 +185,7 @@ def _session(
         try:
             yield session
         finally:
-            with suppress(ClientError):  # the results do not depend on it
+            with suppress(MeshMotionError):  # the results do not depend on it
                 session.close("discard")
 
 

@@ -6,7 +6,7 @@ import pytest
 from page_links import dead_links
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS = (".github", "adapters", "benchmarks", "changes", "docs", "examples", "kernels", "protocol")
+FOLDERS = (".github", "adapters", "benchmarks", "changes", "docs", "examples", "numerics", "protocol")
 PAGES = [*ROOT.glob("*.md"), *(page for folder in FOLDERS for page in (ROOT / folder).rglob("*.md"))]
 
 

@@ -29,8 +29,8 @@ def checkout(tmp_path: Path) -> Path:
         (tmp_path / name).chmod(0o755)
     (tmp_path / ".ci").mkdir()
     (tmp_path / ".ci" / "run").write_bytes((ROOT / ".ci" / "run").read_bytes())
-    (tmp_path / "kernels").mkdir()
-    (tmp_path / "kernels" / "loop.hpp").write_text("")
+    (tmp_path / "numerics" / "kernels").mkdir(parents=True)
+    (tmp_path / "numerics" / "kernels" / "loop.hpp").write_text("")
     git(tmp_path, "init", "-q", "-b", "main")
     git(tmp_path, "add", "-A")
     git(tmp_path, "commit", "-qm", "Start")
@@ -66,7 +66,7 @@ def test_long_parts_are_left_out_where_their_files_are_those_of_main(checkout: P
 
 @pytest.mark.parametrize("environment", [{}, {"CI_BASE": "main"}])
 def test_a_change_of_the_kernels_runs_all_parts(checkout: Path, environment: dict[str, str]) -> None:
-    change(checkout, "kernels/loop.hpp")
+    change(checkout, "numerics/kernels/loop.hpp")
     assert parts_run(checkout, **environment) == [*PARTS, "end"]
 
 

@@ -14,7 +14,7 @@ Each worker reads the file of its partition, moves its nodes and judges its cell
             session.write("out/step_0001")
 
 ``mesh-motion convert mesh.msh parts --partitions 4`` writes the files. Each worker needs
-``pip install 'mesh-motion-server[server,dask]'``, and sees files and server by the same names; for a server that asks
+``pip install 'mesh-motion-client[dask]'``, and sees files and server by the same names; for a server that asks
 for keys, their files are named in its environment (:mod:`.keys`).
 
 **A worker that dies** takes nothing with it. Another worker reads its partition and joins the session; all ranks drop
@@ -33,11 +33,11 @@ from types import TracebackType
 from typing import Any, Literal, Self
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput, MeshMotionError, SessionError, StepsLost, Unavailable
 from numpy.typing import ArrayLike, NDArray
 
 from mesh_motion_client.credentials import Credentials
 from mesh_motion_client.dask_worker import Answer, Motion, perform
-from mesh_motion_client.errors import InvalidInput, MeshMotionError, SessionError, StepsLost, Unavailable
 from mesh_motion_client.mesh import finite_rows
 
 __all__ = ["DaskSession", "open_on_workers"]
@@ -319,7 +319,7 @@ class DaskSession:
         except Exception as error:  # what was sent cannot be read there, which Dask reports in several ways
             raise InvalidInput(
                 f"worker {worker} cannot be asked: {error}",
-                hint="pip install 'mesh-motion-server[server,dask]' for the workers, in the version that is here; a "
+                hint="pip install 'mesh-motion-client[dask]' for the workers, in the version that is here; a "
                 "motion may use what can be pickled, and modules that the workers have",
             ) from error
         if ended == "lost":

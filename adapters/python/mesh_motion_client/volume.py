@@ -1,7 +1,7 @@
 """The volume of a mesh where the client evaluates the field: the server has the boundary only.
 
-It moves nodes and judges cells with the numerics of the server's package. They are imported when the first such session
-is opened (``pip install 'mesh-motion-server[server]'``); no other part of the client needs them.
+It moves nodes and judges cells with the server's numerics. They are imported when the first such session is opened
+(``pip install 'mesh-motion-client[ranks]'``); no other part of the client needs them.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.messages import Corrected, Fetched, Moved, TangentFound, Upload
 from numpy.typing import NDArray
 
-from mesh_motion_client.errors import InvalidInput
 from mesh_motion_client.mesh import Mesh, Patch
 
 __all__ = ["Volume"]
@@ -38,22 +38,18 @@ class Volume:
     def __init__(self, mesh: Mesh) -> None:
         try:
             # an extra
-            from mesh_motion_server.distributed.field import Field  # noqa: PLC0415
-            from mesh_motion_server.distributed.rank import Rank  # noqa: PLC0415
-            from mesh_motion_server.distributed.region import Extent  # noqa: PLC0415
-            from mesh_motion_server.errors import InvalidInput as Unusable  # noqa: PLC0415
+            from mesh_motion_numerics.distributed.field import Field  # noqa: PLC0415
+            from mesh_motion_numerics.distributed.rank import Rank  # noqa: PLC0415
+            from mesh_motion_numerics.distributed.region import Extent  # noqa: PLC0415
         except ImportError as error:
             raise InvalidInput(
                 f"evaluation = 'client' needs the numerics, which cannot be imported: {error}",
-                hint="pip install 'mesh-motion-server[server]'",
+                hint="pip install 'mesh-motion-client[ranks]'",
             ) from error
         self._mesh, self._field, self._extent = mesh, Field, Extent
         self._known: tuple[list[dict[str, Any]], Floats, Floats, Floats] | None = None
         on_patches = [np.empty(0, dtype=np.int64), *(patch.nodes for patch in mesh.patches.values())]
-        try:
-            self._rank = Rank(mesh.points, mesh.cells, np.concatenate(on_patches))
-        except Unusable as error:
-            raise InvalidInput(error.message, code=error.code, hint=error.hint, details=error.details) from error
+        self._rank = Rank(mesh.points, mesh.cells, np.concatenate(on_patches))
         self.nodes: NDArray[np.int64] = self._rank.nodes
         self._order = None if mesh.global_ids is None else np.argsort(mesh.global_ids)
 

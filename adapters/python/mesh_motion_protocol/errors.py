@@ -1,4 +1,18 @@
-"""The error codes of protocol 1.0, and the exception of frames that cannot be understood.
+"""The error codes of protocol 1.0, and the exceptions of client, server and numerics, each tied to its codes.
+
+::
+
+    MeshMotionError            .code .message .hint .details
+    ├── InvalidInput           the request, the mesh or a setting is wrong
+    ├── SessionError           it does not fit the session: its state, its step, its owner
+    │   └── StepsLost          committed steps of a session with durability "relaxed" are lost: .step .lost
+    ├── QualityRefused         no acceptable mesh was found: .best .fraction .worst
+    ├── ResourceExhausted      a limit of the server
+    ├── Unavailable            no answer, or the server is stopping
+    ├── Timeout                not done within the time allowed; the same call may be repeated
+    ├── DataLoss               stored data cannot be written or trusted
+    ├── Unsupported            the server does not offer this, or speaks another version
+    └── ServerFault            a defect of the server
 
 A code is one of gRPC's canonical names, with a detail behind a dot where programs may want to distinguish cases. A
 program that does not know a detail treats the code as its canonical name.
@@ -6,10 +20,37 @@ program that does not know a detail treats the code as its canonical name.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["ERROR_CODES", "ErrorCode", "ProtocolError", "brief", "brief_details", "error_code"]
+if TYPE_CHECKING:
+    from mesh_motion_protocol.message import ErrorReply
+
+__all__ = [
+    "ERROR_CODES",
+    "DataLoss",
+    "ErrorCode",
+    "InvalidInput",
+    "MeshMotionError",
+    "MeshMotionWarning",
+    "ProtocolError",
+    "QualityRefused",
+    "ResourceExhausted",
+    "ServerFault",
+    "SessionError",
+    "StepsLost",
+    "Timeout",
+    "Unavailable",
+    "Unsupported",
+    "brief",
+    "brief_details",
+    "error_code",
+    "error_from",
+    "meant",
+]
 
 #: Characters of an error's message, and of each text in its details.
 _MESSAGE, _DETAIL = 1000, 200
@@ -106,6 +147,181 @@ def brief(text: str, most: int = _MESSAGE) -> str:
 def brief_details(details: dict[str, Any]) -> dict[str, Any]:
     """The details of an error, with each text in them brief."""
     return {key: brief(value, _DETAIL) if isinstance(value, str) else value for key, value in details.items()}
+
+
+class MeshMotionWarning(UserWarning):
+    """What the server warns of in a reply, as ``warnings.warn`` shows it; the reply has it as ``warnings`` too."""
+
+
+class MeshMotionError(Exception):
+    """Base of all errors that client, server and numerics raise on purpose.
+
+    Parameters
+    ----------
+    message : str
+        One line: what was expected, what came.
+    code : str, optional
+        One of :data:`ERROR_CODES`; each subclass has its default.
+    hint : str, optional
+        The way out, one line; shown after the message.
+    details : dict, optional
+        Plain values (str, int, float, lists of them) for programs, for example ``{"node": 17, "value": "nan"}``.
+    """
+
+    default_code = "INTERNAL"
+
+    def __init__(
+        self, message: str, *, code: str | None = None, hint: str = "", details: dict[str, Any] | None = None
+    ) -> None:
+        super().__init__(message)
+        self.message = message
+        self.code = code or self.default_code
+        self.hint = hint
+        self.details: dict[str, Any] = dict(details or {})
+
+    def __str__(self) -> str:
+        return f"{self.message} ({self.hint})" if self.hint else self.message
+
+
+class InvalidInput(MeshMotionError):
+    """The request or the mesh is wrong; nothing was changed."""
+
+    default_code = "INVALID_ARGUMENT"
+
+
+class SessionError(MeshMotionError):
+    """The request does not fit the session: its state, its step, its owner or its existence; nothing was changed."""
+
+    default_code = "FAILED_PRECONDITION.STATE"
+
+
+class StepsLost(SessionError):
+    """Steps that were committed did not survive a crash: the session has durability "relaxed" and goes on before them.
+
+    Nothing of the call took effect. ``session.step`` is where the session stands; the same moves and commits from there
+    give the same coordinates again.
+
+    Attributes
+    ----------
+    step : int
+        The last committed step that is left.
+    lost : int
+        How many are lost.
+    """
+
+    default_code = "ABORTED.STEPS_LOST"
+
+    @property
+    def step(self) -> int:
+        """The last committed step that is left."""
+        return int(self.details.get("expected", 1)) - 1
+
+    @property
+    def lost(self) -> int:
+        """How many are lost."""
+        return int(self.details.get("got", 1)) - 1 - self.step
+
+
+class QualityRefused(MeshMotionError):
+    """No acceptable mesh was found for the displacement; nothing was changed.
+
+    Attributes
+    ----------
+    best : float
+        The best minimum quality that was found; -inf where none is known.
+    fraction : float or None
+        The largest fraction of the displacement that is known to give an acceptable mesh.
+    cells : tuple of int
+        The worst cells, worst first, where the numerics raise it.
+    worst : list of dict
+        The worst cells as in the quality report, where a server answered it.
+    """
+
+    default_code = "FAILED_PRECONDITION.QUALITY"
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        best: float = -math.inf,
+        cells: Iterable[int] = (),
+        fraction: float | None = None,
+        code: str | None = None,
+        hint: str = "",
+        details: dict[str, Any] | None = None,
+    ) -> None:
+        super().__init__(message, code=code, hint=hint, details=details)
+        self.best: float = self.details.get("best", best)
+        self.fraction: float | None = self.details.get("fraction", fraction)
+        self.cells = tuple(int(cell) for cell in cells)
+
+    @property
+    def worst(self) -> list[dict[str, Any]]:
+        """The worst cells, as in the quality report."""
+        return list(self.details.get("worst", []))
+
+
+class ResourceExhausted(MeshMotionError):
+    """A limit of the server: bytes, sessions, memory, disk."""
+
+    default_code = "RESOURCE_EXHAUSTED.BYTES"
+
+
+class Unavailable(MeshMotionError):
+    """No server answers, or it is stopping."""
+
+    default_code = "UNAVAILABLE"
+
+
+class Timeout(MeshMotionError):
+    """No answer within the time allowed. The same call may be repeated: it executes once."""
+
+    default_code = "DEADLINE_EXCEEDED"
+
+
+class DataLoss(MeshMotionError):
+    """Stored data cannot be written or trusted; nothing is guessed."""
+
+    default_code = "DATA_LOSS.CHECKSUM"
+
+
+class Unsupported(MeshMotionError):
+    """The server does not offer this, or speaks another version."""
+
+    default_code = "UNIMPLEMENTED"
+
+
+class ServerFault(MeshMotionError):
+    """A defect of the server: its log says more."""
+
+
+_BY_CODE: dict[str, type[MeshMotionError]] = {
+    "FAILED_PRECONDITION.QUALITY": QualityRefused,
+    "ABORTED.STEPS_LOST": StepsLost,
+    "INVALID_ARGUMENT": InvalidInput,
+    "FAILED_PRECONDITION": SessionError,
+    "ABORTED": SessionError,
+    "NOT_FOUND": SessionError,
+    "UNAUTHENTICATED": SessionError,
+    "PERMISSION_DENIED": SessionError,
+    "RESOURCE_EXHAUSTED": ResourceExhausted,
+    "UNAVAILABLE": Unavailable,
+    "DEADLINE_EXCEEDED": Timeout,
+    "DATA_LOSS": DataLoss,
+    "UNIMPLEMENTED": Unsupported,
+}
+
+
+def error_from(reply: ErrorReply) -> MeshMotionError:
+    """The exception for an ERROR; an unknown detail falls back to its canonical name."""
+    kind = _BY_CODE.get(reply.code) or _BY_CODE.get(reply.code.partition(".")[0], ServerFault)
+    return kind(reply.message, code=reply.code, hint=reply.hint, details=reply.details)
+
+
+def meant(word: str, known: Iterable[str]) -> str:
+    """A hint "did you mean …?" with the known word that is most similar; empty if there is none."""
+    alike = get_close_matches(word, list(known), n=1)
+    return f"did you mean {alike[0]!r}?" if alike else ""
 
 
 class ProtocolError(Exception):

@@ -28,7 +28,7 @@ def prefix(tmp_path_factory, tools, zmq_flags):
     kernels = [*settings, "-DMESH_MOTION_PYTHON=OFF", "-DMESH_MOTION_C=ON", "-DMESH_MOTION_LEVELS=native"]
     client = [*settings, "-DMESH_MOTION_EVALUATION=ON", "-DCMAKE_C_FLAGS=-Werror"]
     environment = os.environ | {"PKG_CONFIG_PATH": str(made / "lib" / "pkgconfig")}
-    for source, options in ((tools["root"] / "kernels", kernels), (tools["source"], client)):
+    for source, options in ((tools["root"] / "numerics" / "kernels", kernels), (tools["source"], client)):
         build = folder / source.name
         run(["cmake", "-S", source, "-B", build, *options], env=environment)
         run(["cmake", "--build", build, "-j", jobs])

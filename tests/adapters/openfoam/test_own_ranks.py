@@ -31,7 +31,7 @@ def evaluating(foam_environment, tmp_path_factory):
         pytest.skip("cmake is not installed")
     folder = tmp_path_factory.mktemp("kernels")
     options = ["-DMESH_MOTION_PYTHON=OFF", "-DMESH_MOTION_C=ON", "-DMESH_MOTION_LEVELS=native"]
-    made("cmake", "-S", ROOT / "kernels", "-B", folder / "build", *options, "-DCMAKE_INSTALL_LIBDIR=lib")
+    made("cmake", "-S", ROOT / "numerics" / "kernels", "-B", folder / "build", *options, "-DCMAKE_INSTALL_LIBDIR=lib")
     made("cmake", "--build", folder / "build", "-j", os.cpu_count())
     made("cmake", "--install", folder / "build", "--prefix", folder / "prefix")
     built = {"OUT": str(folder / "library"), "MESH_MOTION_KERNELS": str(folder / "prefix")}

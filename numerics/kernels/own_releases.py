@@ -1,0 +1,24 @@
+"""The requirements of a distribution of this repository: own parts in the release of its own version, and others."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from typing import Any
+
+__all__ = ["dynamic_metadata", "dynamic_metadata_needs"]
+
+
+def dynamic_metadata(field: str, settings: Mapping[str, Any], project: Mapping[str, Any]) -> list[str]:
+    """The dependencies, as scikit-build-core asks a plug-in for them; ``build_backend`` may name folders of own parts."""
+    del field
+    folders = json.loads(os.environ.get("MESH_MOTION_PARTS", "{}"))
+    own = [part + folders.get(part, f"=={project['version']}") for part in settings["parts"]]
+    return [*own, *settings.get("others", [])]
+
+
+def dynamic_metadata_needs(field: str, settings: Mapping[str, Any]) -> list[str]:
+    """What the requirements are made from."""
+    del field, settings
+    return ["version"]
