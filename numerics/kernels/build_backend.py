@@ -1,4 +1,4 @@
-"""scikit-build-core for numerics and server, with a compiler from PyPI (``ziglang``, 100 MB) where the machine has none.
+"""scikit-build-core for numerics and server, with a compiler from PyPI (``ziglang``, 100 MB) where there is none.
 
 ``pip install .`` in a checkout takes client and numerics from their folders, as they may not have been released. A
 wheel, a source distribution and an editable installation require their releases.

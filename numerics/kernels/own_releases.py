@@ -11,7 +11,7 @@ __all__ = ["dynamic_metadata", "dynamic_metadata_needs"]
 
 
 def dynamic_metadata(field: str, settings: Mapping[str, Any], project: Mapping[str, Any]) -> list[str]:
-    """The dependencies, as scikit-build-core asks a plug-in for them; ``build_backend`` may name folders of own parts."""
+    """The dependencies, as scikit-build-core asks for them; ``build_backend`` may name folders of own parts."""
     del field
     folders = json.loads(os.environ.get("MESH_MOTION_PARTS", "{}"))
     own = [part + folders.get(part, f"=={project['version']}") for part in settings["parts"]]

@@ -25,6 +25,12 @@ def client_alone(client_wheel: Path, tmp_path_factory: pytest.TempPathFactory) -
 
 
 @pytest.fixture(scope="session")
+def numerics_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The numerics' wheel: the kernels are compiled."""
+    return build("wheel", tmp_path_factory.mktemp("numerics"), ROOT / "numerics")
+
+
+@pytest.fixture(scope="session")
 def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The source distribution."""
     return build("sdist", tmp_path_factory.mktemp("sdist"))
@@ -37,14 +43,17 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def installed(client_wheel: Path, wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Run]:
+def installed(
+    client_wheel: Path, numerics_wheel: Path, wheel: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., Run]:
     """As ``client_alone``, with the server and these extras only."""
     made: dict[tuple[str, ...], Run] = {}
 
     def environment(*extras: str) -> Run:
         if extras not in made:
             folder = tmp_path_factory.mktemp("-".join(("installed", *extras)))
-            made[extras] = _runner(bare_environment(folder / "environment", [client_wheel, wheel], extras), folder)
+            wheels = [client_wheel, numerics_wheel, wheel]
+            made[extras] = _runner(bare_environment(folder / "environment", wheels, extras), folder)
         return made[extras]
 
     return environment

@@ -42,20 +42,19 @@ def test_it_requires_three_packages_and_has_the_project_s_licence(client_wheel: 
     assert metadata["Version"] == __version__
 
 
-@pytest.mark.parametrize(
-    ("kind", "where"), [("wheel", f" @ {(ROOT / FOLDER).as_uri()}"), ("editable", f"=={__version__}")]
-)
-def test_a_checkout_installs_the_client_too(kind: str, where: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["wheel", "editable"])
+def test_a_checkout_installs_client_and_numerics_too(kind: str, tmp_path: Path) -> None:
     if not (ROOT / ".git").exists():
         pytest.skip("no checkout")
     hook = f"import build_backend; print(build_backend.prepare_metadata_for_build_{kind}({str(tmp_path)!r}))"
-    kernels = os.environ | {"PYTHONPATH": str(ROOT / "kernels"), "PIP_BUILD_TRACKER": str(tmp_path)}
+    kernels = os.environ | {"PYTHONPATH": str(ROOT / "numerics" / "kernels"), "PIP_BUILD_TRACKER": str(tmp_path)}
     done = subprocess.run(
         [sys.executable, "-c", hook], cwd=ROOT, env=kernels, check=True, capture_output=True, text=True
     )
     metadata = Parser().parsestr((tmp_path / done.stdout.split()[-1] / "METADATA").read_text(encoding="utf-8"))
-    (client,) = (line for line in metadata.get_all("Requires-Dist") if line.startswith("mesh-motion-client"))
-    assert client == f"mesh-motion-client{where}"
+    for part, folder in (("mesh-motion-client", FOLDER), ("mesh-motion-numerics", "numerics")):
+        where = f" @ {(ROOT / folder).as_uri()}" if kind == "wheel" else f"=={__version__}"
+        assert f"{part}{where}" in metadata.get_all("Requires-Dist")
 
 
 def test_its_sources_alone_build_the_same_wheel(client_wheel: Path, tmp_path: Path) -> None:
@@ -74,12 +73,13 @@ def test_the_program_of_its_page_moves_a_mesh_where_the_server_is_not_installed(
     assert ended.stdout == "(45, 2) 0\n", ended.stderr
 
 
-def test_what_needs_the_server_s_package_says_so(client_alone: Callable) -> None:
+def test_what_needs_another_package_says_so(client_alone: Callable) -> None:
     mesh = "m.Mesh([[0.0], [1.0]], {'line': [[0, 1]]}, {'a': m.Patch('moving', [0, 1])})"
-    for call in ("m.connect()", f"Volume({mesh})", "m.Mesh.load(m.__file__, {})"):
+    server, ranks = "mesh-motion-server[server]", "mesh-motion-client[ranks]"
+    for call, package in (("m.connect()", server), (f"Volume({mesh})", ranks), ("m.Mesh.load(m.__file__, {})", server)):
         program = f"import mesh_motion_client as m; from mesh_motion_client.volume import Volume; {call}"
         last = client_alone("python", "-c", program).stderr.splitlines()[-1]
-        assert "pip install 'mesh-motion-server[server]'" in last, last
+        assert f"pip install '{package}'" in last, last
 
 
 def test_it_is_imported_on_a_system_without_fork_and_fcntl(client_alone: Callable) -> None:

@@ -1,4 +1,4 @@
-"""What the wheel and the source distribution of the server contain."""
+"""What the wheels and the source distributions of server and numerics contain."""
 
 import tarfile
 import tomllib
@@ -25,9 +25,19 @@ def test_the_wheel_has_each_file_of_its_packages_and_no_other(wheel: Path) -> No
         for folder in FOLDERS
         if Path(name).is_relative_to(folder)
     }
-    own = {name for name in names_in(wheel) if ".dist-info/" not in name and ".data/" not in name}
+    assert wheel.name == f"mesh_motion_server-{__version__}-py3-none-any.whl"
+    assert {name for name in names_in(wheel) if ".dist-info/" not in name and ".data/" not in name} == expected
+
+
+def test_the_wheel_of_the_numerics_has_each_file_and_the_kernels(numerics_wheel: Path) -> None:
+    folder = Path("numerics/mesh_motion_numerics")
+    expected = {str(Path(name).relative_to("numerics")) for name in tracked() if Path(name).is_relative_to(folder)}
+    own = {name for name in names_in(numerics_wheel) if ".dist-info/" not in name}
     kernels = {name for name in own if name.startswith("mesh_motion_kernels/")}
     assert own - kernels == expected
+    with ZipFile(numerics_wheel) as archive:
+        about = f"mesh_motion_numerics-{__version__}.dist-info"
+        assert archive.read(f"{about}/licenses/LICENSE") == (ROOT / "LICENSE").read_bytes()
     levels = {"/".join(name.split("/")[1:]).split(".")[0] for name in kernels}
     assert levels - {f"{level}/_kernels" for level in ("base", "v2", "v3", "v4")} == {"__init__", "_machine"}
     assert len(levels) == 3
@@ -48,7 +58,8 @@ def test_the_wheel_has_its_licence_version_and_commands(wheel: Path) -> None:
             assert archive.read(f"{about}/licenses/{path.relative_to(ROOT)}") == path.read_bytes()
     assert metadata["Version"] == __version__
     assert metadata["License-Expression"] == "BSD-3-Clause AND MIT"
-    assert f"mesh-motion-client=={__version__}" in metadata.get_all("Requires-Dist")
+    parts = {f"mesh-motion-{part}=={__version__}" for part in ("client", "numerics")}
+    assert parts <= set(metadata.get_all("Requires-Dist"))
     assert {"server", "mesh", "plot", "dask", "all"} <= set(metadata.get_all("Provides-Extra"))
     assert "mesh-motion = mesh_motion_server.commands.cli:main" in entries
 
@@ -65,6 +76,13 @@ def test_the_sdist_is_the_checkout_and_builds_the_same_wheel(sdist: Path, wheel:
     assert files == {*tracked(), "PKG-INFO"}
     (unpacked,) = tmp_path.iterdir()
     assert build("wheel", tmp_path / "dist", unpacked).read_bytes() == wheel.read_bytes()
+
+
+def test_the_numerics_sources_alone_build_the_same_wheel(numerics_wheel: Path, tmp_path: Path) -> None:
+    with tarfile.open(build("sdist", tmp_path, ROOT / "numerics")) as archive:
+        archive.extractall(tmp_path / "unpacked", filter="data")
+    (unpacked,) = (tmp_path / "unpacked").iterdir()
+    assert build("wheel", tmp_path / "again", unpacked).read_bytes() == numerics_wheel.read_bytes()
 
 
 def test_the_licence_of_the_openfoam_part_goes_with_it(sdist: Path) -> None:

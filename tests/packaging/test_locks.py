@@ -11,6 +11,9 @@ from packaging.utils import canonicalize_name
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 EXTRAS = PROJECT["project"]["optional-dependencies"]
 CLIENT = tomllib.loads((ROOT / "adapters" / "python" / "pyproject.toml").read_text(encoding="utf-8"))
+NUMERICS = tomllib.loads((ROOT / "numerics" / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["scikit-build"]
+#: What the distributions require without an extra.
+BASES = {"client": CLIENT["project"]["dependencies"], "numerics": NUMERICS["metadata"]["dependencies"]["others"]}
 FOLDER = ROOT / "requirements"
 _PIN = re.compile(
     r"^([A-Za-z0-9._-]+)==(\S+)((?: ;[^\\\n]*)?) \\\n((?:    --hash=sha256:[0-9a-f]{64}(?: \\)?\n)+)", re.MULTILINE
@@ -28,15 +31,15 @@ def pins(name: str) -> dict[str, list[str]]:
 
 
 def required(extra: str) -> list[Requirement]:
-    """What an extra requires, with the extras that it names."""
-    lines = EXTRAS[extra] if extra else CLIENT["project"]["dependencies"]
-    found = [Requirement(line) for line in lines]
+    """What a base or an extra requires, with the extras that it names."""
+    found = [Requirement(line) for line in BASES.get(extra) or EXTRAS[extra]]
     inner = [part for requirement in found if requirement.name == "mesh-motion-server" for part in requirement.extras]
     return [r for r in found if r.name != "mesh-motion-server"] + [r for part in inner for r in required(part)]
 
 
 @pytest.mark.parametrize(
-    ("name", "extras"), [("client", [""]), ("server", ["", "server"]), ("dev", ["", "all", "docs", "dev"])]
+    ("name", "extras"),
+    [("client", ["client"]), ("server", [*BASES, "server"]), ("dev", [*BASES, "all", "docs", "dev"])],
 )
 def test_a_lock_satisfies_what_is_required(name: str, extras: list[str]) -> None:
     locked = pins(name)

@@ -14,8 +14,9 @@ from packaging.specifiers import SpecifierSet
 from mesh_motion_server import __version__
 
 FOLDER = ROOT / "recipes"
-SERVER, CLIENT = (
-    tomllib.loads((ROOT / folder / "pyproject.toml").read_text(encoding="utf-8")) for folder in ("", "adapters/python")
+FOLDERS = {"mesh-motion-client": "adapters/python", "mesh-motion-numerics": "numerics", "mesh-motion-server": ""}
+CLIENT, NUMERICS, SERVER = (
+    tomllib.loads((ROOT / folder / "pyproject.toml").read_text(encoding="utf-8")) for folder in FOLDERS.values()
 )
 CMAKE = (ROOT / "adapters" / "c" / "CMakeLists.txt").read_text(encoding="utf-8")
 #: Names of conda-forge that are not those of PyPI.
@@ -54,15 +55,14 @@ def spack_calls(name: str, function: str) -> list[tuple]:
     ("name", "project", "run"),
     [
         ("mesh-motion-client", CLIENT, CLIENT["project"]["dependencies"]),
-        (
-            "mesh-motion-server",
-            SERVER,
-            [f"mesh-motion-client=={__version__}", *SERVER["project"]["optional-dependencies"]["server"]],
-        ),
+        ("mesh-motion-numerics", NUMERICS, []),
+        ("mesh-motion-server", SERVER, SERVER["project"]["optional-dependencies"]["server"]),
     ],
 )
 def test_conda_forge(name: str, project: dict, run: list[str]) -> None:
     recipe = conda(name)
+    further = project["tool"]["scikit-build"]["metadata"].get("dependencies", {"parts": []})
+    run = [*run, *(f"{part}=={__version__}" for part in further["parts"]), *further.get("others", [])]
     assert (recipe["package"]["name"], recipe["package"]["version"]) == (project["project"]["name"], __version__)
     assert recipe["source"]["url"].endswith(f"/{name}/{name.replace('-', '_')}-{__version__}.tar.gz")
     found = conda_versions(recipe["requirements"]["run"])
@@ -75,7 +75,7 @@ def test_conda_forge(name: str, project: dict, run: list[str]) -> None:
     assert noarch or project["project"]["requires-python"].replace(">=", "<") in recipe["build"]["skip"]
     about = recipe["about"]
     assert about["license"] == project["project"]["license"]
-    folder = ROOT if name.endswith("server") else ROOT / "adapters" / "python"
+    folder = ROOT / FOLDERS[name]
     globs = project["project"]["license-files"]
     licences = [about["license_file"]] if isinstance(about["license_file"], str) else about["license_file"]
     assert licences == [str(path.relative_to(folder)) for glob in globs for path in sorted(folder.glob(glob))]

@@ -32,6 +32,7 @@ def ready(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.skip("not in a git checkout")
     for name, pattern, text in (
         ("adapters/python/mesh_motion_protocol/__init__.py", r'__version__ = ".*"', f'__version__ = "{VERSION}"'),
+        ("numerics/mesh_motion_numerics/__init__.py", r'__version__ = ".*"', f'__version__ = "{VERSION}"'),
         ("CITATION.cff", r"(?m)^version: .*", f"version: {VERSION}"),
         ("CITATION.cff", r"(?m)^date-released: .*", "date-released: 2026-01-31"),
         ("CHANGELOG.md", "## Unreleased", f"## Unreleased\n\n## {VERSION} - 2026-01-31"),
@@ -58,6 +59,10 @@ def replace(path: Path, pattern: str, text: str) -> None:
 
 def spoil_sources(root: Path) -> None:
     replace(root / "adapters/python/mesh_motion_protocol/__init__.py", re.escape(VERSION), "7.8.8")
+
+
+def spoil_numerics(root: Path) -> None:
+    replace(root / "numerics/mesh_motion_numerics/__init__.py", re.escape(VERSION), "7.8.8")
 
 
 def spoil_citation(root: Path) -> None:
@@ -105,7 +110,8 @@ def spoil_rendered(root: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (spoil_sources, r"__init__\.py must have __version__ = '7\.8\.9', got '7\.8\.8'"),
+        (spoil_sources, r"protocol/__init__\.py must have __version__ = '7\.8\.9', got '7\.8\.8'"),
+        (spoil_numerics, r"numerics/__init__\.py must have __version__ = '7\.8\.9', got '7\.8\.8'"),
         (spoil_citation, r"CITATION\.cff must have version: 7\.8\.9, got '0\.1\.0'"),
         (spoil_date, r"CITATION\.cff must have date-released: 2026-01-31, as CHANGELOG\.md, got '2026-01-30'"),
         (spoil_changelog, "CHANGELOG.md must have a section '## 7.8.9 - YYYY-MM-DD', got Unreleased, 7.8.9"),
@@ -160,10 +166,13 @@ def test_what_is_ready_passes_and_is_built_twice_the_same(
     assert "next: git push origin v7.8.9" in capsys.readouterr().out
     assert git(ready, "tag").split() == [f"v{VERSION}"]
     assert git(ready, "status", "--porcelain") == ""
-    sums, client, client_sources, wheel, sources = sorted(path.name for path in (ready / "dist").iterdir())
+    built = sorted(path.name for path in (ready / "dist").iterdir())
+    sums, client, client_sources, numerics, numerics_sources, server, sources = built
     assert (sums, client) == ("SHA256SUMS", f"mesh_motion_client-{VERSION}-py3-none-any.whl")
-    assert (client_sources, sources) == tuple(f"mesh_motion_{part}-{VERSION}.tar.gz" for part in ("client", "server"))
-    assert re.fullmatch(rf"mesh_motion_server-{VERSION}-(cp3\d+)-\1-.*manylinux_2_\d+_.*\.whl", wheel)
+    parts = ("client", "numerics", "server")
+    assert [client_sources, numerics_sources, sources] == [f"mesh_motion_{part}-{VERSION}.tar.gz" for part in parts]
+    assert server == f"mesh_motion_server-{VERSION}-py3-none-any.whl"
+    assert re.fullmatch(rf"mesh_motion_numerics-{VERSION}-(cp3\d+)-\1-.*manylinux_2_\d+_.*\.whl", numerics)
     for line in (ready / "dist" / "SHA256SUMS").read_text().splitlines():
         digest, name = line.split()
         assert hashlib.sha256((ready / "dist" / name).read_bytes()).hexdigest() == digest
