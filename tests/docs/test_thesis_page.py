@@ -24,7 +24,7 @@ FIGURES = {1: 3, 2: 10, 3: 15, 4: 20, 5: 18}
 TABLES = {1: 1, 2: 4, 4: 1, 5: 7}
 
 _LINK = re.compile(r"\[(?P<label>[^\[\]]+)\]\((?P<target>[^()\s]+)\)")
-_DOTTED = re.compile(r"`((?:numerics|docs|mesh_motion_server)(?:\.\w+)+)`")
+_DOTTED = re.compile(r"`((?:numerics|docs|mesh_motion_server|mesh_motion_numerics)(?:\.\w+)+)`")
 
 
 def resolved(dotted: str) -> tuple[ModuleType, Any]:
@@ -35,7 +35,7 @@ def resolved(dotted: str) -> tuple[ModuleType, Any]:
     AttributeError
         If a module has no such thing.
     """
-    parts = (f"mesh_motion_server.{dotted}" if dotted.startswith("numerics.") else dotted).split(".")
+    parts = (f"mesh_motion_{dotted}" if dotted.startswith("numerics.") else dotted).split(".")
     module, rest = import_module(parts[0]), parts[1:]
     while rest:
         try:
