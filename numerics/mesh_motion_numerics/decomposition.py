@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_numerics.arrays import Floats
 
 __all__ = [
     "SVD",

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_protocol.errors import InvalidInput
 
 __all__ = ["KEYS", "Key", "Method"]
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-from mesh_motion_server.errors import DeadlineExceeded
+from mesh_motion_protocol.errors import Timeout
 
 __all__ = ["PHASES", "Stopwatch", "check_time", "time_limit"]
 
@@ -54,12 +54,12 @@ def check_time() -> None:
 
     Raises
     ------
-    DeadlineExceeded
+    Timeout
         If the caller's time limit is over.
     """
     end, seconds = _END.get()
     if time.monotonic() > end:
-        raise DeadlineExceeded(
+        raise Timeout(
             f"the motion was not computed within the {seconds:g} s that the request allows",
             hint="allow more time, or take a smaller step",
         )

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import mesh_motion_kernels as kernels
-
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_protocol.errors import InvalidInput
 
 __all__ = ["checked_threads", "limited_to"]
 

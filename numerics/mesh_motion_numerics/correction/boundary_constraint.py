@@ -13,16 +13,16 @@ from functools import partial
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.correction.free_region import FreeRegion
-from mesh_motion_server.numerics.correction.linked_unknowns import LinkedUnknowns, StepSolver, System
-from mesh_motion_server.numerics.correction.outward_facets import OutwardFacets
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
-from mesh_motion_server.numerics.mesh.roles import SLIDING_ROLES, Patch
-from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
-from mesh_motion_server.numerics.mesh.surface_constraints import OnPlanes
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.correction.free_region import FreeRegion
+from mesh_motion_numerics.correction.linked_unknowns import LinkedUnknowns, StepSolver, System
+from mesh_motion_numerics.correction.outward_facets import OutwardFacets
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
+from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
+from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
+from mesh_motion_numerics.mesh.surface_constraints import OnPlanes
 
 __all__ = ["BoundaryConstraint", "RegionConstraint"]
 

@@ -23,10 +23,10 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.correction.distortion import CornerSimplices, PNorm
-from mesh_motion_server.numerics.mesh.cells import CellTable, CellType
-from mesh_motion_server.numerics.quality.metrics import AtRest, block_slices, sizes_of, skews_of, uses_angles
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.correction.distortion import CornerSimplices, PNorm
+from mesh_motion_numerics.mesh.cells import CellTable, CellType
+from mesh_motion_numerics.quality.metrics import AtRest, block_slices, sizes_of, skews_of, uses_angles
 
 __all__ = ["CellGroup", "cell_blocks", "cell_gradient", "cell_groups", "mean_cell_distortion"]
 

@@ -24,28 +24,28 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
 
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.correction.correction_problem import (
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.correction.correction_problem import (
     SMALL_MESH,
     CorrectionProblem,
     goal,
     target_quality,
 )
-from mesh_motion_server.numerics.correction.enrichment.coefficients import optimised_enrichment, optimised_placement
-from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
-from mesh_motion_server.numerics.correction.enrichment.imposed_gradient import ImposedGradient, enriched_displacement
-from mesh_motion_server.numerics.correction.enrichment.imposed_jacobian import ImposedSettings, imposed_jacobians
-from mesh_motion_server.numerics.correction.enrichment.placement import gap_middle
-from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.correction.equal_stretch import equal_stretch
-from mesh_motion_server.numerics.correction.free_region import cells_of_nodes
-from mesh_motion_server.numerics.correction.near_rest import raises, reshaped, spoils
-from mesh_motion_server.numerics.correction.trial_nodes import Polished, Stage, TrialMesh, polish, reach, signed
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.quality.metrics import CellQuality
+from mesh_motion_numerics.correction.enrichment.coefficients import optimised_enrichment, optimised_placement
+from mesh_motion_numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
+from mesh_motion_numerics.correction.enrichment.imposed_gradient import ImposedGradient, enriched_displacement
+from mesh_motion_numerics.correction.enrichment.imposed_jacobian import ImposedSettings, imposed_jacobians
+from mesh_motion_numerics.correction.enrichment.placement import gap_middle
+from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_numerics.correction.equal_stretch import equal_stretch
+from mesh_motion_numerics.correction.free_region import cells_of_nodes
+from mesh_motion_numerics.correction.near_rest import raises, reshaped, spoils
+from mesh_motion_numerics.correction.trial_nodes import Polished, Stage, TrialMesh, polish, reach, signed
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.quality.metrics import CellQuality
 
 __all__ = ["CORRECTIONS", "Correction", "CorrectionProblem", "correct"]
 
@@ -101,7 +101,7 @@ def correct(problem: CorrectionProblem, method: Method) -> Correction:
 
     Raises
     ------
-    NumericalError
+    QualityRefused
         If no valid mesh was found; carries the best minimum quality found and the worst cells.
     """
     p = problem
@@ -146,11 +146,11 @@ def _judged(found: Correction, method: Method, minimum: float, quality: CellQual
     return replace(found, minimum=minimum, reached=minimum >= method.quality_threshold, quality=quality)
 
 
-def _refusal(quality: Floats, method: Method) -> NumericalError:
+def _refusal(quality: Floats, method: Method) -> QualityRefused:
     """The error for a mesh that stays invalid, with its quality (m,)."""
     worst = np.argsort(quality, kind="stable")[:_WORST]
     inverted = int(np.count_nonzero(~(quality > 0.0)))
-    return NumericalError(
+    return QualityRefused(
         f"no valid mesh found: {inverted} inverted cells, best minimum {method.quality_metric} "
         f"{float(quality[worst[0]]):.4g}, correction {method.correction!r}",
         best=float(quality[worst[0]]),

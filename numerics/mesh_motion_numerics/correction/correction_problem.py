@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Marks
-from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint
-from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
-from mesh_motion_server.numerics.interpolation.interpolant import Factorization
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.quality.metrics import AtRest
+from mesh_motion_numerics.arrays import Floats, Marks
+from mesh_motion_numerics.correction.boundary_constraint import BoundaryConstraint
+from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
+from mesh_motion_numerics.interpolation.interpolant import Factorization
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.quality.metrics import AtRest
 
 __all__ = ["SMALL_MESH", "CorrectionProblem", "goal", "target_quality"]
 

@@ -36,9 +36,9 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.cells import CellTable, CellType
-from mesh_motion_server.numerics.quality.metrics import AtRest, sizes_of, skews_of
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.cells import CellTable, CellType
+from mesh_motion_numerics.quality.metrics import AtRest, sizes_of, skews_of
 
 __all__ = [
     "FLOOR",

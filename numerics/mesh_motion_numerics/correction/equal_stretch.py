@@ -6,9 +6,9 @@ when all τ are equal.
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
-from mesh_motion_server.numerics.quality.metrics import sizes_of
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.correction.trial_nodes import TrialMesh
+from mesh_motion_numerics.quality.metrics import sizes_of
 
 __all__ = ["equal_stretch"]
 

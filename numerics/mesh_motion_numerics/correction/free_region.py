@@ -14,11 +14,11 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.correction.cell_distortion import CellGroup, cell_groups
-from mesh_motion_server.numerics.correction.distortion import CornerSimplices, corner_simplices
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import AtRest, CellsAtRest
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.correction.cell_distortion import CellGroup, cell_groups
+from mesh_motion_numerics.correction.distortion import CornerSimplices, corner_simplices
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import AtRest, CellsAtRest
 
 __all__ = ["CellAdjacency", "FreeRegion", "NodeAdjacency", "free_region", "grow", "nodes_of_cells"]
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.correction.free_region import NodeAdjacency
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.correction.free_region import NodeAdjacency
 
 __all__ = ["LinkedUnknowns", "StepSolver", "System"]
 

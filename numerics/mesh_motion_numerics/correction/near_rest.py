@@ -9,16 +9,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from mesh_motion_server.numerics.correction.correction_problem import CorrectionProblem
-from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
-from mesh_motion_server.numerics.correction.trial_nodes import (
+from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
+from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
+from mesh_motion_numerics.correction.trial_nodes import (
     RELATIVE_SHAPE,
     Polished,
     TrialMesh,
     polish,
 )
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.quality.metrics import CellQuality
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.quality.metrics import CellQuality
 
 __all__ = ["NEAR_REST", "NOTICED", "raises", "reshaped", "spoils"]
 

@@ -16,13 +16,13 @@ from functools import partial
 import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.correction.boundary_constraint import RegionConstraint
-from mesh_motion_server.numerics.correction.distortion import FLOOR, PNorm
-from mesh_motion_server.numerics.correction.free_region import Elimination, FreeRegion, NodeAdjacency
-from mesh_motion_server.numerics.correction.linked_unknowns import StepSolver
-from mesh_motion_server.numerics.correction.region_measure import RegionMeasure, region_measure
-from mesh_motion_server.numerics.stopwatch import check_time
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.correction.boundary_constraint import RegionConstraint
+from mesh_motion_numerics.correction.distortion import FLOOR, PNorm
+from mesh_motion_numerics.correction.free_region import Elimination, FreeRegion, NodeAdjacency
+from mesh_motion_numerics.correction.linked_unknowns import StepSolver
+from mesh_motion_numerics.correction.region_measure import RegionMeasure, region_measure
+from mesh_motion_numerics.stopwatch import check_time
 
 __all__ = ["Accuracy", "Descent", "newton"]
 

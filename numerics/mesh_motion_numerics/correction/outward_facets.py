@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.closest_point import FacetSet
-from mesh_motion_server.numerics.mesh.smooth_pieces import Piece, area_vectors, widened
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.closest_point import FacetSet
+from mesh_motion_numerics.mesh.smooth_pieces import Piece, area_vectors, widened
 
 __all__ = ["OutwardFacets"]
 

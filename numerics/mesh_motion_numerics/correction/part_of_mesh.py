@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Integers, Marks
+from mesh_motion_numerics.arrays import Integers, Marks
 
 __all__ = ["Elsewhere", "RegionTooSmall"]
 

@@ -13,10 +13,10 @@ from typing import Protocol
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.correction.cell_distortion import cell_blocks, cell_gradient, mean_cell_distortion
-from mesh_motion_server.numerics.correction.distortion import PNorm, corner_blocks, distortion_gradient, mean_distortion
-from mesh_motion_server.numerics.correction.free_region import FreeRegion
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.correction.cell_distortion import cell_blocks, cell_gradient, mean_cell_distortion
+from mesh_motion_numerics.correction.distortion import PNorm, corner_blocks, distortion_gradient, mean_distortion
+from mesh_motion_numerics.correction.free_region import FreeRegion
 
 __all__ = ["MEASURES", "RegionMeasure", "region_measure"]
 
@@ -112,7 +112,7 @@ class _Cells:
 
 
 MEASURES: dict[str, type[_Corners] | type[_Cells]] = {"corners": _Corners, "cells": _Cells}
-"""By name, see :class:`~mesh_motion_server.numerics.correction.distortion.PNorm`."""
+"""By name, see :class:`~mesh_motion_numerics.correction.distortion.PNorm`."""
 
 
 def region_measure(region: FreeRegion, norm: PNorm, earlier: RegionMeasure | None = None) -> RegionMeasure:

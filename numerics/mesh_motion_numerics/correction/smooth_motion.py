@@ -40,9 +40,9 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint
-from mesh_motion_server.numerics.correction.distortion import (
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.correction.boundary_constraint import BoundaryConstraint
+from mesh_motion_numerics.correction.distortion import (
     CornerSimplices,
     PNorm,
     angles_of,
@@ -50,12 +50,12 @@ from mesh_motion_server.numerics.correction.distortion import (
     corner_simplices,
     distortion_gradient,
 )
-from mesh_motion_server.numerics.correction.free_region import free_region
-from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
-from mesh_motion_server.numerics.correction.smooth_region import ROUGH, SmoothRegion
-from mesh_motion_server.numerics.mesh.cells import CellTable, CellType
-from mesh_motion_server.numerics.quality.metrics import CellsAtRest, cells_at_rest
-from mesh_motion_server.numerics.stopwatch import check_time
+from mesh_motion_numerics.correction.free_region import free_region
+from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
+from mesh_motion_numerics.correction.smooth_region import ROUGH, SmoothRegion
+from mesh_motion_numerics.mesh.cells import CellTable, CellType
+from mesh_motion_numerics.quality.metrics import CellsAtRest, cells_at_rest
+from mesh_motion_numerics.stopwatch import check_time
 
 __all__ = ["FAR", "RAMP", "RINGS", "Law", "SmoothMotion", "Smoothed", "onset_of"]
 

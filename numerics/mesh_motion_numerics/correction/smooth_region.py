@@ -13,10 +13,10 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.correction.boundary_constraint import RegionConstraint
-from mesh_motion_server.numerics.correction.distortion import CornerSimplices
-from mesh_motion_server.numerics.correction.free_region import Elimination, FreeRegion, NodeAdjacency
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.correction.boundary_constraint import RegionConstraint
+from mesh_motion_numerics.correction.distortion import CornerSimplices
+from mesh_motion_numerics.correction.free_region import Elimination, FreeRegion, NodeAdjacency
 
 __all__ = ["SmoothRegion"]
 

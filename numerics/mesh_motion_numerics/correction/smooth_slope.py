@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
 
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.correction.distortion import corner_distortions, distortion_gradient
-from mesh_motion_server.numerics.correction.smooth_motion import FAR, RAMP, RINGS, SmoothMotion
-from mesh_motion_server.numerics.correction.smooth_region import PENALTY, SmoothRegion
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.correction.distortion import corner_distortions, distortion_gradient
+from mesh_motion_numerics.correction.smooth_motion import FAR, RAMP, RINGS, SmoothMotion
+from mesh_motion_numerics.correction.smooth_region import PENALTY, SmoothRegion
 
 __all__ = ["SmoothSlope", "not_at_minimum"]
 
@@ -52,7 +52,7 @@ class SmoothSlope:
 
         Raises
         ------
-        NumericalError
+        QualityRefused
             If they are not the minimum: the mesh was corrected in another way.
         """
         region = motion.region(plain)
@@ -212,9 +212,9 @@ class SmoothSlope:
         return out
 
 
-def not_at_minimum() -> NumericalError:
+def not_at_minimum() -> QualityRefused:
     """The error for a mesh that a motion with a derivative has not led to."""
-    return NumericalError(
+    return QualityRefused(
         "the mesh was corrected in another way than by the smooth correction: its motion has no derivative here",
         code="FAILED_PRECONDITION",
         hint="ask at a step whose MOVED has no warning of it",

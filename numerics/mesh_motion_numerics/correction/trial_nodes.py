@@ -16,16 +16,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint, RegionConstraint
-from mesh_motion_server.numerics.correction.distortion import PNorm, determinants
-from mesh_motion_server.numerics.correction.free_region import FreeRegion, free_region, grow, nodes_of_cells
-from mesh_motion_server.numerics.correction.linked_unknowns import StepSolver
-from mesh_motion_server.numerics.correction.newton import Accuracy, newton
-from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
-from mesh_motion_server.numerics.correction.region_measure import RegionMeasure
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import AtRest, CellQuality, cell_quality, subset_quality
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.correction.boundary_constraint import BoundaryConstraint, RegionConstraint
+from mesh_motion_numerics.correction.distortion import PNorm, determinants
+from mesh_motion_numerics.correction.free_region import FreeRegion, free_region, grow, nodes_of_cells
+from mesh_motion_numerics.correction.linked_unknowns import StepSolver
+from mesh_motion_numerics.correction.newton import Accuracy, newton
+from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
+from mesh_motion_numerics.correction.region_measure import RegionMeasure
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, cell_quality, subset_quality
 
 __all__ = [
     "MARGIN",
@@ -101,7 +101,7 @@ class TrialMesh:
     held : (n,) bool array
         Nodes that must not move.
     metric : str
-        One of :data:`~mesh_motion_server.numerics.quality.metrics.QUALITY_METRICS`, or :data:`RELATIVE_SHAPE`.
+        One of :data:`~mesh_motion_numerics.quality.metrics.QUALITY_METRICS`, or :data:`RELATIVE_SHAPE`.
     constraint : BoundaryConstraint or None
         The constraint of nodes that are not held but may move only with restrictions.
     elsewhere : Elsewhere or None

@@ -9,10 +9,10 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.distributed.order_statistics import BINS, FEW, WHOLE, BinContent, Way, content
-from mesh_motion_server.distributed.summaries import WORST, PartialSummary, Questions
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import (
+from mesh_motion_numerics.distributed.order_statistics import BINS, FEW, WHOLE, BinContent, Way, content
+from mesh_motion_numerics.distributed.summaries import WORST, PartialSummary, Questions
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import (
     CellsAtRest,
     as_positions,
     judged,
@@ -20,7 +20,7 @@ from mesh_motion_server.numerics.quality.metrics import (
     rest_for,
     subset_quality,
 )
-from mesh_motion_server.numerics.quality.quality_summary import reported_metrics, worst_cells
+from mesh_motion_numerics.quality.quality_summary import reported_metrics, worst_cells
 
 __all__ = ["CountedCells"]
 

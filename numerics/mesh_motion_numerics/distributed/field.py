@@ -13,14 +13,14 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
-from mesh_motion_server.numerics.interpolation.kernels import DEFAULT_BASIS, basis_named
-from mesh_motion_server.numerics.interpolation.polynomial import LinearBasis, Polynomial
-from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
-from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedSpline
-from mesh_motion_server.numerics.mesh.points import padded
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.interpolant import Interpolant
+from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, basis_named
+from mesh_motion_numerics.interpolation.polynomial import LinearBasis, Polynomial
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
+from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
+from mesh_motion_numerics.mesh.points import padded
 
 __all__ = ["Field", "FieldPart"]
 

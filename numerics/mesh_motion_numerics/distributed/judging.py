@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
-from mesh_motion_server.distributed.order_statistics import BINS, WHOLE, BinContent, Way
-from mesh_motion_server.distributed.summaries import PartialSummary, Questions, joined
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
-from mesh_motion_server.numerics.quality.quality_summary import QualitySummary, WorstCell, reported_metrics
+from mesh_motion_numerics.distributed.order_statistics import BINS, WHOLE, BinContent, Way
+from mesh_motion_numerics.distributed.summaries import PartialSummary, Questions, joined
+from mesh_motion_numerics.mesh.cells import CELL_TYPES
+from mesh_motion_numerics.quality.quality_summary import QualitySummary, WorstCell, reported_metrics
 
 __all__ = [
     "Heard",

@@ -9,22 +9,22 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
-from mesh_motion_server.distributed.counted_cells import CountedCells
-from mesh_motion_server.distributed.field import Field
-from mesh_motion_server.distributed.judging import first_questions, read_questions, told
-from mesh_motion_server.distributed.order_statistics import WHOLE
-from mesh_motion_server.distributed.region import Extent, Region, region_told
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.correction.trial_nodes import signed
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.evaluation import NearOperators
-from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.mesh_check import checked_cells, nodes_in_no_cell
-from mesh_motion_server.numerics.quality.metrics import WORST_CORNER, cell_quality, cells_at_rest, corner_quality
+from mesh_motion_numerics.correction.trial_nodes import signed
+from mesh_motion_numerics.distributed.counted_cells import CountedCells
+from mesh_motion_numerics.distributed.field import Field
+from mesh_motion_numerics.distributed.judging import first_questions, read_questions, told
+from mesh_motion_numerics.distributed.order_statistics import WHOLE
+from mesh_motion_numerics.distributed.region import Extent, Region, region_told
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.evaluation import NearOperators
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
+from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.mesh_check import checked_cells, nodes_in_no_cell
+from mesh_motion_numerics.quality.metrics import WORST_CORNER, cell_quality, cells_at_rest, corner_quality
 
 __all__ = ["Rank"]
 

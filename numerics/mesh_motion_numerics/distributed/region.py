@@ -13,10 +13,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.distributed.judging import reading, require
-from mesh_motion_server.numerics.correction.free_region import cells_of_nodes, grow, nodes_of_cells
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.quality.metrics import CellQuality
+from mesh_motion_numerics.correction.free_region import cells_of_nodes, grow, nodes_of_cells
+from mesh_motion_numerics.distributed.judging import reading, require
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_numerics.quality.metrics import CellQuality
 
 __all__ = ["ALL", "Extent", "Region", "region_told"]
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from mesh_motion_server.distributed.order_statistics import WHOLE, BinContent, Way, narrowed
-from mesh_motion_server.numerics.quality.quality_summary import (
+from mesh_motion_numerics.distributed.order_statistics import WHOLE, BinContent, Way, narrowed
+from mesh_motion_numerics.quality.quality_summary import (
     Distribution,
     QualitySummary,
     WorstCell,

@@ -6,9 +6,9 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from scipy.sparse import csr_array
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Shorts
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.kernels import Basis
+from mesh_motion_numerics.arrays import Floats, Integers, Shorts
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.kernels import Basis
 
 __all__ = ["SparseRows", "dense_block", "mean_row_entries", "rows_near", "sparse_matrix", "sparse_rows"]
 

@@ -16,11 +16,11 @@ from functools import cached_property
 import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.interpolation.hashed_cells import HashedCells
-from mesh_motion_server.numerics.interpolation.kernels import Basis
-from mesh_motion_server.numerics.mesh.points import padded
-from mesh_motion_server.numerics.threads import limited_to
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.interpolation.hashed_cells import HashedCells
+from mesh_motion_numerics.interpolation.kernels import Basis
+from mesh_motion_numerics.mesh.points import padded
+from mesh_motion_numerics.threads import limited_to
 
 __all__ = ["CentreLayout"]
 

@@ -1,12 +1,12 @@
 """Checks that the points that an interpolation starts from are distinct."""
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.spacing import local_spacing
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.spacing import local_spacing
 
 __all__ = ["checked_control_points"]
 
@@ -20,7 +20,7 @@ def checked_control_points(control_points: ArrayLike, spacing: Floats | None = N
     Parameters
     ----------
     spacing : (nc,) array, optional
-        Of :func:`~mesh_motion_server.numerics.mesh.spacing.local_spacing`, if it is known.
+        Of :func:`~mesh_motion_numerics.mesh.spacing.local_spacing`, if it is known.
 
     Raises
     ------

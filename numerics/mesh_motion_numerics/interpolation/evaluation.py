@@ -11,16 +11,16 @@ from dataclasses import dataclass
 
 import mesh_motion_kernels as kernels
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
-from mesh_motion_server.numerics.interpolation.kernels import require_gradient
-from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
-from mesh_motion_server.numerics.interpolation.two_scale.near_operator import NearOperator
-from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedSpline
-from mesh_motion_server.numerics.mesh.points import padded
-from mesh_motion_server.numerics.threads import checked_threads, limited_to
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation.interpolant import Interpolant
+from mesh_motion_numerics.interpolation.kernels import require_gradient
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
+from mesh_motion_numerics.interpolation.two_scale.near_operator import NearOperator
+from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
+from mesh_motion_numerics.mesh.points import padded
+from mesh_motion_numerics.threads import checked_threads, limited_to
 
 __all__ = ["NearOperators", "displacement", "gradient", "prepare"]
 

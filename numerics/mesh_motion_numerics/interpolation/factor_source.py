@@ -8,15 +8,15 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.evaluation import NearOperators
-from mesh_motion_server.numerics.interpolation.interpolant import Factorization, factorize
-from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named, checked_radius
-from mesh_motion_server.numerics.interpolation.point_digest import point_digest
-from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScalePlan
-from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
-from mesh_motion_server.numerics.method import Method
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.evaluation import NearOperators
+from mesh_motion_numerics.interpolation.interpolant import Factorization, factorize
+from mesh_motion_numerics.interpolation.kernels import Basis, basis_named, checked_radius
+from mesh_motion_numerics.interpolation.point_digest import point_digest
+from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
+from mesh_motion_numerics.method import Method
 
 __all__ = [
     "CacheReport",

@@ -13,7 +13,7 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats, Integers
 
 __all__ = ["HashedCells"]
 

@@ -17,17 +17,17 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.control_points import checked_control_points
-from mesh_motion_server.numerics.interpolation.factorizations import LinearSolver
-from mesh_motion_server.numerics.interpolation.factorizations.choice import choose_solver
-from mesh_motion_server.numerics.interpolation.factorizations.conditional import NullSpaceCholesky
-from mesh_motion_server.numerics.interpolation.kernels import DEFAULT_BASIS, Basis, basis_named, checked_radius
-from mesh_motion_server.numerics.interpolation.polynomial import LinearBasis, Polynomial
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.control_points import checked_control_points
+from mesh_motion_numerics.interpolation.factorizations import LinearSolver
+from mesh_motion_numerics.interpolation.factorizations.choice import choose_solver
+from mesh_motion_numerics.interpolation.factorizations.conditional import NullSpaceCholesky
+from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, Basis, basis_named, checked_radius
+from mesh_motion_numerics.interpolation.polynomial import LinearBasis, Polynomial
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
+    from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
 
 __all__ = ["AllCentreFactorization", "Factorization", "Interpolant", "factorize"]
 
@@ -108,12 +108,12 @@ def factorize(
     control_points : (nc, d) array, mesh length unit
         Distinct points, d = 1, 2 or 3.
     basis : str
-        A name in :data:`~mesh_motion_server.numerics.interpolation.kernels.BASES`.
+        A name in :data:`~mesh_motion_numerics.interpolation.kernels.BASES`.
     support_radius : float, mesh length unit
         R; None only if the interpolant does not depend on it.
     solver : {"auto", "dense", "sparse", "iterative"}
         Of a positive definite basis; "auto" chooses by the number of points and the fraction of nonzero entries
-        (:func:`~mesh_motion_server.numerics.interpolation.factorizations.choice.choose_solver`).
+        (:func:`~mesh_motion_numerics.interpolation.factorizations.choice.choose_solver`).
     spacing : (nc,) array, mesh length unit, optional
         Distance of each point to the nearest other one, if it is known.
 
@@ -122,9 +122,9 @@ def factorize(
     InvalidInput
         On two points that coincide, points that do not determine the polynomial, an unusable basis or radius, or a
         solver that does not fit the basis.
-    NumericalError
+    QualityRefused
         If the matrix is singular to working precision.
-    ResourceError
+    ResourceExhausted
         If its factors would take too much memory (:mod:`.factorizations.memory_bound`).
     """
     row = basis_named(basis)

@@ -15,21 +15,21 @@ from itertools import zip_longest
 from typing import Protocol
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, MakeEachTime, prepared_for
-from mesh_motion_server.numerics.interpolation.factorizations.conditional import NullSpaceCholesky
-from mesh_motion_server.numerics.interpolation.interpolant import AllCentreFactorization, Factorization, Interpolant
-from mesh_motion_server.numerics.interpolation.periodic_interpolant import PeriodicFactorization, PeriodicLevels
-from mesh_motion_server.numerics.interpolation.two_scale.compact_levels import CompactSystem
-from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScaleFactorization
-from mesh_motion_server.numerics.interpolation.two_scale.grid_sums import on_grid, on_grid_transposed
-from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
-from mesh_motion_server.numerics.interpolation.two_scale.near_operator import NearOperator
-from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedSpline
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.factor_source import FactorSource, MakeEachTime, prepared_for
+from mesh_motion_numerics.interpolation.factorizations.conditional import NullSpaceCholesky
+from mesh_motion_numerics.interpolation.interpolant import AllCentreFactorization, Factorization, Interpolant
+from mesh_motion_numerics.interpolation.periodic_interpolant import PeriodicFactorization, PeriodicLevels
+from mesh_motion_numerics.interpolation.two_scale.compact_levels import CompactSystem
+from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScaleFactorization
+from mesh_motion_numerics.interpolation.two_scale.grid_sums import on_grid, on_grid_transposed
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
+from mesh_motion_numerics.interpolation.two_scale.near_operator import NearOperator
+from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
 
 __all__ = ["FieldMap", "InterpolationMap", "interpolation_map"]
 

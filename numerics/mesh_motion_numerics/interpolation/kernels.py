@@ -18,10 +18,10 @@ from typing import Literal
 
 import mesh_motion_kernels as kernels
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import ArrayLike
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_numerics.arrays import Floats
 
 __all__ = ["BASES", "DEFAULT_BASIS", "Basis", "basis_named", "checked_radius", "slopes", "values"]
 

@@ -21,29 +21,29 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.assembly import dense_block, sparse_matrix
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.control_points import checked_control_points
-from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
-from mesh_motion_server.numerics.interpolation.factorizations import LinearSolver
-from mesh_motion_server.numerics.interpolation.factorizations.dense import PanelCholesky
-from mesh_motion_server.numerics.interpolation.factorizations.sparse import SparseFactor
-from mesh_motion_server.numerics.interpolation.interpolant import Factorization, Interpolant
-from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named, checked_radius
-from mesh_motion_server.numerics.interpolation.two_scale.compact_levels import (
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.assembly import dense_block, sparse_matrix
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.control_points import checked_control_points
+from mesh_motion_numerics.interpolation.factor_source import FactorSource
+from mesh_motion_numerics.interpolation.factorizations import LinearSolver
+from mesh_motion_numerics.interpolation.factorizations.dense import PanelCholesky
+from mesh_motion_numerics.interpolation.factorizations.sparse import SparseFactor
+from mesh_motion_numerics.interpolation.interpolant import Factorization, Interpolant
+from mesh_motion_numerics.interpolation.kernels import Basis, basis_named, checked_radius
+from mesh_motion_numerics.interpolation.two_scale.compact_levels import (
     BASIS,
     CLOSEST,
     LEVEL_RADII,
     LEVEL_RATIO,
     MAX_LEVELS,
 )
-from mesh_motion_server.numerics.interpolation.two_scale.factorization import SEPARATION
-from mesh_motion_server.numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
-from mesh_motion_server.numerics.mesh.points import padded
-from mesh_motion_server.numerics.mesh.rigid_transforms import Transform, generated_group
-from mesh_motion_server.numerics.method import Method
+from mesh_motion_numerics.interpolation.two_scale.factorization import SEPARATION
+from mesh_motion_numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
+from mesh_motion_numerics.mesh.points import padded
+from mesh_motion_numerics.mesh.rigid_transforms import Transform, generated_group
+from mesh_motion_numerics.method import Method
 
 __all__ = ["PeriodicFactorization", "periodic_factorization_of"]
 

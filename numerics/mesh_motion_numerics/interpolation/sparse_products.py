@@ -4,8 +4,8 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from scipy.sparse import csr_array
 
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.interpolation.assembly import SparseRows
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.interpolation.assembly import SparseRows
 
 __all__ = ["nbytes", "product"]
 

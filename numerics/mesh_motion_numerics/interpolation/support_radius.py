@@ -26,9 +26,9 @@ channel want a radius near the width of the gap, which ruins large motions of th
 import numpy as np
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.points import bounding_box
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.mesh.roles import BoundaryRoles
 
 __all__ = ["suggest_enrichment_radius", "suggest_support_radius", "widest_ball"]
 

@@ -25,8 +25,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors, widened
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
 
 __all__ = ["BoundaryFacets", "NearFacets", "crossing_place", "near_facets", "straddling_place", "touching_facets"]
 

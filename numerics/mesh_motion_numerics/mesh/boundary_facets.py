@@ -3,12 +3,12 @@
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Integers
-from mesh_motion_server.numerics.mesh.cell_facets import facet_nodes, matched_facets
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
+from mesh_motion_numerics.arrays import Integers
+from mesh_motion_numerics.mesh.cell_facets import facet_nodes, matched_facets
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
 
 __all__ = ["LOCAL_FACETS", "boundary_facets", "boundary_nodes"]
 

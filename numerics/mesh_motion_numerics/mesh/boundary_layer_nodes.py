@@ -17,13 +17,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.boundary_layer_stacks import column_feet
-from mesh_motion_server.numerics.mesh.boundary_layer_wall import MovingWall, WallPlaces, simplices_of
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.closest_point import nearest_within
-from mesh_motion_server.numerics.mesh.roles import SLIDING_ROLES, Patch
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.boundary_layer_stacks import column_feet
+from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall, WallPlaces, simplices_of
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.closest_point import nearest_within
+from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
 
 __all__ = ["LayerNodes", "layer_nodes"]
 

@@ -7,8 +7,8 @@ bisector of a concave corner.
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Integers, Marks, Shorts
-from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_numerics.arrays import Integers, Marks, Shorts
+from mesh_motion_numerics.mesh.cells import CellTable
 
 __all__ = ["column_feet"]
 

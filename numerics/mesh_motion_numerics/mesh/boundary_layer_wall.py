@@ -26,9 +26,9 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.decomposition import nearest_rotation
-from mesh_motion_server.numerics.mesh.closest_point import nearest_within
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.decomposition import nearest_rotation
+from mesh_motion_numerics.mesh.closest_point import nearest_within
 
 __all__ = ["MovingWall", "WallPlaces", "angles_at_corners", "facet_frames", "least_rotation", "simplices_of"]
 

@@ -12,9 +12,9 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.arrays import Integers
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
+from mesh_motion_numerics.arrays import Integers
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
 
 __all__ = ["CellFacets", "facet_nodes", "matched_facets"]
 

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers, Shorts
+from mesh_motion_numerics.arrays import Floats, Integers, Shorts
 
 __all__ = ["CELL_TYPES", "CellBlock", "CellTable", "CellType"]
 

@@ -11,8 +11,8 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.points import padded
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.points import padded
 
 __all__ = ["FacetSet", "nearest_within"]
 

@@ -10,10 +10,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.boundary_orientation import of_one_width
-from mesh_motion_server.numerics.mesh.points import bounding_box
-from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.boundary_orientation import of_one_width
+from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors
 
 __all__ = ["CoincidentSides", "coincident_nodes", "first_at_place", "met_nodes"]
 

@@ -28,10 +28,10 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.cell_facets import CellFacets
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellBlock, CellTable
-from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.cell_facets import CellFacets
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellBlock, CellTable
+from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
 
 __all__ = [
     "FACE_METRICS",

@@ -7,13 +7,13 @@ interface of two meshes that do not match have given displacements.
 
 import mesh_motion_kernels as kernels
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.points import padded
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.points import padded
 
 __all__ = ["refuse_hanging_nodes", "refuse_split_facets"]
 

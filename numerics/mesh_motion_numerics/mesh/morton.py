@@ -8,7 +8,7 @@ G. M. Morton, A computer oriented geodetic data base and a new technique in file
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_numerics.arrays import Floats
 
 __all__ = ["morton_codes"]
 

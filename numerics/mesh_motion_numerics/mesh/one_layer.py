@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellBlock, CellTable
-from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
-from mesh_motion_server.numerics.mesh.roles import SLIDING_ROLES, Patch, nodes_with
-from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors, widened
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellBlock, CellTable
+from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
+from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch, nodes_with
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
 
 __all__ = ["OneLayer"]
 

@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from itertools import combinations
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Integers, Marks
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import ROLES, Patch
+from mesh_motion_numerics.arrays import Integers, Marks
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import ROLES, Patch
 
 __all__ = ["check_patches", "nodes_behind_fixed", "nodes_in_no_patch", "patch_warnings"]
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.points import padded
-from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.points import padded
+from mesh_motion_numerics.mesh.rigid_transforms import Transform
 
 __all__ = ["RigidMotion", "fit_rigid_motion", "fit_screw", "split_rigid", "substeps"]
 

@@ -12,15 +12,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.paths import RigidMotion, fit_screw
-from mesh_motion_server.numerics.mesh.periodic_pairs import PeriodicPair, periodic_pairs
-from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.paths import RigidMotion, fit_screw
+from mesh_motion_numerics.mesh.periodic_pairs import PeriodicPair, periodic_pairs
+from mesh_motion_numerics.mesh.rigid_transforms import Transform
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 
 __all__ = ["PeriodicNodes"]
 

@@ -12,13 +12,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
-from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors, widened
-from mesh_motion_server.numerics.mesh.spacing import local_spacing
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.rigid_transforms import Transform
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
+from mesh_motion_numerics.mesh.spacing import local_spacing
 
 __all__ = ["PeriodicPair", "periodic_pairs"]
 

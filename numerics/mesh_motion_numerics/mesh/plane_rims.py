@@ -9,13 +9,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import SLIDING_ROLES, Patch
-from mesh_motion_server.numerics.mesh.smooth_pieces import smooth_pieces
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
+from mesh_motion_numerics.mesh.smooth_pieces import smooth_pieces
 
 __all__ = ["PlaneRims"]
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Marks
+from mesh_motion_numerics.arrays import Floats, Marks
 
 __all__ = ["facet_angles", "smooth_slopes"]
 

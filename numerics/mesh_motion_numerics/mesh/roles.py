@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats, Integers
 
 __all__ = ["ROLES", "SLIDING_ROLES", "BoundaryRoles", "Patch", "nodes_with"]
 

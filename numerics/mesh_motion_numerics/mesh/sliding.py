@@ -19,16 +19,16 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.paths import RigidMotion
-from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
-from mesh_motion_server.numerics.mesh.smooth_pieces import Piece, sides, smooth_pieces
-from mesh_motion_server.numerics.mesh.surface_constraints import Held, OnFacets, OnPlanes, SurfaceConstraint
-from mesh_motion_server.numerics.mesh.wall_lines import WallLine, wall_lines
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.paths import RigidMotion
+from mesh_motion_numerics.mesh.rigid_transforms import Transform
+from mesh_motion_numerics.mesh.smooth_pieces import Piece, sides, smooth_pieces
+from mesh_motion_numerics.mesh.surface_constraints import Held, OnFacets, OnPlanes, SurfaceConstraint
+from mesh_motion_numerics.mesh.wall_lines import WallLine, wall_lines
 
 __all__ = ["ACROSS", "SlidingSurfaces"]
 

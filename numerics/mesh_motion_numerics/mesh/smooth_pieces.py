@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats, Integers
 
 __all__ = ["Piece", "area_vectors", "sides", "smooth_pieces", "widened"]
 

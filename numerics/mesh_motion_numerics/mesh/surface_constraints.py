@@ -15,11 +15,11 @@ from typing import Protocol
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.closest_point import FacetSet
-from mesh_motion_server.numerics.mesh.coincidence import first_at_place
-from mesh_motion_server.numerics.mesh.projection_slope import facet_angles, smooth_slopes
-from mesh_motion_server.numerics.mesh.rigid_transforms import Transform, nearest_images
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.closest_point import FacetSet
+from mesh_motion_numerics.mesh.coincidence import first_at_place
+from mesh_motion_numerics.mesh.projection_slope import facet_angles, smooth_slopes
+from mesh_motion_numerics.mesh.rigid_transforms import Transform, nearest_images
 
 __all__ = ["Held", "OnFacets", "OnPlanes", "SurfaceConstraint"]
 

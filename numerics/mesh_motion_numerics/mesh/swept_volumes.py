@@ -22,9 +22,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.cells import CellBlock
-from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.cells import CellBlock
+from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
 
 __all__ = ["swept_by_cells", "swept_volumes"]
 

@@ -12,9 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.closest_point import FacetSet
-from mesh_motion_server.numerics.mesh.smooth_pieces import Piece, sides
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.closest_point import FacetSet
+from mesh_motion_numerics.mesh.smooth_pieces import Piece, sides
 
 __all__ = ["WallLine", "wall_lines"]
 

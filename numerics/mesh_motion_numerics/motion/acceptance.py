@@ -4,11 +4,11 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
 
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.quality.quality_summary import Judgement
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.quality.quality_summary import Judgement
 
 __all__ = [
     "collapsed",
@@ -44,20 +44,20 @@ def refuse_unacceptable(method: Method, quality: Judgement, reached: bool) -> No
 
     Raises
     ------
-    NumericalError
+    QualityRefused
         With the best minimum quality and the worst cells.
     """
     worst = [cell.number for cell in quality.worst]
     name, best = method.quality_metric, quality.metric.min
     if quality.inverted and not method.allow_invalid:
-        raise NumericalError(
+        raise QualityRefused(
             f"no valid mesh found: {quality.inverted} inverted cells, best minimum {name} {best:.4g}, "
             f"correction {method.correction!r}",
             best=best,
             cells=worst,
         )
     if not reached and method.refuse_below_threshold:
-        raise NumericalError(
+        raise QualityRefused(
             f"minimum {name} {best:.4g} stays below the threshold {method.quality_threshold:.4g}",
             best=best,
             cells=worst,

@@ -25,10 +25,10 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.paths import RigidMotion, fit_rigid_motion
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion
 
 __all__ = ["Body", "Way", "moving_bodies", "straight_way", "ways"]
 

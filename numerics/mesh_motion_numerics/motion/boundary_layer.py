@@ -28,13 +28,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.boundary_layer_nodes import LayerNodes, layer_nodes
-from mesh_motion_server.numerics.mesh.boundary_layer_wall import MovingWall
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
-from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.boundary_layer_nodes import LayerNodes, layer_nodes
+from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 
 __all__ = ["BoundaryLayer", "Shield", "held_with"]
 

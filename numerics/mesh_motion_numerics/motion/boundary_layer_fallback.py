@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
 
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
-from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer
-from mesh_motion_server.numerics.motion.motion_found import Motion
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.correction.trial_nodes import TrialMesh
+from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
+from mesh_motion_numerics.motion.motion_found import Motion
 
 __all__ = ["LayerAttempts", "fitting_layer", "given_way"]
 
@@ -87,12 +87,12 @@ class LayerAttempts:
             self.best = motion, self.layer
         self._go_on([cell.number for cell in motion.corrected.worst])
 
-    def refused(self, refusal: NumericalError) -> None:
+    def refused(self, refusal: QualityRefused) -> None:
         """Record a refused attempt.
 
         Raises
         ------
-        NumericalError
+        QualityRefused
             The refusal, if nothing is left to try.
         """
         if self.layer is None and self.best is None:

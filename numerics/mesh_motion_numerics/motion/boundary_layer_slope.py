@@ -9,15 +9,15 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.decomposition import nearest_rotation, nearest_rotation_slope
-from mesh_motion_server.numerics.mesh.boundary_layer_wall import (
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.decomposition import nearest_rotation, nearest_rotation_slope
+from mesh_motion_numerics.mesh.boundary_layer_wall import (
     MovingWall,
     angles_at_corners,
     facet_frames,
     least_rotation,
 )
-from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer
+from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
 
 __all__ = ["carried_slope"]
 

@@ -10,38 +10,38 @@ from functools import cached_property
 from typing import NoReturn, Self
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput, SessionError
 
-from mesh_motion_server.errors import InvalidInput, SessionError
-from mesh_motion_server.numerics.arrays import Floats, Marks
-from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.correction.correction import Correction, CorrectionProblem, correct
-from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
-from mesh_motion_server.numerics.correction.smooth_motion import Law, SmoothMotion
-from mesh_motion_server.numerics.interpolation.factor_source import (
+from mesh_motion_numerics.arrays import Floats, Marks
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.correction.correction import Correction, CorrectionProblem, correct
+from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
+from mesh_motion_numerics.correction.smooth_motion import Law, SmoothMotion
+from mesh_motion_numerics.interpolation.factor_source import (
     DeferredFactorization,
     FactorSource,
     MakeEachTime,
     Recorded,
 )
-from mesh_motion_server.numerics.interpolation.interpolation_map import FieldMap
-from mesh_motion_server.numerics.interpolation.support_radius import suggest_support_radius
-from mesh_motion_server.numerics.interpolation.two_scale.plans import TwoScalePlans
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.patch_check import check_patches
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.body_paths import Body, Way, ways
-from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
-from mesh_motion_server.numerics.motion.method_check import check_method
-from mesh_motion_server.numerics.motion.motion_found import Motion
-from mesh_motion_server.numerics.motion.motion_slope import why_no_slope
-from mesh_motion_server.numerics.motion.smooth_step import PlainWay, smooth_step
-from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
-from mesh_motion_server.numerics.quality.headroom import Headroom
-from mesh_motion_server.numerics.quality.mesh_check import checked_cells
-from mesh_motion_server.numerics.quality.metrics import cells_at_rest
-from mesh_motion_server.numerics.quality.quality_summary import Judgement, LowestQuality, Minimum
-from mesh_motion_server.numerics.stopwatch import Stopwatch, check_time
+from mesh_motion_numerics.interpolation.interpolation_map import FieldMap
+from mesh_motion_numerics.interpolation.support_radius import suggest_support_radius
+from mesh_motion_numerics.interpolation.two_scale.plans import TwoScalePlans
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.patch_check import check_patches
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.body_paths import Body, Way, ways
+from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
+from mesh_motion_numerics.motion.method_check import check_method
+from mesh_motion_numerics.motion.motion_found import Motion
+from mesh_motion_numerics.motion.motion_slope import why_no_slope
+from mesh_motion_numerics.motion.smooth_step import PlainWay, smooth_step
+from mesh_motion_numerics.motion.standard_motion import StandardMotion
+from mesh_motion_numerics.quality.headroom import Headroom
+from mesh_motion_numerics.quality.mesh_check import checked_cells
+from mesh_motion_numerics.quality.metrics import cells_at_rest
+from mesh_motion_numerics.quality.quality_summary import Judgement, LowestQuality, Minimum
+from mesh_motion_numerics.stopwatch import Stopwatch, check_time
 
 __all__ = ["BoundaryMotion"]
 
@@ -190,7 +190,7 @@ class BoundaryMotion:
         ------
         RegionTooSmall
             If it takes a larger region.
-        NumericalError
+        QualityRefused
             If no valid mesh was found.
         """
         check_time()
@@ -220,7 +220,7 @@ class BoundaryMotion:
         ------
         RegionTooSmall
             If it takes a larger region.
-        NumericalError
+        QualityRefused
             If no valid mesh was found.
         """
         check_time()

@@ -16,9 +16,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.boundary_orientation import closed_parts, of_one_width
-from mesh_motion_server.numerics.mesh.smooth_pieces import area_vectors
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.boundary_orientation import closed_parts, of_one_width
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors
 
 __all__ = ["contact_place", "misplaced_place"]
 

@@ -8,28 +8,28 @@ from functools import cached_property
 from itertools import islice
 
 import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
 
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.boundary_crossing import (
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.boundary_crossing import (
     BoundaryFacets,
     crossing_place,
     near_facets,
     straddling_place,
     touching_facets,
 )
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
-from mesh_motion_server.numerics.mesh.boundary_orientation import overturned_place
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.coincidence import CoincidentSides, met_nodes
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
-from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
-from mesh_motion_server.numerics.motion.boundary_nesting import contact_place, misplaced_place
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
+from mesh_motion_numerics.mesh.boundary_orientation import overturned_place
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.coincidence import CoincidentSides, met_nodes
+from mesh_motion_numerics.mesh.roles import BoundaryRoles
+from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
+from mesh_motion_numerics.motion.boundary_nesting import contact_place, misplaced_place
 
 __all__ = ["NoMeshExists", "PossibleCrossing", "refuse_region"]
 
 
-class NoMeshExists(NumericalError):
+class NoMeshExists(QualityRefused):
     """The boundary forbids every mesh: no correction, way or boundary layer finds one.
 
     Attributes
@@ -82,7 +82,7 @@ class PossibleCrossing:
         known[_on_planes(sliding, roles.moving[:0])] = True
         return cls(reference, cells, roles, own, known, sides)
 
-    def refuse_passing(self, points: Floats, targets: Floats, refusal: NumericalError | None = None) -> None:
+    def refuse_passing(self, points: Floats, targets: Floats, refusal: QualityRefused | None = None) -> None:
         """Refuse it if two nodes at the same place in the reference mesh pass through each other: as below."""
         if not len(self.sides.pairs):
             return
@@ -94,7 +94,7 @@ class PossibleCrossing:
             fault = f"pass through itself at node {one} and node {other}, which are at the same place at rest"
             raise _no_mesh(fault, refusal, {"node": one})
 
-    def refuse(self, points: Floats, targets: Floats, refusal: NumericalError | None = None) -> None:
+    def refuse(self, points: Floats, targets: Floats, refusal: QualityRefused | None = None) -> None:
         """Refuse the mesh ``points`` (n, d) with its moving nodes at ``targets`` (k, d) if no valid mesh exists.
 
         Raises
@@ -124,7 +124,7 @@ class PossibleCrossing:
         moved[self.roles.moving] = targets
         return moved
 
-    def _refuse_meeting(self, moved: Floats, refusal: NumericalError | None) -> None:
+    def _refuse_meeting(self, moved: Floats, refusal: QualityRefused | None) -> None:
         """Refuse nodes of ``moved`` (n, d) that meet and have cells between them, unlike two sides of a thin solid."""
         for one, other in met_nodes(self.reference, moved, self.roles.prescribed).tolist():
             ends = np.array([one, other])
@@ -159,7 +159,7 @@ class PossibleCrossing:
 
 
 def refuse_region(
-    cells: CellTable, moving: Integers, held: Integers, reference: Floats, positions: Floats, refusal: NumericalError
+    cells: CellTable, moving: Integers, held: Integers, reference: Floats, positions: Floats, refusal: QualityRefused
 ) -> None:
     """As :meth:`PossibleCrossing.refuse`, in a part of a mesh: for facets that go through each other, and for nodes
     that leave their side of a part of the boundary that is there as a whole.
@@ -197,9 +197,9 @@ def _on_planes(sliding: SlidingSurfaces | None, away: Integers) -> Integers:
     return np.setdiff1d(sliding.nodes, np.concatenate([away[:0], *others]))
 
 
-def _no_mesh(fault: str, refusal: NumericalError | None, details: Mapping[str, object] | None = None) -> NoMeshExists:
+def _no_mesh(fault: str, refusal: QualityRefused | None, details: Mapping[str, object] | None = None) -> NoMeshExists:
     """The error for a boundary with this fault, with what an earlier refusal found."""
-    known = refusal or NumericalError("")
+    known = refusal or QualityRefused("")
     return NoMeshExists(
         f"no valid mesh exists: the boundary would {fault}",
         best=known.best,

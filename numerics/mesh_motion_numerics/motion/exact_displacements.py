@@ -9,7 +9,7 @@ from typing import NamedTuple
 import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats, Integers
 
 __all__ = ["BoundaryDisplacement", "differences_of", "settle"]
 

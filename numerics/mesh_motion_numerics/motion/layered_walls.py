@@ -14,13 +14,13 @@ from functools import cached_property
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks, Shorts
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.boundary_layer_wall import MovingWall
-from mesh_motion_server.numerics.mesh.cells import CellBlock, CellTable
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
-from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
-from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer
+from mesh_motion_numerics.arrays import Floats, Integers, Marks, Shorts
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall
+from mesh_motion_numerics.mesh.cells import CellBlock, CellTable
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
+from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
 
 __all__ = ["LayeredWalls"]
 

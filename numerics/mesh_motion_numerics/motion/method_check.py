@@ -1,6 +1,6 @@
 """Checks that the method fits the mesh, when a session is built.
 
-Errors in the keys alone are refused earlier (:mod:`~mesh_motion_server.numerics.method`). A basis function may be
+Errors in the keys alone are refused earlier (:mod:`~mesh_motion_numerics.method`). A basis function may be
 unusable here because it has no gradient at a control point where one is needed, or because it needs a shape parameter
 and none was given. Conditionally definite functions are usable only with the linear polynomial, which the control
 points must determine.
@@ -10,16 +10,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.interpolation.factorizations.memory_bound import check_dense
-from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named, checked_radius
-from mesh_motion_server.numerics.interpolation.polynomial import LinearBasis
-from mesh_motion_server.numerics.mesh.coincidence import coincident_nodes
-from mesh_motion_server.numerics.mesh.points import bounding_box
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
-from mesh_motion_server.numerics.method import Method
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.interpolation.factorizations.memory_bound import check_dense
+from mesh_motion_numerics.interpolation.kernels import Basis, basis_named, checked_radius
+from mesh_motion_numerics.interpolation.polynomial import LinearBasis
+from mesh_motion_numerics.mesh.coincidence import coincident_nodes
+from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.mesh.roles import BoundaryRoles
+from mesh_motion_numerics.method import Method
 
 __all__ = ["check_method"]
 
@@ -45,7 +45,7 @@ def check_method(method: Method, points: Floats, roles: BoundaryRoles, *, period
         determine the polynomial of the basis, or a boundary layer in 1D; with periodic patches, on a basis without
         compact support or a reduction. ``.MESH_DEGENERATE`` on boundary nodes at the same place, if the method needs
         distinct nodes.
-    ResourceError
+    ResourceExhausted
         If the matrix of all boundary nodes has to be factorized densely and would take too much memory.
     """
     basis = _checked_basis(method, points.shape[1])

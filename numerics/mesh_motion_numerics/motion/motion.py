@@ -15,15 +15,15 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from mesh_motion_protocol.errors import QualityRefused, Timeout
 
-from mesh_motion_server.errors import DeadlineExceeded, NumericalError
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.correction.correction import Correction, CorrectionProblem, correct
-from mesh_motion_server.numerics.correction.smooth_motion import SmoothMotion
-from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
-from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
-from mesh_motion_server.numerics.motion.acceptance import (
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.correction.correction import Correction, CorrectionProblem, correct
+from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
+from mesh_motion_numerics.correction.trial_nodes import TrialMesh
+from mesh_motion_numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
+from mesh_motion_numerics.motion.acceptance import (
     collapsed,
     largest_accepted,
     other_unit,
@@ -32,19 +32,19 @@ from mesh_motion_server.numerics.motion.acceptance import (
     refuse_unacceptable,
     way_out,
 )
-from mesh_motion_server.numerics.motion.body_paths import Way, straight_way, ways
-from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer, held_with
-from mesh_motion_server.numerics.motion.boundary_layer_fallback import LayerAttempts, fitting_layer, given_way
-from mesh_motion_server.numerics.motion.crossing import NoMeshExists
-from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
-from mesh_motion_server.numerics.motion.motion_found import Motion
-from mesh_motion_server.numerics.motion.motion_slope import DifferentiableMesh
-from mesh_motion_server.numerics.motion.smooth_step import NOT_SMOOTH, smooth_step, unconverged
-from mesh_motion_server.numerics.motion.standard_motion import StandardMotion, StandardTrial
-from mesh_motion_server.numerics.motion.sub_steps import Leg, Walk, furthest_walk
-from mesh_motion_server.numerics.motion.winding import UNWOUND, Turns
-from mesh_motion_server.numerics.quality.quality_summary import Judgement
-from mesh_motion_server.numerics.stopwatch import Stopwatch, check_time
+from mesh_motion_numerics.motion.body_paths import Way, straight_way, ways
+from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer, held_with
+from mesh_motion_numerics.motion.boundary_layer_fallback import LayerAttempts, fitting_layer, given_way
+from mesh_motion_numerics.motion.crossing import NoMeshExists
+from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
+from mesh_motion_numerics.motion.motion_found import Motion
+from mesh_motion_numerics.motion.motion_slope import DifferentiableMesh
+from mesh_motion_numerics.motion.smooth_step import NOT_SMOOTH, smooth_step, unconverged
+from mesh_motion_numerics.motion.standard_motion import StandardMotion, StandardTrial
+from mesh_motion_numerics.motion.sub_steps import Leg, Walk, furthest_walk
+from mesh_motion_numerics.motion.winding import UNWOUND, Turns
+from mesh_motion_numerics.quality.quality_summary import Judgement
+from mesh_motion_numerics.stopwatch import Stopwatch, check_time
 
 __all__ = ["MotionModel"]
 
@@ -122,11 +122,11 @@ class MotionModel(DifferentiableMesh):
         ------
         InvalidInput
             When moving nodes leave a symmetry plane.
-        NumericalError
+        QualityRefused
             When no valid mesh (or, if required, none at the threshold) was found; carries the best minimum quality, the
             worst cells and the largest accepted fraction found of the ``boundary_displacement``, None if
             :func:`.time_limit` ended the search.
-        DeadlineExceeded
+        Timeout
             If that limit ended all else.
         """
         self.rims.refuse(targets)
@@ -134,7 +134,7 @@ class MotionModel(DifferentiableMesh):
         try:
             motion = self._accept_or_lead(step)
             return replace(motion, warnings=[*motion.warnings, *self.rims.warnings(targets)])
-        except NumericalError as refusal:
+        except QualityRefused as refusal:
             if not _of_the_mesh(refusal):
                 raise
             if self.method.correction == "none":  # all others have looked at the boundary before they corrected
@@ -143,9 +143,9 @@ class MotionModel(DifferentiableMesh):
             whole = boundary_displacement or BoundaryDisplacement(origin, targets - origin)
             try:
                 fraction = self._acceptable_fraction(step, whole, refusal)
-            except DeadlineExceeded:
+            except Timeout:
                 fraction = None
-            raise NumericalError(
+            raise QualityRefused(
                 refusal.message,
                 best=refusal.best,
                 cells=refusal.cells,
@@ -164,7 +164,7 @@ class MotionModel(DifferentiableMesh):
         if self.method.sub_steps != "always":
             try:
                 return self._attempt(step)
-            except NumericalError as error:
+            except QualityRefused as error:
                 final = self.method.sub_steps == "never" or self.method.correction == "none"
                 if final or not _may_be_avoided(error):
                     raise
@@ -203,7 +203,7 @@ class MotionModel(DifferentiableMesh):
                 motion = self._accept(predicted, correction, quality, watch)
             except NoMeshExists:
                 raise
-            except NumericalError as refusal:
+            except QualityRefused as refusal:
                 attempts.refused(refusal)
             else:
                 attempts.accepted(motion)
@@ -222,7 +222,7 @@ class MotionModel(DifferentiableMesh):
         for turns, warnings in meant:
             try:
                 motion = self._smooth_attempt(step, smooth, turns)
-            except NumericalError as refusal:
+            except QualityRefused as refusal:
                 if not _may_be_avoided(refusal):
                     raise
             else:
@@ -255,7 +255,7 @@ class MotionModel(DifferentiableMesh):
         found, correction = followed.found, followed.correction()
         quality = self._judge(predicted, correction, watch)
         if not found.converged and quality.metric.min < self.method.quality_threshold:
-            raise NumericalError(unconverged(found))
+            raise QualityRefused(unconverged(found))
         motion = self._accept(predicted, correction, quality, watch)
         return replace(motion, sub_steps=followed.legs, warnings=[*motion.warnings, *correction.warnings])
 
@@ -280,7 +280,7 @@ class MotionModel(DifferentiableMesh):
         if collapsed(predicted.quality) and corrected and not self.method.allow_invalid:
             # a correction would find no mesh, or one whose cells are all positive but overlap or have no size
             worst = [cell.number for cell in predicted.quality.worst]
-            refusal = NumericalError("", best=predicted.quality.metric.min, cells=worst)
+            refusal = QualityRefused("", best=predicted.quality.metric.min, cells=worst)
             self.boundary.refuse(predicted.trial.points, step.targets, refusal)
         return predicted
 
@@ -374,7 +374,7 @@ class MotionModel(DifferentiableMesh):
             ],
         )
 
-    def _lead(self, step: _Step, refusal: NumericalError | None) -> Walk:
+    def _lead(self, step: _Step, refusal: QualityRefused | None) -> Walk:
         """Lead the mesh to its targets along the first of the bodies' ways on which it stays valid.
 
         Each leg (:mod:`.sub_steps`) is an attempt from the mesh of the leg before, corrected up to the threshold. The
@@ -383,7 +383,7 @@ class MotionModel(DifferentiableMesh):
 
         Raises
         ------
-        NumericalError
+        QualityRefused
             When the boundary crosses itself at the targets, or no way leads there: says how far the mesh stayed valid.
             Includes the details of the ``refusal`` of a single step, if there was one.
         """
@@ -405,7 +405,7 @@ class MotionModel(DifferentiableMesh):
         walk = furthest_walk(start, (path.at for path in paths), move)
         refusal = refusal or walk.refusal
         if walk.fraction < 1.0 and refusal is not None:
-            raise NumericalError(
+            raise QualityRefused(
                 f"{refusal.message}; in {walk.legs} sub-steps the mesh was kept valid for "
                 f"{walk.fraction:.3g} of the way",
                 best=refusal.best,
@@ -424,7 +424,7 @@ class MotionModel(DifferentiableMesh):
         """The question whether the targets (k, d) are in the unit of the mesh, where that is in doubt."""
         return other_unit(self.points, targets - self.points[self.roles.moving])
 
-    def _impossible(self, step: _Step, refusal: NumericalError | None = None) -> NoMeshExists | None:
+    def _impossible(self, step: _Step, refusal: QualityRefused | None = None) -> NoMeshExists | None:
         """The refusal of a boundary that forbids every mesh, with the details of an earlier one; None of any other."""
         try:
             self.boundary.refuse(step.committed, step.targets, refusal)
@@ -432,13 +432,13 @@ class MotionModel(DifferentiableMesh):
             return certain
         return None
 
-    def _acceptable_fraction(self, step: _Step, whole: BoundaryDisplacement, refusal: NumericalError) -> float:
+    def _acceptable_fraction(self, step: _Step, whole: BoundaryDisplacement, refusal: QualityRefused) -> float:
         """A fraction of the ``whole`` displacement that is accepted, which has met with this refusal."""
 
         def accepts(model: MotionModel, fraction: float) -> bool:
             try:
                 model._accept_or_lead(replace(step, targets=whole.at(fraction)))
-            except NumericalError:
+            except QualityRefused:
                 return False
             return True
 
@@ -472,11 +472,11 @@ class MotionModel(DifferentiableMesh):
         )
 
 
-def _may_be_avoided(refusal: NumericalError) -> bool:
+def _may_be_avoided(refusal: QualityRefused) -> bool:
     """Whether another correction or way may find a mesh."""
     return _of_the_mesh(refusal) and not isinstance(refusal, NoMeshExists)
 
 
-def _of_the_mesh(refusal: NumericalError) -> bool:
+def _of_the_mesh(refusal: QualityRefused) -> bool:
     """Whether a mesh was refused; otherwise a system could not be solved, and smaller steps do not help."""
-    return refusal.code == NumericalError.default_code
+    return refusal.code == QualityRefused.default_code

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.correction.correction import Correction
-from mesh_motion_server.numerics.interpolation.factor_source import CacheReport
-from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
-from mesh_motion_server.numerics.quality.quality_summary import Judgement
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.correction.correction import Correction
+from mesh_motion_numerics.interpolation.factor_source import CacheReport
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
+from mesh_motion_numerics.quality.quality_summary import Judgement
 
 __all__ = ["Motion"]
 

@@ -12,20 +12,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 
-from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.correction.smooth_motion import SmoothMotion
-from mesh_motion_server.numerics.correction.smooth_slope import SmoothSlope, not_at_minimum
-from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
-from mesh_motion_server.numerics.interpolation.interpolation_map import InterpolationMap, interpolation_map
-from mesh_motion_server.numerics.mesh.points import bounding_box
-from mesh_motion_server.numerics.motion.boundary_layer_slope import carried_slope
-from mesh_motion_server.numerics.motion.prepared_mesh import PreparedMesh
-from mesh_motion_server.numerics.motion.rigid_slope import RigidSlope, rigid_slope
-from mesh_motion_server.numerics.motion.smooth_step import LatestPlain
-from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
-from mesh_motion_server.numerics.stopwatch import Stopwatch
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
+from mesh_motion_numerics.correction.smooth_slope import SmoothSlope, not_at_minimum
+from mesh_motion_numerics.interpolation.factor_source import FactorSource
+from mesh_motion_numerics.interpolation.interpolation_map import InterpolationMap, interpolation_map
+from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.motion.boundary_layer_slope import carried_slope
+from mesh_motion_numerics.motion.prepared_mesh import PreparedMesh
+from mesh_motion_numerics.motion.rigid_slope import RigidSlope, rigid_slope
+from mesh_motion_numerics.motion.smooth_step import LatestPlain
+from mesh_motion_numerics.motion.standard_motion import StandardMotion
+from mesh_motion_numerics.stopwatch import Stopwatch
 
 __all__ = ["DifferentiableMesh", "MotionSlope", "motion_slope", "why_no_slope"]
 
@@ -78,7 +78,7 @@ class DifferentiableMesh(PreparedMesh):
         ------
         InvalidInput
             If it has none.
-        NumericalError
+        QualityRefused
             If the mesh was corrected in another way.
         """
         refusal = self.why_no_slope()
@@ -86,7 +86,7 @@ class DifferentiableMesh(PreparedMesh):
             raise refusal
         targets, layered = points[self.roles.moving], self.carrying_layers
         if self.winding is not None and self.winding.turns(points, targets) is not None:
-            raise NumericalError(
+            raise QualityRefused(
                 "a body has turned by more than a quarter turn: the motion that winds the mesh is not differentiated",
                 code="FAILED_PRECONDITION",
                 hint="ask at a smaller turn",
@@ -140,7 +140,7 @@ def motion_slope(
 
     Raises
     ------
-    NumericalError
+    QualityRefused
         If the mesh was corrected in another way.
     """
     _refuse_held_order(motion, points[motion.roles.moving], plain, factors)
@@ -155,7 +155,7 @@ def _refuse_held_order(motion: StandardMotion, targets: Floats, plain: Floats, f
     loose = replace(motion, sliding=replace(motion.sliding, lines=()))
     passing = np.abs(loose.trial(motion.reference, targets, factors, Stopwatch()).points - plain).max(axis=1) > 0.0
     if passing.any():
-        raise NumericalError(
+        raise QualityRefused(
             f"node {int(np.argmax(passing))} slides no further, so that it keeps its order along its wall: "
             "the motion has no derivative here",
             code="FAILED_PRECONDITION",

@@ -1,7 +1,7 @@
 """The motion of one layer of cells between two parallel planes: that of its plane, the same on both sides.
 
 In space, every node of such a mesh slides, and a patch of both planes is neither planar nor smooth. So the mesh is
-moved and judged in the plane (:mod:`~mesh_motion_server.numerics.mesh.one_layer`), as between OpenFOAM's `empty`
+moved and judged in the plane (:mod:`~mesh_motion_numerics.mesh.one_layer`), as between OpenFOAM's `empty`
 patches.
 """
 
@@ -13,21 +13,21 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.one_layer import OneLayer
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.motion.motion_found import Motion
-from mesh_motion_server.numerics.motion.motion_slope import MotionSlope
-from mesh_motion_server.numerics.quality.headroom import Headroom
-from mesh_motion_server.numerics.quality.mesh_check import checked_mesh
-from mesh_motion_server.numerics.quality.quality_summary import Judgement
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation.factor_source import FactorSource
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.one_layer import OneLayer
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.motion_found import Motion
+from mesh_motion_numerics.motion.motion_slope import MotionSlope
+from mesh_motion_numerics.quality.headroom import Headroom
+from mesh_motion_numerics.quality.mesh_check import checked_mesh
+from mesh_motion_numerics.quality.quality_summary import Judgement
 
 __all__ = ["AS_A_PLANE", "OneLayerMotion", "OneLayerSlope", "motion_model"]
 

@@ -7,27 +7,27 @@ from typing import Any, Self
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint
-from mesh_motion_server.numerics.correction.smooth_motion import SmoothMotion
-from mesh_motion_server.numerics.interpolation.support_radius import suggest_enrichment_radius, suggest_support_radius
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.plane_rims import PlaneRims
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.body_paths import Body, moving_bodies
-from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer, held_with
-from mesh_motion_server.numerics.motion.crossing import PossibleCrossing
-from mesh_motion_server.numerics.motion.layered_walls import LayeredWalls
-from mesh_motion_server.numerics.motion.method_check import check_method
-from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
-from mesh_motion_server.numerics.motion.winding import Winding, winding_body
-from mesh_motion_server.numerics.quality.headroom import Headroom, headroom
-from mesh_motion_server.numerics.quality.mesh_check import checked_mesh
-from mesh_motion_server.numerics.quality.mesh_summary import lowest_of, lowest_quality, mesh_summary, summarize
-from mesh_motion_server.numerics.quality.metrics import AtRest, CellQuality, cells_at_rest
-from mesh_motion_server.numerics.quality.quality_summary import Judgement
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.correction.boundary_constraint import BoundaryConstraint
+from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
+from mesh_motion_numerics.interpolation.support_radius import suggest_enrichment_radius, suggest_support_radius
+from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.plane_rims import PlaneRims
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.body_paths import Body, moving_bodies
+from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer, held_with
+from mesh_motion_numerics.motion.crossing import PossibleCrossing
+from mesh_motion_numerics.motion.layered_walls import LayeredWalls
+from mesh_motion_numerics.motion.method_check import check_method
+from mesh_motion_numerics.motion.standard_motion import StandardMotion
+from mesh_motion_numerics.motion.winding import Winding, winding_body
+from mesh_motion_numerics.quality.headroom import Headroom, headroom
+from mesh_motion_numerics.quality.mesh_check import checked_mesh
+from mesh_motion_numerics.quality.mesh_summary import lowest_of, lowest_quality, mesh_summary, summarize
+from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, cells_at_rest
+from mesh_motion_numerics.quality.quality_summary import Judgement
 
 __all__ = ["PreparedMesh", "with_radii"]
 

@@ -7,13 +7,13 @@ rotation, that about the axis of a periodic sector, or none; P keeps the shift i
 from __future__ import annotations
 
 import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
 
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.decomposition import nearest_rotation_slope
-from mesh_motion_server.numerics.mesh.paths import RigidMotion
-from mesh_motion_server.numerics.mesh.sliding import ACROSS, SlidingSurfaces
-from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.decomposition import nearest_rotation_slope
+from mesh_motion_numerics.mesh.paths import RigidMotion
+from mesh_motion_numerics.mesh.sliding import ACROSS, SlidingSurfaces
+from mesh_motion_numerics.motion.standard_motion import StandardMotion
 
 __all__ = ["RigidSlope", "rigid_slope"]
 
@@ -56,7 +56,7 @@ def rigid_slope(motion: StandardMotion, controls: Integers, goal: Floats, places
 
     Raises
     ------
-    NumericalError
+    QualityRefused
         At rest, if it depends on the direction of the motion whether the mesh is carried along.
     """
     origin, there = motion.reference[controls], goal[controls]
@@ -104,7 +104,7 @@ def _carried_at_rest(sliding: SlidingSurfaces, along: Floats, turn: Floats, cent
 
     Raises
     ------
-    NumericalError
+    QualityRefused
         If they admit some.
     """
     d, places = len(along), sliding.reference
@@ -121,7 +121,7 @@ def _carried_at_rest(sliding: SlidingSurfaces, along: Floats, turn: Floats, cent
         return True
     if np.linalg.eigvalsh(forms.sum(axis=0)).min() > scale:
         return False
-    raise NumericalError(
+    raise QualityRefused(
         "at rest it depends on the direction whether the whole mesh is carried along its walls: "
         "the motion has no derivative here",
         code="FAILED_PRECONDITION",

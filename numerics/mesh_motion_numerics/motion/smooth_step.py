@@ -14,14 +14,14 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
 
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.correction.correction import Correction
-from mesh_motion_server.numerics.correction.smooth_motion import Smoothed, SmoothMotion
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.correction.correction import Correction
+from mesh_motion_numerics.correction.smooth_motion import Smoothed, SmoothMotion
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
+    from mesh_motion_numerics.motion.standard_motion import StandardMotion
 
 __all__ = ["NOT_SMOOTH", "Followed", "LatestPlain", "follow", "smooth_step", "unconverged"]
 
@@ -109,7 +109,7 @@ def smooth_step(
 
     Raises
     ------
-    NumericalError
+    QualityRefused
         If no way leads to a valid mesh: says how far the mesh stayed valid.
     """
     carried = carried or _with_plain
@@ -124,7 +124,7 @@ def smooth_step(
         furthest, left = max(furthest, followed.fraction), left - followed.iterations
     if np.isfinite(at_once.residual):
         return Followed(at_once, 1.0, 1, at_once.iterations)
-    raise NumericalError(f"no valid mesh found: in sub-steps the mesh was kept valid for {furthest:.3g} of the way")
+    raise QualityRefused(f"no valid mesh found: in sub-steps the mesh was kept valid for {furthest:.3g} of the way")
 
 
 PlainWay = Callable[[float], Floats]

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.evaluation import NearOperators
-from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
-from mesh_motion_server.numerics.mesh.paths import RigidMotion
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.evaluation import NearOperators
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
+from mesh_motion_numerics.mesh.paths import RigidMotion
 
 __all__ = ["Stage"]
 

@@ -28,32 +28,32 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
 
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.interpolation.factor_source import (
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation.factor_source import (
     DeferredFactorization,
     FactorSource,
     factorization_of,
     prepared_for,
     two_scale_factorization_of,
 )
-from mesh_motion_server.numerics.interpolation.interpolant import Factorization
-from mesh_motion_server.numerics.interpolation.kernels import basis_named
-from mesh_motion_server.numerics.interpolation.periodic_interpolant import periodic_factorization_of
-from mesh_motion_server.numerics.interpolation.two_scale.plans import TwoScalePlans, plan_for
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.paths import RigidMotion, fit_rigid_motion, substeps
-from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
-from mesh_motion_server.numerics.mesh.points import bounding_box
-from mesh_motion_server.numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles, Patch
-from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer
-from mesh_motion_server.numerics.motion.stage import Stage
-from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing
-from mesh_motion_server.numerics.reduction.reduced_motion import interpolate_reduced
-from mesh_motion_server.numerics.stopwatch import Stopwatch
+from mesh_motion_numerics.interpolation.interpolant import Factorization
+from mesh_motion_numerics.interpolation.kernels import basis_named
+from mesh_motion_numerics.interpolation.periodic_interpolant import periodic_factorization_of
+from mesh_motion_numerics.interpolation.two_scale.plans import TwoScalePlans, plan_for
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion, substeps
+from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
+from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles, Patch
+from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
+from mesh_motion_numerics.motion.stage import Stage
+from mesh_motion_numerics.reduction.near_surface import boundary_spacing
+from mesh_motion_numerics.reduction.reduced_motion import interpolate_reduced
+from mesh_motion_numerics.stopwatch import Stopwatch
 
 __all__ = ["StandardMotion", "StandardTrial"]
 
@@ -329,7 +329,7 @@ class StandardMotion:
             if plan is None:
                 return factorization_of(origin, self.method, factors)
             return two_scale_factorization_of(origin, bounding_box(points), plan, factors)
-        except NumericalError:
+        except QualityRefused:
             if not basis_named(self.method.basis).compact:
                 raise
         anew = plan_for(points, controls, self.roles, self.method)

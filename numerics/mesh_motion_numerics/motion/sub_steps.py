@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused
+
+from mesh_motion_numerics.arrays import Floats
 
 __all__ = ["Leg", "Walk", "furthest_walk", "walk"]
 
@@ -43,7 +44,7 @@ class Walk:
         Number of legs that ended in a valid mesh; number of all legs, failed ones included.
     iterations : int
         Sum over the corrections of the legs.
-    refusal : NumericalError or None
+    refusal : QualityRefused or None
         The error of the last leg that failed.
     """
 
@@ -52,7 +53,7 @@ class Walk:
     legs: int
     tries: int
     iterations: int
-    refusal: NumericalError | None
+    refusal: QualityRefused | None
 
 
 def furthest_walk(
@@ -85,7 +86,7 @@ def walk(
     way : callable
         Fraction → (k, d) positions of the moving nodes.
     move : callable
-        (mesh (n, d), positions (k, d)) → :class:`Leg`; raises NumericalError if no valid mesh is found.
+        (mesh (n, d), positions (k, d)) → :class:`Leg`; raises QualityRefused if no valid mesh is found.
     most : int
         Largest number of legs that are tried.
     """
@@ -97,7 +98,7 @@ def walk(
         further = min(fraction + length, 1.0)  # sums of powers of two: exact
         try:
             leg = move(points, way(further))
-        except NumericalError as error:
+        except QualityRefused as error:
             refusal = error
             length = longest = (further - fraction) / 2.0
             continue

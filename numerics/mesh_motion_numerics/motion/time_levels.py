@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_numerics.arrays import Floats
 
 __all__ = ["STORED_ARRAYS", "TimeLevel", "level_after", "scheme_velocity"]
 

@@ -28,6 +28,7 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, eye_array
 from scipy.sparse.csgraph import breadth_first_order
@@ -35,12 +36,11 @@ from scipy.sparse.linalg import bicgstab
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.decomposition import nearest_rotation
-from mesh_motion_server.numerics.mesh.paths import fit_rigid_motion
-from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.decomposition import nearest_rotation
+from mesh_motion_numerics.mesh.paths import fit_rigid_motion
+from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
 
 __all__ = ["UNWOUND", "Turns", "Winding", "WindingBody", "winding_body", "wound"]
 
@@ -240,7 +240,7 @@ class Winding:
             with one_blas_thread():
                 found, failed = bicgstab(system, (means @ share)[free], rtol=_ACCURATE, maxiter=100 * len(shares[0]))
             if failed:
-                raise NumericalError("the share of a body's turn at the nodes was not found")
+                raise QualityRefused("the share of a body's turn at the nodes was not found")
             share[free] = found
         return shares
 

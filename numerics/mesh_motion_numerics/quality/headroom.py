@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import AtRest, block_slices, subset_quality
-from mesh_motion_server.numerics.quality.quality_summary import smallest
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import AtRest, block_slices, subset_quality
+from mesh_motion_numerics.quality.quality_summary import smallest
 
 __all__ = ["HORIZON", "Headroom", "headroom"]
 

@@ -13,25 +13,25 @@ from typing import NamedTuple, NoReturn
 
 import mesh_motion_kernels as kernels
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.interpolation.support_radius import suggest_support_radius
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.coincidence import coincident_nodes
-from mesh_motion_server.numerics.mesh.hanging_nodes import refuse_hanging_nodes, refuse_split_facets
-from mesh_motion_server.numerics.mesh.patch_check import (
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.interpolation.support_radius import suggest_support_radius
+from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.coincidence import coincident_nodes
+from mesh_motion_numerics.mesh.hanging_nodes import refuse_hanging_nodes, refuse_split_facets
+from mesh_motion_numerics.mesh.patch_check import (
     check_patches,
     nodes_behind_fixed,
     nodes_in_no_patch,
     patch_warnings,
 )
-from mesh_motion_server.numerics.mesh.points import bounding_box
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.quality.mesh_summary import lowest_quality
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.quality.orientation import OrientedCells, oriented
+from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.quality.mesh_summary import lowest_quality
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
+from mesh_motion_numerics.quality.orientation import OrientedCells, oriented
 
 __all__ = ["CheckedMesh", "checked_cells", "checked_mesh", "nodes_in_no_cell", "suggest_support_radius"]
 
@@ -50,7 +50,7 @@ class CheckedMesh(NamedTuple):
     cells : CellTable
         In one orientation (:mod:`.orientation`); all later code computes with these.
     reference_sizes : (m,) array
-        Of :func:`~mesh_motion_server.numerics.quality.metrics.reference_sizes`, all positive.
+        Of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`, all positive.
     resting : (r,) int64 array
         Nodes in no patch that stay where they are: those behind fixed nodes.
     coincident : (c, 2) int64 array

@@ -14,9 +14,9 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.arrays import Integers
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import (
+from mesh_motion_numerics.arrays import Integers
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import (
     AtRest,
     CellQuality,
     as_positions,
@@ -25,7 +25,7 @@ from mesh_motion_server.numerics.quality.metrics import (
     rest_for,
     subset_quality,
 )
-from mesh_motion_server.numerics.quality.quality_summary import (
+from mesh_motion_numerics.quality.quality_summary import (
     Distribution,
     LowestQuality,
     Minimum,
@@ -54,9 +54,9 @@ def mesh_summary(
     ----------
     points : (n, d) array, mesh length unit
     reference_sizes : (m,) array or CellsAtRest
-        From :func:`~mesh_motion_server.numerics.quality.metrics.reference_sizes` or :func:`.cells_at_rest`.
+        From :func:`~mesh_motion_numerics.quality.metrics.reference_sizes` or :func:`.cells_at_rest`.
     metric : str
-        One of :data:`~mesh_motion_server.numerics.quality.metrics.QUALITY_METRICS`; ranks the worst cells.
+        One of :data:`~mesh_motion_numerics.quality.metrics.QUALITY_METRICS`; ranks the worst cells.
     worst : int
         Number of worst cells to name.
 

@@ -29,7 +29,7 @@ Skew is never negative. A cell whose corners are all inverted has the skew of it
 distinguishes a badly inverted cell from a slightly inverted one; a cell with only some corners inverted has skew 0. A
 cell with a position that is not finite has -inf in every metric: worse than any number, never equal to a good value.
 
-Node indices are not checked here: :func:`~mesh_motion_server.numerics.quality.mesh_check.checked_mesh` does that once.
+Node indices are not checked here: :func:`~mesh_motion_numerics.quality.mesh_check.checked_mesh` does that once.
 
 References
 ----------
@@ -46,11 +46,11 @@ from typing import Any
 
 import mesh_motion_kernels as kernels
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks, Shorts
-from mesh_motion_server.numerics.mesh.cells import CellBlock, CellTable, CellType
+from mesh_motion_numerics.arrays import Floats, Integers, Marks, Shorts
+from mesh_motion_numerics.mesh.cells import CellBlock, CellTable, CellType
 
 __all__ = [
     "METRIC_CODES",

@@ -3,7 +3,7 @@
 A cell has the opposite orientation if the determinant at each of its corners is negative; any other cell is kept, and
 :mod:`.mesh_check` judges it. In a folded mesh such cells are really inverted: after mirroring, they and their
 neighbours lie on the same side of a facet, which
-:func:`~mesh_motion_server.numerics.mesh.boundary_facets.boundary_facets` detects.
+:func:`~mesh_motion_numerics.mesh.boundary_facets.boundary_facets` detects.
 """
 
 from typing import NamedTuple
@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.cells import CellBlock, CellTable
-from mesh_motion_server.numerics.quality.metrics import CellsAtRest, cells_at_rest, reference_sizes, subset_quality
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.cells import CellBlock, CellTable
+from mesh_motion_numerics.quality.metrics import CellsAtRest, cells_at_rest, reference_sizes, subset_quality
 
 __all__ = ["OrientedCells", "oriented", "oriented_at_rest"]
 
@@ -32,14 +32,14 @@ _PLURALS = {"tetra": "tetrahedra", "hexahedron": "hexahedra"}
 
 
 class OrientedCells(NamedTuple):
-    """Cells in the orientation of :data:`~mesh_motion_server.numerics.mesh.cells.CELL_TYPES`.
+    """Cells in the orientation of :data:`~mesh_motion_numerics.mesh.cells.CELL_TYPES`.
 
     Attributes
     ----------
     cells : CellTable
         The same table object if no cell was mirrored.
     sizes : (m,) array
-        Of :func:`~mesh_motion_server.numerics.quality.metrics.reference_sizes`.
+        Of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`.
     mirrored : (k,) int64 array
         Numbers of the mirrored cells, ascending.
     """

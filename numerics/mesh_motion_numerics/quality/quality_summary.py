@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.quality.metrics import CellQuality
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.quality.metrics import CellQuality
 
 __all__ = [
     "Distribution",

@@ -7,8 +7,8 @@ remains at the boundary nodes is in ``Reduced.error``.
 from collections.abc import Callable
 from functools import wraps
 
-from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.reduction import (
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.reduction import (
     error_peaks,
     greedy,
     greedy_combined,
@@ -21,7 +21,7 @@ from mesh_motion_server.numerics.reduction import (
     one_point,
     recurrence_cholesky,
 )
-from mesh_motion_server.numerics.reduction.problem import Iterate, Level, Reduced, ReductionProblem
+from mesh_motion_numerics.reduction.problem import Iterate, Level, Reduced, ReductionProblem
 
 __all__ = ["REDUCTIONS", "Iterate", "Level", "Reduced", "ReductionProblem"]
 

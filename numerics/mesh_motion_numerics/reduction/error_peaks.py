@@ -11,11 +11,11 @@ C. Li, Q. Xu, D. Xu et al., the thesis' [30]; described in thesis §2.2.3 with (
 
 from functools import partial
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.reduction.full_solve import full_solution
-from mesh_motion_server.numerics.reduction.peaks import error_peaks, nearest_neighbours
-from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.progress import greedily
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.reduction.full_solve import full_solution
+from mesh_motion_numerics.reduction.peaks import error_peaks, nearest_neighbours
+from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
+from mesh_motion_numerics.reduction.progress import greedily
 
 __all__ = ["PEAK_SHARE", "reduce"]
 

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import mesh_motion_kernels as kernels
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.points import padded
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.points import padded
 
 __all__ = ["FarthestFirst", "farthest_first"]
 

@@ -1,8 +1,8 @@
 """Weights of a selected set by a fresh Cholesky factorization: φ_cc γ = d_c, thesis (2.4) without a polynomial."""
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.interpolation.factorizations.dense import PanelCholesky
-from mesh_motion_server.numerics.reduction.problem import ReductionProblem
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation.factorizations.dense import PanelCholesky
+from mesh_motion_numerics.reduction.problem import ReductionProblem
 
 __all__ = ["full_operations", "full_solution", "full_weights"]
 
@@ -12,7 +12,7 @@ def full_weights(problem: ReductionProblem, selected: Integers) -> Floats:
 
     Raises
     ------
-    NumericalError
+    QualityRefused
         If the matrix is singular to working precision.
     """
     factor = PanelCholesky(

@@ -15,9 +15,9 @@ from functools import partial
 
 import numpy as np
 
-from mesh_motion_server.numerics.reduction.full_solve import full_solution
-from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.progress import greedily
+from mesh_motion_numerics.reduction.full_solve import full_solution
+from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
+from mesh_motion_numerics.reduction.progress import greedily
 
 __all__ = ["reduce"]
 

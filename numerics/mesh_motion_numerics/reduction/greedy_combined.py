@@ -8,8 +8,8 @@ References
 T. C. S. Rendall, C. B. Allen, J. Comput. Phys. 229 (2010) 2810–2820.
 """
 
-from mesh_motion_server.numerics.reduction.one_point import corrected_reduction
-from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
+from mesh_motion_numerics.reduction.one_point import corrected_reduction
+from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
 
 __all__ = ["FULL_EVERY", "reduce"]
 

@@ -14,10 +14,10 @@ grid needs none.
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.reduction.level_sum import LevelSum
-from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.progress import lengths
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.reduction.level_sum import LevelSum
+from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
+from mesh_motion_numerics.reduction.progress import lengths
 
 __all__ = ["Clusters", "reduce"]
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.linalg.blas import dgemm
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats, Integers
 
 __all__ = ["GrowingColumns"]
 

@@ -7,9 +7,9 @@ only gains a term, and no substitution is ever repeated.
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.reduction.lost_pivot import LOST, singular
-from mesh_motion_server.numerics.reduction.problem import ReductionProblem
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.reduction.lost_pivot import LOST, singular
+from mesh_motion_numerics.reduction.problem import ReductionProblem
 
 __all__ = ["GrowingSet"]
 
@@ -46,7 +46,7 @@ class GrowingSet:
 
         Raises
         ------
-        NumericalError
+        QualityRefused
             If its pivot is only rounding.
         """
         n = self.count

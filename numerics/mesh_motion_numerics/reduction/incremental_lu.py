@@ -17,10 +17,10 @@ M. M. Selim, R. P. Koomullil, the thesis' [41]; described in thesis §2.2.3.
 import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.reduction.lost_pivot import LOST, singular
-from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.progress import greedily
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.reduction.lost_pivot import LOST, singular
+from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
+from mesh_motion_numerics.reduction.progress import greedily
 
 __all__ = ["GrowingLU", "reduce"]
 
@@ -60,7 +60,7 @@ class GrowingLU:
 
         Raises
         ------
-        NumericalError
+        QualityRefused
             If the new pivot is only rounding.
         """
         n, column = self.order, np.ascontiguousarray(column)

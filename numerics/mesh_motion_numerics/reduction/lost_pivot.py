@@ -1,8 +1,7 @@
 """A pivot that is only rounding: its point is numerically equal to a selected one."""
 
 import numpy as np
-
-from mesh_motion_server.errors import NumericalError
+from mesh_motion_protocol.errors import QualityRefused
 
 __all__ = ["LOST", "singular"]
 
@@ -10,9 +9,9 @@ LOST = 64 * float(np.finfo(float).eps)
 """A pivot this small against φ(0) carries no correct digit."""
 
 
-def singular() -> NumericalError:
+def singular() -> QualityRefused:
     """The error for such a point."""
-    return NumericalError(
+    return QualityRefused(
         "the interpolation matrix of the selected control points is singular to working precision",
         code="FAILED_PRECONDITION",
         hint="take a larger reduction_tolerance, a smaller support radius or a less smooth basis",

@@ -15,9 +15,9 @@ J. Comput. Appl. Math. 73 (1996) 65–78; thesis [21].
 
 import numpy as np
 
-from mesh_motion_server.numerics.reduction.farthest_first import farthest_first
-from mesh_motion_server.numerics.reduction.level_sum import LevelSum
-from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
+from mesh_motion_numerics.reduction.farthest_first import farthest_first
+from mesh_motion_numerics.reduction.level_sum import LevelSum
+from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
 
 __all__ = ["SPACINGS", "reduce"]
 

@@ -21,11 +21,11 @@ thesis [44].
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.reduction.level_sum import LevelSum
-from mesh_motion_server.numerics.reduction.lost_pivot import LOST, singular
-from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.progress import lengths
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.reduction.level_sum import LevelSum
+from mesh_motion_numerics.reduction.lost_pivot import LOST, singular
+from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
+from mesh_motion_numerics.reduction.progress import lengths
 
 __all__ = ["POINTS_PER_LEVEL", "reduce"]
 

@@ -29,12 +29,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.reduction.farthest_first import farthest_first
-from mesh_motion_server.numerics.reduction.grouped_circular import default_groups, select
-from mesh_motion_server.numerics.reduction.level_sum import LevelSum
-from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.progress import Progress
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.reduction.farthest_first import farthest_first
+from mesh_motion_numerics.reduction.grouped_circular import default_groups, select
+from mesh_motion_numerics.reduction.level_sum import LevelSum
+from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
+from mesh_motion_numerics.reduction.progress import Progress
 
 __all__ = ["CLASSES", "class_radii", "greedy_base", "reduce"]
 

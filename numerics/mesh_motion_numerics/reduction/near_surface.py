@@ -31,8 +31,8 @@ nodes exact by functions of small support.
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.spacing import local_spacing
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.spacing import local_spacing
 
 __all__ = ["BASIS", "boundary_spacing", "near_surface_radius"]
 

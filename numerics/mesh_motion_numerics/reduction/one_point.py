@@ -21,11 +21,11 @@ from collections.abc import Callable
 import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_server.numerics.interpolation.kernels import values
-from mesh_motion_server.numerics.mesh.points import padded
-from mesh_motion_server.numerics.reduction.full_solve import full_operations, full_weights
-from mesh_motion_server.numerics.reduction.problem import Level, Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.progress import Progress, lengths
+from mesh_motion_numerics.interpolation.kernels import values
+from mesh_motion_numerics.mesh.points import padded
+from mesh_motion_numerics.reduction.full_solve import full_operations, full_weights
+from mesh_motion_numerics.reduction.problem import Level, Reduced, ReductionProblem
+from mesh_motion_numerics.reduction.progress import Progress, lengths
 
 __all__ = ["corrected_reduction", "reduce"]
 

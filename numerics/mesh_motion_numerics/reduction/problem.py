@@ -9,14 +9,14 @@ from functools import cached_property
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.assembly import dense_block
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.control_points import checked_control_points
-from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
-from mesh_motion_server.numerics.interpolation.kernels import DEFAULT_BASIS, Basis, basis_named
-from mesh_motion_server.numerics.mesh.points import padded
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.assembly import dense_block
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.control_points import checked_control_points
+from mesh_motion_numerics.interpolation.interpolant import Interpolant
+from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, Basis, basis_named
+from mesh_motion_numerics.mesh.points import padded
 
 __all__ = ["Iterate", "Level", "Reduced", "ReductionProblem"]
 
@@ -36,7 +36,7 @@ class ReductionProblem:
     displacement : (nb, k) array, mesh length unit
         C-contiguous.
     basis : str
-        A positive definite one of :data:`~mesh_motion_server.numerics.interpolation.kernels.BASES`.
+        A positive definite one of :data:`~mesh_motion_numerics.interpolation.kernels.BASES`.
     support_radius : float, mesh length unit
         R of the (first) level.
     tolerance : float

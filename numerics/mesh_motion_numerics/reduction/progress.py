@@ -5,8 +5,8 @@ from collections.abc import Callable
 import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.reduction.problem import Iterate, Reduced, ReductionProblem
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.reduction.problem import Iterate, Reduced, ReductionProblem
 
 __all__ = ["Progress", "greedily", "lengths"]
 

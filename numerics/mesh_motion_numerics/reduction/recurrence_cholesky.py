@@ -24,14 +24,14 @@ for kernel spaces", J. Approx. Theory 161 (2009) 645–655: the columns of V.
 
 import mesh_motion_kernels as kernels
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.interpolation.kernels import values
-from mesh_motion_server.numerics.reduction.growing_columns import GrowingColumns
-from mesh_motion_server.numerics.reduction.lost_pivot import LOST, singular
-from mesh_motion_server.numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.progress import Progress, lengths
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.interpolation.kernels import values
+from mesh_motion_numerics.reduction.growing_columns import GrowingColumns
+from mesh_motion_numerics.reduction.lost_pivot import LOST, singular
+from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
+from mesh_motion_numerics.reduction.progress import Progress, lengths
 
 __all__ = ["reduce"]
 
@@ -101,7 +101,7 @@ class _GrowingCholesky:
 
         Raises
         ------
-        NumericalError
+        QualityRefused
             If the pivot of a node is lost in rounding.
         """
         self._refuse_too_many(len(foreseen))

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.interpolation.factor_source import FactorSource, factorization_of
-from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.reduction import REDUCTIONS, ReductionProblem
-from mesh_motion_server.numerics.reduction.near_surface import BASIS, near_surface_radius
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation.factor_source import FactorSource, factorization_of
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.reduction import REDUCTIONS, ReductionProblem
+from mesh_motion_numerics.reduction.near_surface import BASIS, near_surface_radius
 
 __all__ = ["ReducedInterpolation", "interpolate_reduced"]
 

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, lstsq
 from scipy.sparse import csr_matrix
 
-from mesh_motion_server.numerics.arrays import Floats, Marks
-from mesh_motion_server.numerics.correction.enrichment.placement import Placement, spread_placement
-from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.correction.free_region import NodeAdjacency, free_region, nodes_of_cells
-from mesh_motion_server.numerics.correction.trial_nodes import Polished, TrialMesh, polish
-from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_numerics.arrays import Floats, Marks
+from mesh_motion_numerics.correction.enrichment.placement import Placement, spread_placement
+from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_numerics.correction.free_region import NodeAdjacency, free_region, nodes_of_cells
+from mesh_motion_numerics.correction.trial_nodes import Polished, TrialMesh, polish
+from mesh_motion_numerics.mesh.cells import CellTable
 
 __all__ = ["optimised_enrichment", "optimised_placement"]
 

@@ -11,8 +11,8 @@ would need an unbounded change; they are treated as a complex pair, of which the
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.decomposition import deformation, eigen
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.decomposition import deformation, eigen
 
 __all__ = ["INCREMENT", "eigen_correction"]
 

@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_numerics.arrays import Floats
 
 __all__ = ["ENRICHMENT_FUNCTIONS", "gradients", "slope_at_point", "values"]
 

@@ -13,12 +13,12 @@ and the displacement anywhere is ``[φ  H] [γ; β]``, thesis (4.4), (4.10).
 from dataclasses import dataclass
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 
-from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.correction.enrichment import functions
-from mesh_motion_server.numerics.interpolation.kernels import (
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.correction.enrichment import functions
+from mesh_motion_numerics.interpolation.kernels import (
     DEFAULT_BASIS,
     Basis,
     basis_named,
@@ -137,7 +137,7 @@ def solve_imposed_gradient(
     ------
     InvalidInput
         On an unusable basis, function or radius, or a point that does not lie between two boundary nodes.
-    NumericalError
+    QualityRefused
         If the system is singular: two enrichment points coincide, or one has no influence.
     """
     if slopes_at_points is None:
@@ -149,7 +149,7 @@ def solve_imposed_gradient(
         try:
             solution = np.linalg.solve(matrix, np.concatenate([displacement, slopes_at_points]))
         except np.linalg.LinAlgError:
-            raise NumericalError(
+            raise QualityRefused(
                 "the system of boundary displacements and imposed gradients is singular",
                 code="FAILED_PRECONDITION",
                 hint="separate the enrichment points from each other",
@@ -175,7 +175,7 @@ def enriched_displacement(
 
     Raises
     ------
-    InvalidInput, NumericalError
+    InvalidInput, QualityRefused
         As :func:`solve_imposed_gradient`.
     """
     interpolant = solve_imposed_gradient(boundary[:, 0], displacement[:, 0], enrichment_points[:, 0], settings)

@@ -25,16 +25,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.correction.enrichment.eigen_correction import eigen_correction
-from mesh_motion_server.numerics.correction.enrichment.functions import slope_at_point
-from mesh_motion_server.numerics.correction.enrichment.placement import Placement, local_minima
-from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
-from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.correction.enrichment.eigen_correction import eigen_correction
+from mesh_motion_numerics.correction.enrichment.functions import slope_at_point
+from mesh_motion_numerics.correction.enrichment.placement import Placement, local_minima
+from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_numerics.correction.trial_nodes import TrialMesh
+from mesh_motion_numerics.mesh.cells import CellTable
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.correction.correction_problem import CorrectionProblem
+    from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
 
 __all__ = ["ImposedJacobians", "ImposedSettings", "cell_gradients", "impose", "imposed_jacobians"]
 

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.quality_summary import smallest
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.quality_summary import smallest
 
 __all__ = [
     "Placement",

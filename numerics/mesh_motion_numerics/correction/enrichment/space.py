@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.correction.enrichment import functions
-from mesh_motion_server.numerics.correction.enrichment.placement import Placement
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import Factorization
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.correction.enrichment import functions
+from mesh_motion_numerics.correction.enrichment.placement import Placement
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import Factorization
 
 __all__ = ["FUNCTIONS", "EnrichmentSpace"]
 

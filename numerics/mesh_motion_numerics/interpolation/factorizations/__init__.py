@@ -6,7 +6,7 @@ Each keeps the data to solve again for other displacements: the coupling iterati
 
 from typing import Protocol
 
-from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_numerics.arrays import Floats
 
 __all__ = ["LinearSolver"]
 

@@ -20,17 +20,18 @@ of a step and the enrichment's many columns, so a direct solver is preferred if 
 larger than :data:`~.memory_bound.FACTOR_BYTES` is refused.
 """
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.interpolation.assembly import dense_block, mean_row_entries, sparse_matrix
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.factorizations import LinearSolver
-from mesh_motion_server.numerics.interpolation.factorizations.dense import PanelCholesky
-from mesh_motion_server.numerics.interpolation.factorizations.iterative import ConjugateGradients
-from mesh_motion_server.numerics.interpolation.factorizations.memory_bound import check_dense, check_sparse
-from mesh_motion_server.numerics.interpolation.factorizations.sparse import SparseFactor
-from mesh_motion_server.numerics.interpolation.kernels import Basis
-from mesh_motion_server.numerics.mesh.points import padded
+from mesh_motion_protocol.errors import InvalidInput
+
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.interpolation.assembly import dense_block, mean_row_entries, sparse_matrix
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.factorizations import LinearSolver
+from mesh_motion_numerics.interpolation.factorizations.dense import PanelCholesky
+from mesh_motion_numerics.interpolation.factorizations.iterative import ConjugateGradients
+from mesh_motion_numerics.interpolation.factorizations.memory_bound import check_dense, check_sparse
+from mesh_motion_numerics.interpolation.factorizations.sparse import SparseFactor
+from mesh_motion_numerics.interpolation.kernels import Basis
+from mesh_motion_numerics.mesh.points import padded
 
 __all__ = ["choose_solver"]
 
@@ -51,9 +52,9 @@ def choose_solver(
     ------
     InvalidInput
         If the solver is "sparse" and the basis has no compact support.
-    NumericalError
+    QualityRefused
         If the matrix is singular to working precision.
-    ResourceError
+    ResourceExhausted
         If the factors of the named solver would take too much memory; "auto" chooses another one.
     """
     name = _automatic(layout, support_radius) if solver == "auto" else solver

@@ -14,15 +14,15 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.interpolation.assembly import dense_block
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.factorizations.dense import PanelCholesky
-from mesh_motion_server.numerics.interpolation.factorizations.memory_bound import check_dense
-from mesh_motion_server.numerics.interpolation.kernels import Basis
-from mesh_motion_server.numerics.interpolation.polynomial import LinearBasis, Polynomial
-from mesh_motion_server.numerics.mesh.points import padded
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.interpolation.assembly import dense_block
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.factorizations.dense import PanelCholesky
+from mesh_motion_numerics.interpolation.factorizations.memory_bound import check_dense
+from mesh_motion_numerics.interpolation.kernels import Basis
+from mesh_motion_numerics.interpolation.polynomial import LinearBasis, Polynomial
+from mesh_motion_numerics.mesh.points import padded
 
 __all__ = ["NullSpaceCholesky"]
 
@@ -32,7 +32,7 @@ class NullSpaceCholesky:
 
     Raises
     ------
-    ResourceError
+    ResourceExhausted
         If the factor would take too much memory.
     """
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_numerics.arrays import Floats
 
 __all__ = ["Iterated", "conjugate_gradients", "largest"]
 

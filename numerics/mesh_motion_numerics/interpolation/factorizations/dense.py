@@ -8,11 +8,11 @@ allocated. LAPACK's factorization of orders near 18 000 can crash a process; her
 from collections.abc import Callable
 
 import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
 from scipy.linalg import lapack
 
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.blas import for_each_tile, one_blas_thread
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.blas import for_each_tile, one_blas_thread
 
 __all__ = ["PanelCholesky"]
 
@@ -38,7 +38,7 @@ class PanelCholesky:
 
     Raises
     ------
-    NumericalError
+    QualityRefused
         If a pivot vanishes relative to the diagonal of A: it is only rounding.
     """
 
@@ -108,8 +108,8 @@ def _divided(values: Floats, lower: Floats, *, transposed: bool = False) -> Floa
     return np.asarray(found)
 
 
-def _singular() -> NumericalError:
-    return NumericalError(
+def _singular() -> QualityRefused:
+    return QualityRefused(
         "the interpolation matrix is singular to working precision",
         code="FAILED_PRECONDITION",
         hint="take a smaller support radius or a less smooth basis, or separate control points that nearly coincide",

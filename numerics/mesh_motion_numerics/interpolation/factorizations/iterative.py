@@ -10,13 +10,13 @@ the system is solved for it again as long as that helps.
 
 import mesh_motion_kernels as kernels
 import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
 
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.factorizations.conjugate_gradients import conjugate_gradients
-from mesh_motion_server.numerics.interpolation.factorizations.preconditioner import SparseInverse
-from mesh_motion_server.numerics.interpolation.kernels import Basis
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.factorizations.conjugate_gradients import conjugate_gradients
+from mesh_motion_numerics.interpolation.factorizations.preconditioner import SparseInverse
+from mesh_motion_numerics.interpolation.kernels import Basis
 
 __all__ = ["ConjugateGradients"]
 
@@ -66,7 +66,7 @@ class ConjugateGradients:
 
         Raises
         ------
-        NumericalError
+        QualityRefused
             If the residual stays above 1e-8 of the right-hand side.
         """
         rhs = np.ascontiguousarray(values[self._layout.order])
@@ -85,7 +85,7 @@ class ConjugateGradients:
             if error <= _REFINED:
                 break
         if error > _ACCEPTED:
-            raise NumericalError(
+            raise QualityRefused(
                 f"the iterative solution of the interpolation stopped at a relative residual of {error:.1e}",
                 hint="take a smaller support radius",
             )

@@ -7,7 +7,7 @@ the range of the libraries' 32-bit indices.
 
 import math
 
-from mesh_motion_server.errors import ResourceError
+from mesh_motion_protocol.errors import ResourceExhausted
 
 __all__ = ["FACTOR_BYTES", "check_dense", "check_sparse", "dense_bytes", "sparse_bytes"]
 
@@ -31,7 +31,7 @@ def sparse_bytes(order: int, mean_row: float) -> float:
 
 
 def check_dense(order: int) -> None:
-    """Raise ResourceError if a dense factor would be too large."""
+    """Raise ResourceExhausted if a dense factor would be too large."""
     _check(
         f"a dense factorization of {order} control points",
         dense_bytes(order),
@@ -40,7 +40,7 @@ def check_dense(order: int) -> None:
 
 
 def check_sparse(order: int, mean_row: float) -> None:
-    """Raise ResourceError if a sparse factor would be too large."""
+    """Raise ResourceExhausted if a sparse factor would be too large."""
     _check(
         f"a sparse factorization of {order} control points with {mean_row:.0f} others in reach of each",
         sparse_bytes(order, mean_row),
@@ -50,7 +50,7 @@ def check_sparse(order: int, mean_row: float) -> None:
 
 def _check(what: str, needed: float, way_out: str) -> None:
     if needed > FACTOR_BYTES:
-        raise ResourceError(
+        raise ResourceExhausted(
             f"{what} needs about {needed / 1e9:.1f} GB of memory, more than the {FACTOR_BYTES / 1e9:.1f} GB that one "
             f"may take",
             hint=way_out,

@@ -15,12 +15,12 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from scipy.sparse import csr_array
 
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.interpolation.assembly import SparseRows
-from mesh_motion_server.numerics.interpolation.factorizations.conjugate_gradients import Iterated
-from mesh_motion_server.numerics.interpolation.factorizations.thinning import nearest_preceding, nested_levels
-from mesh_motion_server.numerics.interpolation.kernels import Basis
-from mesh_motion_server.numerics.interpolation.sparse_products import nbytes, product
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.interpolation.assembly import SparseRows
+from mesh_motion_numerics.interpolation.factorizations.conjugate_gradients import Iterated
+from mesh_motion_numerics.interpolation.factorizations.thinning import nearest_preceding, nested_levels
+from mesh_motion_numerics.interpolation.kernels import Basis
+from mesh_motion_numerics.interpolation.sparse_products import nbytes, product
 
 __all__ = ["SparseInverse"]
 

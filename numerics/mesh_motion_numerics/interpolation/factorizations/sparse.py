@@ -5,12 +5,12 @@ positive definite matrix allows.
 """
 
 import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import splu
 
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.blas import one_blas_thread
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.blas import one_blas_thread
 
 __all__ = ["SparseFactor"]
 
@@ -29,7 +29,7 @@ class SparseFactor:
 
     Raises
     ------
-    NumericalError
+    QualityRefused
         If a pivot vanishes.
     """
 
@@ -46,7 +46,7 @@ class SparseFactor:
                     options={"SymmetricMode": True},
                 )
             except RuntimeError as error:
-                raise NumericalError(
+                raise QualityRefused(
                     f"the sparse interpolation matrix cannot be factorized: {error}",
                     hint="take a smaller support radius, or separate control points that nearly coincide",
                 ) from None

@@ -7,7 +7,7 @@ Deterministic, O(n log n) per level; the number of levels is the range of the po
 import numpy as np
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats, Integers
 
 __all__ = ["nearest_preceding", "nested_levels"]
 

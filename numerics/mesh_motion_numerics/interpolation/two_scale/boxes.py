@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats, Integers
 
 __all__ = ["MARGIN", "Box", "nested_boxes"]
 

@@ -10,7 +10,7 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
 
 __all__ = ["coarse_points", "separated_points"]
 

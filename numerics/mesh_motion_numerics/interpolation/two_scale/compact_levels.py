@@ -21,18 +21,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
 
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.interpolation.assembly import SparseRows, sparse_rows
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.factorizations.conjugate_gradients import largest
-from mesh_motion_server.numerics.interpolation.factorizations.preconditioner import SparseInverse
-from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
-from mesh_motion_server.numerics.interpolation.kernels import basis_named
-from mesh_motion_server.numerics.interpolation.sparse_products import nbytes
-from mesh_motion_server.numerics.interpolation.two_scale.coarse_points import separated_points
-from mesh_motion_server.numerics.mesh.points import padded
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.interpolation.assembly import SparseRows, sparse_rows
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.factorizations.conjugate_gradients import largest
+from mesh_motion_numerics.interpolation.factorizations.preconditioner import SparseInverse
+from mesh_motion_numerics.interpolation.interpolant import Interpolant
+from mesh_motion_numerics.interpolation.kernels import basis_named
+from mesh_motion_numerics.interpolation.sparse_products import nbytes
+from mesh_motion_numerics.interpolation.two_scale.coarse_points import separated_points
+from mesh_motion_numerics.mesh.points import padded
 
 __all__ = [
     "BASIS",
@@ -204,7 +204,7 @@ class CompactSystem:
 
         Raises
         ------
-        NumericalError
+        QualityRefused
             If the residual stays above 1e-9 of the scale, or for a level before the last above 1e-6.
         """
         weights, iterations = self.weights(
@@ -223,7 +223,7 @@ class CompactSystem:
 
         Raises
         ------
-        NumericalError
+        QualityRefused
             As for :meth:`solve`.
         """
         if scale == 0.0:
@@ -235,7 +235,7 @@ class CompactSystem:
             reached = largest(found.residual) / scale
             if reached <= max(_ACCEPTED, tolerance):
                 return found.solution, taken
-        raise NumericalError(
+        raise QualityRefused(
             f"the near-surface interpolation stopped at a relative residual of {reached:.1e}",
             code="FAILED_PRECONDITION",
             hint="separate boundary nodes that nearly coincide",

@@ -22,29 +22,29 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.factorizations.conjugate_gradients import largest
-from mesh_motion_server.numerics.interpolation.interpolant import (
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.factorizations.conjugate_gradients import largest
+from mesh_motion_numerics.interpolation.interpolant import (
     AllCentreFactorization,
     Interpolant,
     factorize,
 )
-from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named
-from mesh_motion_server.numerics.interpolation.two_scale.boxes import nested_boxes
-from mesh_motion_server.numerics.interpolation.two_scale.coarse_points import coarse_points, separated_points
-from mesh_motion_server.numerics.interpolation.two_scale.compact_levels import (
+from mesh_motion_numerics.interpolation.kernels import Basis, basis_named
+from mesh_motion_numerics.interpolation.two_scale.boxes import nested_boxes
+from mesh_motion_numerics.interpolation.two_scale.coarse_points import coarse_points, separated_points
+from mesh_motion_numerics.interpolation.two_scale.compact_levels import (
     CompactLevel,
     CompactSystem,
     compact_levels,
     levels_below,
 )
-from mesh_motion_server.numerics.interpolation.two_scale.grid_sums import on_grid
-from mesh_motion_server.numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
-from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedGrid
-from mesh_motion_server.numerics.mesh.coincidence import first_at_place
-from mesh_motion_server.numerics.mesh.points import padded
-from mesh_motion_server.numerics.mesh.spacing import local_spacing
+from mesh_motion_numerics.interpolation.two_scale.grid_sums import on_grid
+from mesh_motion_numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
+from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedGrid
+from mesh_motion_numerics.mesh.coincidence import first_at_place
+from mesh_motion_numerics.mesh.points import padded
+from mesh_motion_numerics.mesh.spacing import local_spacing
 
 __all__ = ["SEPARATION", "TwoScaleFactorization", "TwoScalePlan"]
 
@@ -73,7 +73,7 @@ class TwoScalePlan:
     levels : list of CompactLevel
         Widest first; numbers are those of :attr:`distinct`.
     basis, support_radius
-        Of the coarse interpolation, as in :func:`~mesh_motion_server.numerics.interpolation.interpolant.factorize`.
+        Of the coarse interpolation, as in :func:`~mesh_motion_numerics.interpolation.interpolant.factorize`.
     gridded : bool
         Whether a spline on a grid replaces the coarse sums.
     place : (n,) int64 array
@@ -164,7 +164,7 @@ class TwoScalePlan:
 
         Raises
         ------
-        NumericalError
+        QualityRefused
             If the coarse matrix is singular to working precision.
         """
         chosen = np.ascontiguousarray(points[self.coarse])
@@ -188,7 +188,7 @@ class TwoScalePlan:
 
 @dataclass(frozen=True, eq=False)
 class TwoScaleFactorization:
-    """A :class:`~mesh_motion_server.numerics.interpolation.interpolant.Factorization` in two scales.
+    """A :class:`~mesh_motion_numerics.interpolation.interpolant.Factorization` in two scales.
 
     Attributes
     ----------

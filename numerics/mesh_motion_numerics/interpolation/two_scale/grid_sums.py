@@ -16,11 +16,11 @@ from typing import Any
 import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
-from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedGrid
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.interpolant import Interpolant
+from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedGrid
 
 __all__ = ["grid_sums", "on_grid", "on_grid_transposed"]
 

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
-from mesh_motion_server.numerics.interpolation.kernels import Basis
-from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedSpline
+from mesh_motion_numerics.interpolation.interpolant import Interpolant
+from mesh_motion_numerics.interpolation.kernels import Basis
+from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
 
 __all__ = ["AnyInterpolant", "TwoScaleInterpolant"]
 

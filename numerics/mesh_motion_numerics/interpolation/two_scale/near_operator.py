@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.interpolation.assembly import SparseRows, rows_near, sparse_rows
-from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
-from mesh_motion_server.numerics.interpolation.sparse_products import nbytes
-from mesh_motion_server.numerics.threads import limited_to
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation.assembly import SparseRows, rows_near, sparse_rows
+from mesh_motion_numerics.interpolation.interpolant import Interpolant
+from mesh_motion_numerics.interpolation.sparse_products import nbytes
+from mesh_motion_numerics.threads import limited_to
 
 __all__ = ["NearOperator"]
 

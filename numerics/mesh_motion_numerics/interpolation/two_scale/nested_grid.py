@@ -17,8 +17,8 @@ import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.interpolation.two_scale.boxes import Box
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation.two_scale.boxes import Box
 
 __all__ = ["NestedGrid", "NestedSpline"]
 

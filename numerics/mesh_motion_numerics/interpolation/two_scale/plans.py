@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.interpolation.kernels import basis_named
-from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScalePlan
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
-from mesh_motion_server.numerics.method import Method
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation.kernels import basis_named
+from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan
+from mesh_motion_numerics.mesh.roles import BoundaryRoles
+from mesh_motion_numerics.method import Method
 
 __all__ = ["AUTOMATIC_FROM", "TwoScalePlans", "plan_for"]
 
