@@ -14,7 +14,6 @@ SETTINGS = {
     "correction": "none",
     "sub_steps": "never",
     "boundary_layer_thickness": 0.0,
-    "quality_report": "every-move",
 }
 CORRECTED = SETTINGS | {"correction": "optimised", "correction_target": "threshold", "quality_threshold": 0.5}
 ROLES = {"body": "moving", "outer": "fixed"}

@@ -14,8 +14,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
-
 from mesh_motion_server.errors import DeadlineExceeded, NumericalError
 from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.numerics.blas import one_blas_thread
@@ -28,7 +26,6 @@ from mesh_motion_server.numerics.motion.acceptance import (
     largest_accepted,
     other_unit,
     quality_warnings,
-    reduction_warnings,
     refuse_unacceptable,
     way_out,
 )
@@ -51,12 +48,6 @@ __all__ = ["MotionModel"]
 
 #: Share of the minimum quality without a boundary layer that a motion with the layer must have.
 _AS_GOOD = 0.9
-#: A wall that was plane at rest and is nearly so now carries small differences far into the domain: two of its nodes
-#: that lie a hair apart and move apart are a steep gradient, which a wide kernel continues. The mesh at rest has no
-#: such nodes. It is tried where a node moves this much further than all of the boundary …
-_OVERSHOOT = 1.5
-#: … among about so many nodes, since such a displacement is smooth.
-_SAMPLE = 4096
 #: Nodes that slide make nearly every mesh better. If the mesh is not as good as this …
 _GOOD = 0.9
 #: … and worse by more than this with them, they stay. If it is about as good they slide: a wall whose nodes
@@ -160,15 +151,15 @@ class MotionModel(DifferentiableMesh):
         """Attempt the step at once; if that is refused, lead the mesh to its targets and correct it from there."""
         if self.smooth is not None and self.method.correction == "smooth":
             return self._smooth_or_optimised(step, self.smooth)
-        refusal = None
-        if self.method.sub_steps != "always":
-            try:
-                return self._attempt(step)
-            except NumericalError as error:
-                final = self.method.sub_steps == "never" or self.method.correction == "none"
-                if final or not _may_be_avoided(error):
-                    raise
-                refusal = error
+        try:
+            return self._attempt(step)
+        except NumericalError as refusal:
+            if self.method.sub_steps == "never" or self.method.correction == "none" or not _may_be_avoided(refusal):
+                raise
+            return self._led(step, refusal)
+
+    def _led(self, step: _Step, refusal: NumericalError | None = None) -> Motion:
+        """Lead the mesh to the targets of a step that was refused, and correct it from there."""
         watch = Stopwatch()
         with watch.phase("correct"):
             walk = self._lead(step, refusal)
@@ -268,9 +259,6 @@ class MotionModel(DifferentiableMesh):
         if len(self.coincident) and not self.method.allow_invalid:
             self.boundary.refuse_passing(step.committed, step.targets)
         predicted = self._predict(motion, step, watch, turns)
-        if self._overshoots(step, predicted.trial):
-            absolute = replace(motion, method=replace(motion.method, displacement="absolute"))
-            predicted = max(predicted, self._predict(absolute, step, watch), key=lambda found: found.quality.metric.min)
         if self.method.correction != "smooth" and motion.sliding is not None and predicted.quality.metric.min < _GOOD:
             held = self._predict(replace(motion, sliding=motion.sliding.held()), step, watch)
             gained = held.quality.metric.min - predicted.quality.metric.min
@@ -300,16 +288,6 @@ class MotionModel(DifferentiableMesh):
         unwound, wind = self.winding.winds(step.targets, turns, fraction)
         trial = motion.trial(step.committed, unwound, step.factors, watch)
         return replace(trial, points=wind(trial.points))
-
-    def _overshoots(self, step: _Step, trial: StandardTrial) -> bool:
-        """Whether interpolation from the committed mesh moves some node much further than any of the boundary."""
-        if self.method.displacement != "relative":
-            return False
-        some = slice(None, None, max(len(self.points) // _SAMPLE, 1))
-        boundary = step.targets - step.committed.take(self.roles.moving, axis=0)
-        moved = trial.points[some] - step.committed[some]
-        furthest, furthest_node = (np.einsum("ij,ij->i", v, v).max(initial=0.0) for v in (boundary, moved))
-        return bool(furthest_node > _OVERSHOOT**2 * furthest) and not np.array_equal(step.committed, self.points)
 
     def _layer_for(self, plain: _Predicted) -> BoundaryLayer | None:
         """The boundary layer that the motion without one may spoil."""
@@ -368,10 +346,7 @@ class MotionModel(DifferentiableMesh):
             caches=predicted.factors.report(),
             control_points=standard.control_points,
             support_radius=float(predicted.motion.method.support_radius or 0.0),
-            warnings=[
-                *reduction_warnings(method, standard.reduction_error, len(standard.control_points)),
-                *quality_warnings(method, quality, reached),
-            ],
+            warnings=quality_warnings(method, quality, reached),
         )
 
     def _lead(self, step: _Step, refusal: NumericalError | None) -> Walk:
@@ -448,12 +423,12 @@ class MotionModel(DifferentiableMesh):
             # what no smooth motion reaches is corrected so, up to the threshold, or led there if that fails
             valid = min(method.quality_threshold, _VALID)
             enough = enough.with_method(correction="optimised", quality_threshold=valid)
-        direct = enough if method.sub_steps == "always" else enough.with_method(sub_steps="never")
+        direct = enough.with_method(sub_steps="never")
         plain = self.with_method(sub_steps="never", correction="none")
         plain = replace(plain.without_distributions(), layered=None)
         # a correction of one valid mesh leaves it as it is where it finds no better one
         certain = not method.refuse_below_threshold and self.standard_motion.layer is None
-        certain = certain and method.sub_steps != "always" and self.method.correction != "smooth"
+        certain = certain and method.correction != "smooth"
         exists, kinds = not isinstance(refusal, NoMeshExists), getattr(refusal, "looked_for", 0)
 
         def possible(fraction: float) -> bool:
