@@ -134,16 +134,6 @@ class Method:
         "factorization serves the whole run.",
         choices=("relative", "absolute", "reanchored"),
     )
-    boundary_layer_thickness: float | None = _key(
-        None,
-        _DISPLACEMENT,
-        "Nodes this near to a moving wall (and to fixed walls it is joined to) move with it. Left out: layers of thin "
-        "cells move so where interpolation would change their height by more than half a per cent or lean them over by "
-        "half a degree, or a correction is needed. 0: no layer moves so.",
-        "To hold a layer of a given height whatever its cells look like. It gives way, with a warning, where it would "
-        "spoil cells or have a motion refused ([measured](beyond.md#boundary-layers-kept)).",
-        low=0.0,
-    )
     sub_steps: str = _key(
         "auto",
         _DISPLACEMENT,
@@ -158,10 +148,10 @@ class Method:
         'How cells are kept from going bad. `"smooth"`: the mesh is a smooth function of where the boundary is; the '
         "correction grows from where a cell has lost a tenth of its shape or size at rest, without threshold and "
         "target, and layers of thin cells always move with their wall. The others correct a motion that is predicted "
-        'below the threshold. Left out: `"smooth"`, unless a key asks for what only `"optimised"` has (a displacement '
-        '`"relative"`, another metric, a target, a layer of '
-        'named thickness, a reduction). A motion for which `"smooth"` finds no mesh is corrected as '
-        '`"optimised"` does, with a warning.',
+        "below the threshold; such layers move with their wall where they would be spoiled. Left out: "
+        '`"smooth"`, unless a key asks for what only `"optimised"` has (a displacement `"relative"`, another metric, a '
+        'target, a reduction). A motion for which `"smooth"` finds no mesh is corrected as `"optimised"` does, with a '
+        "warning.",
         '`"smooth"` suits coupled runs: node velocities without jumps (geometric conservation), the same mesh for the '
         'same boundary after any number of steps. `"optimised"` frees trial nodes as needed and reaches most in one '
         'step; `"enrichment"` optimises the coefficients of few '
@@ -253,7 +243,6 @@ class Method:
         """The kind of motion: a smooth one, unless a key is named that only another one has."""
         others = ("quality_metric", "correction_target", "reduction")
         asked = self.displacement == "relative" or any(getattr(self, name) != KEYS[name].default for name in others)
-        asked = asked or bool(self.boundary_layer_thickness)
         if self.correction is None:
             object.__setattr__(self, "correction", "optimised" if asked else "smooth")
         if self.displacement is None:

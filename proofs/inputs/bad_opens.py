@@ -93,7 +93,6 @@ BAD_OPENS = (
     _setting("enrichment_radius", -1e-300),
     *(_setting("quality_threshold", value) for value in (1.5, -1.0000001, math.nan, -math.inf, None)),
     *(_setting("max_enrichment_points", value) for value in (-1, 2**40, 2.5)),
-    *(_setting("boundary_layer_thickness", value) for value in (-1e-300, -math.inf)),
     _setting("enrichment_radius", -0.0),
     *(_setting("basis", value) for value in ("wendland-c3", "", 2, "qb")),
     *(_setting("reduction", value) for value in ("cholesky", None)),

@@ -72,16 +72,3 @@ def test_even_meshes_have_no_layers(kind: str) -> None:
     mesh = box_mesh(kind, 10)
     patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
     assert LayeredWalls.build(mesh.points, mesh.cells, patches, None) is None
-
-
-def test_a_thickness_of_0_leaves_every_layer_to_the_interpolation() -> None:
-    grid = narrow("quads")
-    method = Method(boundary_layer_thickness=0.0, correction="none", allow_invalid=True)
-    model = MotionModel.build(grid.points, CellTable.from_arrays(grid.cells), grid.patches, method)
-    assert model.standard_motion.layer is None
-    assert not any("boundary_layer_thickness" in warning for warning in model.warnings)
-    targets = pitched(grid.points[model.roles.moving], 20.0, 0.5)
-    alone = replace(model_of(grid, correction="none", allow_invalid=True), layered=None)
-    np.testing.assert_array_equal(
-        model.move(grid.points, targets).points, alone.move(grid.points, targets).points, strict=True
-    )

@@ -56,13 +56,11 @@ def test_what_is_refused(choices: dict[str, object], says: str) -> None:
         ({"displacement": "absolute"}, "smooth", "absolute"),
         ({"displacement": "reanchored"}, "smooth", "reanchored"),
         ({"correction": "smooth"}, "smooth", "absolute"),
-        ({"boundary_layer_thickness": 0.0}, "smooth", "absolute"),
         ({"displacement": "relative"}, "optimised", "relative"),
         ({"correction": "none"}, "none", "relative"),
         ({"correction": "optimised"}, "optimised", "relative"),
         ({"correction_target": "maximum"}, "optimised", "relative"),
         ({"quality_metric": "size-skew"}, "optimised", "relative"),
-        ({"boundary_layer_thickness": 0.1}, "optimised", "relative"),
         ({"reduction": "greedy", "displacement": "absolute"}, "optimised", "absolute"),
     ],
 )

@@ -19,7 +19,6 @@ class Settings(TypedDict, total=False):
     ]  # fmt: skip
     support_radius: float | None
     displacement: Literal["relative", "absolute", "reanchored"] | None
-    boundary_layer_thickness: float | None
     sub_steps: Literal["auto", "never"]
     correction: Literal["none", "smooth", "imposed-gradient", "explicit", "enrichment", "optimised"] | None
     correction_target: Literal["threshold", "maximum"] | None

@@ -133,12 +133,7 @@ class StandardMotion:
             mirrors = [name for name in surfaces if patches[name].role == "symmetry"]
             sliding = SlidingSurfaces.build(points, cells, surfaces, roles.sliding, images=images, mirrors=mirrors)
         spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
-        layer = None
-        if method.boundary_layer_thickness:
-            thickness = method.boundary_layer_thickness
-            layer = BoundaryLayer.build(points, cells, patches, thickness=thickness, sliding=sliding)
-        plain = cls(points, roles, method, sliding, periodic, spacing, TwoScalePlans(()))
-        return plain.with_layer(layer)
+        return cls(points, roles, method, sliding, periodic, spacing, TwoScalePlans(())).with_layer(None)
 
     def with_layer(self, layer: BoundaryLayer | None) -> StandardMotion:
         """The same motion with another boundary layer, or none, and so with other control points."""
