@@ -32,15 +32,14 @@ _Level = Literal["full", "replay", "relaxed"]
 DURABILITY_LEVELS: tuple[_Level, ...] = ("full", "replay", "relaxed")
 
 #: What the motion of a boundary must be so that its field, and regions of bad cells, are all that the volume needs.
-_WITHOUT_VOLUME: dict[str, tuple[str | float | None, ...]] = {
+_WITHOUT_VOLUME: dict[str, tuple[str, ...]] = {
     "displacement": ("absolute",),
     "correction": ("none", "smooth", "optimised"),
     "reduction": ("none",),
 }
 #: And by correction: sub-steps take the volume, except the smooth one's; the best possible mesh frees all nodes.
-_NEVER: dict[str, tuple[str | float | None, ...]] = {"sub_steps": ("never",), "boundary_layer_thickness": (0.0,)}
-_OF_CORRECTION: dict[str, dict[str, tuple[str | float | None, ...]]] = {
-    "smooth": {"boundary_layer_thickness": (0.0, None)},
+_NEVER = {"sub_steps": ("never",)}
+_OF_CORRECTION: dict[str, dict[str, tuple[str, ...]]] = {
     "none": _NEVER,
     "optimised": _NEVER | {"correction_target": ("threshold",)},
 }
@@ -215,7 +214,7 @@ def check_evaluation(evaluation: str, settings: MethodSettings, time_levels: str
     for key, admitted in (_WITHOUT_VOLUME | _OF_CORRECTION.get(settings.correction, {})).items():
         got = getattr(settings, key)
         if got not in admitted:
-            expected = " or ".join(repr(value) for value in admitted if value is not None)
+            expected = " or ".join(map(repr, admitted))
             raise InvalidInput(
                 f"evaluation = 'client': expected {key} = {expected}, got {got!r}",
                 code="INVALID_ARGUMENT.SETTINGS",

@@ -40,7 +40,6 @@ _SETTINGS = {
     "correction_target": "threshold",
     "quality_threshold": 0.7,
     "sub_steps": "never",
-    "boundary_layer_thickness": 0.0,
 }
 #: Seconds for a call, and until a call that is repeated has its result.
 _CALL, _PATIENCE = 20.0, 120.0

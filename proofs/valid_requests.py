@@ -20,7 +20,7 @@ DATA = (
 )  # fmt: skip
 _SETTINGS: tuple[dict[str, Any], ...] = (
     {}, {"basis": "wendland-c4"}, {"correction": "none", "quality_threshold": 0.1}, {"support_radius": 2.5},
-    {"reduction": "greedy", "max_control_points": 20},
+    {"reduction": "greedy"},
 )  # fmt: skip
 
 

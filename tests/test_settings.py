@@ -49,9 +49,9 @@ def test_a_wrong_value_is_named_with_its_key_and_what_was_expected(key: str, val
 
 
 def test_what_cannot_be_combined_is_refused_with_both_names() -> None:
-    with pytest.raises(InvalidInput, match=r"sub_steps = 'always': expected correction .*, got 'none'") as caught:
-        MethodSettings.from_mapping({"sub_steps": "always", "correction": "none"})
-    assert (caught.value.code, caught.value.details) == ("INVALID_ARGUMENT.SETTINGS", {"setting": "sub_steps"})
+    with pytest.raises(InvalidInput, match=r"reduction = 'greedy': expected basis .*, got 'tps'") as caught:
+        MethodSettings.from_mapping({"reduction": "greedy", "basis": "tps"})
+    assert (caught.value.code, caught.value.details) == ("INVALID_ARGUMENT.SETTINGS", {"setting": "reduction"})
 
 
 def test_an_unknown_key_is_named_and_the_known_ones_are_listed() -> None:

@@ -33,7 +33,7 @@ from mesh_motion_server.files.partitions import write_partitions
 
 __all__ = ["measured"]
 
-SETTINGS = {"displacement": "absolute", "correction": "none", "sub_steps": "never", "boundary_layer_thickness": 0.0}
+SETTINGS = {"displacement": "absolute", "correction": "none", "sub_steps": "never"}
 ROLES = {"body": "moving", "box": "fixed"}
 STEPS = 4
 

@@ -91,9 +91,9 @@ class Figures(_Read):
     step : Seconds
         A step's first Move: another mesh than before, so that nothing is in the cache.
     iteration : Seconds
-        A later Move of the same step, reported in full: ``quality_report = "every-move"``.
+        A later Move of the same step, judged in full.
     brief : Seconds
-        The same as it comes, with ``quality_report = "first-and-commit"``.
+        The same as it comes: judged by the worst cells alone.
     solve, displace, predict : Seconds
         Parts of ``step``; ``predict`` judges in full.
     judge_brief : Seconds

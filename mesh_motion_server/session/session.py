@@ -194,7 +194,7 @@ class Session(Position):
         failpoint("session.move.start")
         built = self._require_built()
         move_input = MoveInput(frame, built.mesh.gather_moving(boundary_displacements))
-        in_full = not self.iteration or built.model.method.quality_report == "every-move"
+        in_full = not self.iteration  # the distributions take half of a later iteration
         model = built.model if in_full else built.model.without_distributions()
         computed = compute(model, built.mesh, self.coordinates("committed"), move_input, self.factors)
         field = computed.field

@@ -126,8 +126,7 @@ class Method:
         None,
         _DISPLACEMENT,
         "What is interpolated: the displacement since the committed state, the total one from the reference mesh, or "
-        "the total one in sub-steps along a path that turns with the body. A relative step in which a node moves 1.5 "
-        "times as far as all of the boundary is interpolated from the reference mesh if that is better. Left out: "
+        "the total one in sub-steps along a path that turns with the body. Left out: "
         '`"absolute"` with the correction `"smooth"`, otherwise `"relative"`.',
         '`"relative"` takes large total motions in small steps, but drifts when the motion comes back; `"absolute"` '
         'and `"reanchored"` depend on where the boundary is, not on how it got there '
@@ -135,25 +134,13 @@ class Method:
         "factorization serves the whole run.",
         choices=("relative", "absolute", "reanchored"),
     )
-    boundary_layer_thickness: float | None = _key(
-        None,
-        _DISPLACEMENT,
-        "Nodes this near to a moving wall (and to fixed walls it is joined to) move with it. Left out: layers of thin "
-        "cells move so where interpolation would change their height by more than half a per cent or lean them over by "
-        "half a degree, or a correction is needed. 0: no layer moves so.",
-        "To hold a layer of a given height whatever its cells look like. It gives way, with a warning, where it would "
-        "spoil cells or have a motion refused ([measured](beyond.md#boundary-layers-kept)).",
-        low=0.0,
-    )
     sub_steps: str = _key(
         "auto",
         _DISPLACEMENT,
         "Lead the mesh to its targets in several corrected legs, each body along a path that turns with it: where one "
-        "step would be refused, never, or always.",
-        '`"never"` to be refused at once. `"always"` is for comparisons: it costs more and ends at the same quality '
-        "([measured](beyond.md#valid-wherever-a-valid-mesh-exists)).",
-        choices=("auto", "never", "always"),
-        needs={"always": {"correction": _CORRECTIONS}},
+        "step would be refused, or never.",
+        '`"never"` to be refused at once ([what legs reach](beyond.md#valid-wherever-a-valid-mesh-exists)).',
+        choices=("auto", "never"),
     )
     correction: str = _key(  # type: ignore[assignment]  # chosen in __post_init__
         None,
@@ -161,10 +148,10 @@ class Method:
         'How cells are kept from going bad. `"smooth"`: the mesh is a smooth function of where the boundary is; the '
         "correction grows from where a cell has lost a tenth of its shape or size at rest, without threshold and "
         "target, and layers of thin cells always move with their wall. The others correct a motion that is predicted "
-        'below the threshold. Left out: `"smooth"`, unless a key asks for what only `"optimised"` has (a displacement '
-        '`"relative"`, another metric or target, a layer of '
-        'named thickness, a reduction, sub-steps always). A motion for which `"smooth"` finds no mesh is corrected as '
-        '`"optimised"` does, with a warning.',
+        "below the threshold; such layers move with their wall where they would be spoiled. Left out: "
+        '`"smooth"`, unless a key asks for what only `"optimised"` has (a displacement `"relative"`, another metric, a '
+        'target, a reduction). A motion for which `"smooth"` finds no mesh is corrected as `"optimised"` does, with a '
+        "warning.",
         '`"smooth"` suits coupled runs: node velocities without jumps (geometric conservation), the same mesh for the '
         'same boundary after any number of steps. `"optimised"` frees trial nodes as needed and reaches most in one '
         'step; `"enrichment"` optimises the coefficients of few '
@@ -173,16 +160,14 @@ class Method:
         choices=("none", "smooth", *_CORRECTIONS),
         needs={"smooth": {"displacement": ("absolute", "reanchored")}},
     )
-    correction_target: str = _key(
-        "auto",
+    correction_target: str | None = _key(
+        None,
         _CORRECTION,
-        "Where a correction stops: when every cell is at the threshold, or at the best it can reach.",
-        '`"threshold"`: its cost follows the bad region. `"maximum"` goes on. `"auto"` goes on where it costs a '
-        "second or two (of hexahedra several), on small meshes: judged by an ideal cell to the maximum, by the cells "
-        "at rest [towards their shape there](beyond.md#judged-against-the-cell-at-rest). "
-        "The maximum is within a hundredth of the best known on average, "
-        "[in 2D and in 3D](beyond.md#the-ceiling-and-its-cost).",
-        choices=("auto", "threshold", "maximum"),
+        "Where a correction stops: when every cell is at the threshold, or at the best it can reach. Left out: the "
+        "best, where it costs a second or two (to 30 000 free nodes in 2D, 5 000 in 3D), else the threshold.",
+        '`"threshold"`: its cost follows the bad region. `"maximum"` goes on, and is within a hundredth of the best '
+        "known on average, [in 2D and in 3D](beyond.md#the-ceiling-and-its-cost).",
+        choices=("threshold", "maximum"),
     )
     quality_metric: str = _key(
         "relative-size-skew",
@@ -229,43 +214,17 @@ class Method:
         "To reproduce a published setting ([measured](beyond.md#defaults)).",
         above=0.0,
     )
-    quality_report: str = _key(
-        "first-and-commit",
-        _CORRECTION,
-        "Which replies have the distributions of the quality (mean and percentiles): all, or of a step's coupling "
-        "iterations the first, and the commit.",
-        '`"every-move"` to see them of every iteration. By default a later iteration has the minimum, the inverted and '
-        "the worst cells, exactly, in half the time; what is refused, warned of or corrected is the same.",
-        choices=("every-move", "first-and-commit"),
-    )
     reduction: str = _key(
         "none",
         _REDUCTION,
-        "Which boundary nodes the interpolation starts from: all, or a choice; a near-surface correction makes all of "
-        "them exact (thesis §2.2).",
+        "Which boundary nodes the interpolation starts from: all, or a choice that leaves at the others an error of at "
+        "most a thousandth of the largest displacement; a near-surface correction makes them exact (thesis §2.2).",
         'Tens of thousands of boundary nodes: `"greedy"` (a full solution a point), `"one-point"`, '
         '`"greedy-combined"`, `"error-peaks"`, `"incremental-lu"`, `"recurrence-cholesky"`, `"grouped-circular"`; in '
         'levels `"multilevel-subspace"`, `"multi-step"`, `"multiscale"`, `"grid-clustering"` '
         "([all compared](thesis.md#point-reduction-groups-levels-and-grids)).",
         choices=("none", *_REDUCTIONS),
         needs={name: {"basis": (*_COMPACT, *_DEFINITE)} for name in _REDUCTIONS},
-    )
-    reduction_tolerance: float = _key(
-        1e-3,
-        _REDUCTION,
-        "Largest error that a reduction leaves at a boundary node before that correction, as a share of the largest "
-        "displacement.",
-        "Larger for fewer control points.",
-        low=0.0,
-        high=1.0,
-    )
-    max_control_points: int = _key(
-        0,
-        _REDUCTION,
-        "Most boundary nodes that a reduction may choose; 0: no bound.",
-        "To bound the time of a step.",
-        low=0,
-        high=1_000_000,
     )
 
     def __post_init__(self) -> None:
@@ -282,9 +241,8 @@ class Method:
 
     def _choose_what_is_left_out(self) -> None:
         """The kind of motion: a smooth one, unless a key is named that only another one has."""
-        others = ("quality_metric", "correction_target", "reduction", "sub_steps")
+        others = ("quality_metric", "correction_target", "reduction")
         asked = self.displacement == "relative" or any(getattr(self, name) != KEYS[name].default for name in others)
-        asked = asked or bool(self.boundary_layer_thickness)
         if self.correction is None:
             object.__setattr__(self, "correction", "optimised" if asked else "smooth")
         if self.displacement is None:

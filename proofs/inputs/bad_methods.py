@@ -40,10 +40,8 @@ BAD_METHODS = (
     _unfit("support_radius", support_radius=5e-324),
     _unfit("enrichment_radius", enrichment_radius=1e-300),
     _unfit("enrichment_radius", enrichment_radius=1e300),
-    _unfit("boundary_layer_thickness", boundary_layer_thickness=1.7e308),
     BadInput("a plane spline on a line of nodes", "build", _on_a_line, "INVALID_ARGUMENT.SETTINGS", ("basis",)),
     _unfit("basis", "line", correction="imposed-gradient", basis="wendland-c0"),
-    _unfit("boundary_layer_thickness", "line", boundary_layer_thickness=0.1),
     _unfit("basis", "periodic", basis="tps"),
     _unfit("reduction", "periodic", reduction="greedy"),
 )

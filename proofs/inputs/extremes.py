@@ -282,7 +282,6 @@ EXTREMES = (
     Extreme("aspect ratio 10⁶", _flattened, _taken),
     Extreme("a name of any characters", _unicode, _same_bits),
     Extreme("a support radius below all spacings", _settings(support_radius=1e-11), _taken),
-    Extreme("a boundary layer thicker than the domain", _settings(boundary_layer_thickness=1e6), _taken),
     Extreme("carried far away", _carried(_far), _rigid(_far, _grid, 1e-12)),
     Extreme("turned by 90°", _carried(_turned), _rigid(_turned, _grid, 1e-12)),
 )

@@ -63,7 +63,11 @@ RIGID = "rigid = { translation = [0.05, 0.02], rotation = 10.0, centre = [0.5, 0
         ("count = 2", "count = 0", r"steps.count: expected greater than or equal to 1, got 0"),
         ("count = 2", "count = 2\niterations = 0", r"steps.iterations: expected greater than or equal to 1"),
         ("0.6", "-0.5", r"method.support_radius: expected a number greater than 0, got -0.5"),
-        ('"none"', '"none"\nsub_steps = "always"', "method.sub_steps = 'always': expected correction .*'none'"),
+        (
+            '"none"',
+            '"smooth"\ndisplacement = "relative"',
+            "method.correction = 'smooth': expected displacement 'absolute'",
+        ),
         ('"moving"', '"mobile"', r"patches.block: expected 'moving', 'fixed'.* got 'mobile'"),
         ("[0.05, 0.02]", "[nan, 0.02]", r"motion\[1\].rigid.translation\[1\]: expected a finite number, got nan"),
         ("[0.05, 0.02]", "[]", r"motion\[1\].rigid.translation: expected .*at least 1 item"),

@@ -267,9 +267,8 @@ def test_a_boundary_that_crosses_itself_is_named_here_too(server, ranks, setting
         ("displacement", "relative"),
         ("correction", "enrichment"),
         ("correction_target", "maximum"),
-        ("correction_target", "auto"),
+        ("correction_target", None),
         ("sub_steps", "auto"),
-        ("boundary_layer_thickness", None),
         ("reduction", "greedy"),
     ],
 )

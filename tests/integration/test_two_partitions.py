@@ -7,13 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from frame_meshes import rotation, square_frame
+from frame_meshes import rotation
+from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_protocol.messages import Commit, Fetch, Move
 from periodic_meshes import periodic_box, sector
 from real_sessions import new_session
 
+from docs.studies.aerofoil_grids import o_grid
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from mesh_motion_server.session.store import SessionStore
 from proofs.stand_in import split_mesh
@@ -36,13 +38,14 @@ def moved(folder: Path, mesh: Any, settings: Mapping[str, Any], goal: np.ndarray
 
 
 def test_a_layer_across_partitions_moves_as_in_one_mesh(tmp_path: Path) -> None:
-    settings = {"support_radius": 0.5, "displacement": "absolute", "boundary_layer_thickness": 0.08}
-    mesh = square_frame(30, kind="quad")
-    model = MotionModel.build(*mesh, Method(**settings, correction="none"))
-    goal = (mesh[0] - 0.5) @ rotation(15.0).T + 0.5
-    found = moved(tmp_path, mesh, settings | {"correction": "none"}, goal)
+    settings = {"displacement": "absolute", "correction": "none", "support_radius": 2.0}
+    grid = o_grid("blunt", around=48, layers=16, first=1e-3, far=8.0)
+    mesh = grid.points, CellTable.from_arrays(grid.cells), grid.patches
+    model = MotionModel.build(*mesh, Method(**settings))
+    goal = mesh[0] @ rotation(15.0).T
+    found = moved(tmp_path, mesh, settings, goal)
     np.testing.assert_allclose(found, model.move(mesh[0], goal[model.roles.moving]).points, atol=1e-12)
-    layer = model.standard_motion.layer
+    layer = model.layered.layer
     np.testing.assert_allclose(found[layer.nodes], goal[layer.nodes], atol=1e-12)
 
 

@@ -11,9 +11,9 @@ from mesh_motion_numerics.correction.correction import (
     Correction,
     CorrectionProblem,
     correct,
+    spoils,
 )
 from mesh_motion_numerics.correction.correction_problem import SMALL_MESH
-from mesh_motion_numerics.correction.near_rest import spoils
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.interpolant import factorize
 from mesh_motion_numerics.mesh.cells import CellTable
@@ -95,20 +95,20 @@ def test_none_keeps_whatever_comes() -> None:
 
 def test_targets() -> None:
     problem = case("3D box 0.25 + bend")
-    threshold, maximum, auto = (
-        correct(problem, settings(correction_target=target)) for target in ("threshold", "maximum", "auto")
+    threshold, maximum, left_out = (
+        correct(problem, settings(correction_target=target)) for target in ("threshold", "maximum", None)
     )
     assert threshold.reached
     assert 0.2 <= threshold.minimum < maximum.minimum
     assert threshold.freed_nodes < maximum.freed_nodes
-    assert np.array_equal(auto.points, maximum.points)  # a small mesh
+    assert np.array_equal(left_out.points, maximum.points)  # a small mesh
 
 
-def test_auto_stops_at_the_threshold_on_a_large_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_target_a_large_mesh_stops_at_the_threshold(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = case("3D box 0.25 + bend")
     monkeypatch.setitem(SMALL_MESH, 3, 100)
-    auto, threshold = correct(problem, settings()), correct(problem, settings(correction_target="threshold"))
-    assert np.array_equal(auto.points, threshold.points)
+    left_out, threshold = correct(problem, settings()), correct(problem, settings(correction_target="threshold"))
+    assert np.array_equal(left_out.points, threshold.points)
 
 
 @pytest.mark.parametrize("correction", ["explicit", "enrichment", "optimised"])

@@ -74,14 +74,19 @@ def test_even_meshes_have_no_layers(kind: str) -> None:
     assert LayeredWalls.build(mesh.points, mesh.cells, patches, None) is None
 
 
-def test_a_thickness_of_0_leaves_every_layer_to_the_interpolation() -> None:
-    grid = narrow("quads")
-    method = Method(boundary_layer_thickness=0.0, correction="none", allow_invalid=True)
-    model = MotionModel.build(grid.points, CellTable.from_arrays(grid.cells), grid.patches, method)
-    assert model.standard_motion.layer is None
-    assert not any("boundary_layer_thickness" in warning for warning in model.warnings)
-    targets = pitched(grid.points[model.roles.moving], 20.0, 0.5)
-    alone = replace(model_of(grid, correction="none", allow_invalid=True), layered=None)
-    np.testing.assert_array_equal(
-        model.move(grid.points, targets).points, alone.move(grid.points, targets).points, strict=True
-    )
+def test_a_layer_on_a_periodic_wall_is_kept_and_its_ends_stay_alike() -> None:
+    """A bent floor, whose plain motion makes the first cells two fifths higher."""
+    x, y = np.linspace(0.0, 1.0, 41), (1.25 ** np.arange(31) - 1.0) / (1.25**30 - 1.0)
+    points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    points[:, 1] += 0.1 * np.sin(2.0 * np.pi * points[:, 0] + 0.7) * (1.0 - points[:, 1])
+    node = np.arange(len(points)).reshape(41, 31)
+    quads = np.stack([node[:-1, :-1], node[1:, :-1], node[1:, 1:], node[:-1, 1:]], axis=-1).reshape(-1, 4)
+    sides = {"floor": ("moving", node[:, 0]), "lid": ("fixed", node[:, -1])}
+    sides |= {"left": ("periodic", node[0]), "right": ("periodic", node[-1])}
+    patches = {name: Patch(role, np.ascontiguousarray(nodes)) for name, (role, nodes) in sides.items()}
+    model = MotionModel.build(points, CellTable.from_arrays({"quad": quads}), patches, Method())
+    floor = points[model.roles.moving]
+    moved = model.move(points, floor + np.stack([0.05 + 0.0 * floor[:, 0], 0.1 * np.sin(2.0 * np.pi * floor[:, 0])], 1))
+    assert stretch(model, moved.points) < 0.005
+    steps = (moved.points - points)[node[[0, -1]]]
+    assert np.abs(steps[0] - steps[1]).max() < 1e-15

@@ -1,11 +1,13 @@
 """One layer of cells between two planes is moved as its plane is, both sides alike, in any direction."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
 from box_meshes import box_mesh
+from carried_layers import with_layer
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.finite_volume import extruded_cells, extruded_points
 from mesh_motion_numerics.mesh.one_layer import OneLayer
@@ -134,9 +136,10 @@ def test_its_derivative_is_that_of_differences_and_its_transpose(
 ) -> None:
     points, cells, patches = layered("quad", {"both": "symmetry"}, outer)
     turn = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
-    method, factors = Method(**choices, boundary_layer_thickness=layers or None), FactorCache(1 << 28)
-    model = motion_model(points @ turn.T, cells, patches, method)
+    model, factors = motion_model(points @ turn.T, cells, patches, Method(**choices)), FactorCache(1 << 28)
     assert isinstance(model, OneLayerMotion)
+    if layers:
+        model = replace(model, plane=with_layer(model.plane, model.layer.patches, layers))
     rest, flat = model.points[model.moving], points[model.moving]
     shift = np.array([0.2 * (flat[:, 1] - 0.5), 0.05 - 0.2 * (flat[:, 0] - 0.5), 0.0 * flat[:, 0]]).T @ turn.T
     v = np.array([np.cos(3.0 * flat[:, 1]), np.sin(5.0 * flat[:, 0]), 0.0 * flat[:, 0]]).T @ turn.T

@@ -7,10 +7,12 @@ import pytest
 from box_meshes import box_mesh
 from correction_cases import REFERENCES, stored
 from frame_meshes import rotation
+from mesh_motion_numerics.interpolation.factor_source import MakeEachTime
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
-from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.motion import MotionModel, _Step
+from mesh_motion_numerics.motion.motion_found import Motion
 from mesh_motion_numerics.motion.sub_steps import Leg, furthest_walk, walk
 from mesh_motion_numerics.quality.metrics import cell_quality
 from mesh_motion_protocol.errors import InvalidInput, QualityRefused
@@ -32,6 +34,11 @@ def turned(model: MotionModel, degrees: float, shift: float = 0.0) -> np.ndarray
     x[:, :2] = x[:, :2] @ rotation(degrees).T
     x[:, 0] += shift
     return x + 0.5
+
+
+def led(model: MotionModel, targets: np.ndarray) -> Motion:
+    """The motion in legs, as if one step had been refused."""
+    return model._led(_Step(model.points, targets, MakeEachTime()))
 
 
 @cache
@@ -139,37 +146,34 @@ def test_bodies_pass_each_other(bodies: str, shift: float, at_least: float) -> N
     model, targets = passed(bodies, shift)
     motion = model.move(model.points, targets)
     assert motion.corrected.metric.min > at_least
-    always, _ = passed(bodies, shift, sub_steps="always")
-    assert always.move(model.points, targets).corrected.metric.min > at_least
+    assert led(model, targets).corrected.metric.min > at_least
 
 
 def test_bodies_change_places() -> None:
-    model, _ = passed("blocks", 0.0, sub_steps="always")
+    model, _ = passed("blocks", 0.0)
     data, points = passing("blocks"), model.points.copy()
     points[data["patch_upper"]] += (0.8, -0.26)
     points[data["patch_lower"]] -= (0.8, -0.26)
-    motion = model.move(model.points, points[model.roles.moving])
+    motion = led(model, points[model.roles.moving])
     assert motion.corrected.metric.min > 0.05
 
 
 def test_a_squeeze_to_a_tenth_of_the_gap_is_valid_directly_and_in_sub_steps() -> None:
     mesh = stored("thesis_block")
-    for sub_steps in ("never", "always"):
-        patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
-        method = Method(support_radius=0.5, quality_metric="size-skew", sub_steps=sub_steps)
-        model = MotionModel.build(mesh.points, mesh.cells, patches, method)
-        gap = model.points[model.roles.moving, 0].min()
-        motion = model.move(model.points, turned(model, 0.0, -0.9 * gap))
+    patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
+    method = Method(support_radius=0.5, quality_metric="size-skew", sub_steps="never")
+    model = MotionModel.build(mesh.points, mesh.cells, patches, method)
+    targets = turned(model, 0.0, -0.9 * model.points[model.roles.moving, 0].min())
+    for motion in (model.move(model.points, targets), led(model, targets)):
         assert motion.corrected.metric.min > 0.06
 
 
 def test_a_mesh_that_is_only_carried_stays_as_it_is() -> None:
     mesh = stored("correction_slab")
     patches = {"all": Patch("moving", np.flatnonzero(mesh.held))}
-    model = MotionModel.build(mesh.points, mesh.cells, patches, Method(support_radius=0.5, sub_steps="always"))
-    motion = model.move(model.points, turned(model, 180.0))
+    model = MotionModel.build(mesh.points, mesh.cells, patches, Method(support_radius=0.5, correction="optimised"))
+    motion = led(model, turned(model, 180.0))
     assert motion.sub_steps == 3
-    assert motion.correction.iterations == 0
     np.testing.assert_allclose(motion.points, 1.0 - model.points, atol=1e-13)
 
 
@@ -196,9 +200,9 @@ def test_from_the_reference_mesh_the_way_does_not_matter() -> None:
 def test_every_correction_goes_in_sub_steps(correction: str, at_least: float) -> None:
     mesh = stored("thesis_block")
     patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
-    method = Method(correction=correction, quality_metric="size-skew", sub_steps="always")
+    method = Method(correction=correction, quality_metric="size-skew")
     model = MotionModel.build(mesh.points, mesh.cells, patches, method)
-    motion = model.move(model.points, turned(model, 180.0))
+    motion = led(model, turned(model, 180.0))
     assert motion.sub_steps >= 3
     assert motion.corrected.metric.min > at_least
 
@@ -259,9 +263,9 @@ def test_the_first_way_that_leads_to_its_end_is_taken() -> None:
 
 def test_walls_that_slide_are_followed_in_every_leg() -> None:
     points, cells, patches = duct("quad")
-    method = Method(support_radius=1.0, quality_threshold=0.9, sub_steps="always")
+    method = Method(support_radius=1.0, quality_threshold=0.9, correction="optimised")
     model = MotionModel.build(points, cells, patches, method)
-    motion = model.move(model.points, turned(model, 120.0, 0.1))
+    motion = led(model, turned(model, 120.0, 0.1))
     assert motion.sub_steps >= 3
     assert motion.corrected.metric.min > 0.2
     walls = model.roles.sliding
@@ -270,10 +274,9 @@ def test_walls_that_slide_are_followed_in_every_leg() -> None:
 
 
 def test_periodic_nodes_stay_pairs_in_every_leg() -> None:
-    model = MotionModel.build(
-        *periodic_box("quad"), Method(support_radius=0.8, quality_threshold=0.9, sub_steps="always")
-    )
-    motion = model.move(model.points, model.points[model.roles.moving] + (0.1, 0.25))
+    method = Method(support_radius=0.8, quality_threshold=0.9, correction="optimised")
+    model = MotionModel.build(*periodic_box("quad"), method)
+    motion = led(model, model.points[model.roles.moving] + (0.1, 0.25))
     assert motion.sub_steps == 3
     assert motion.corrected.metric.min > 0.3
     periodic = model.standard_motion.periodic

@@ -49,7 +49,7 @@ def test_codes_in_the_text_exist(text):
 
 def test_limits_in_the_text_exist(text):
     mentioned = set(re.findall(r"`((?:max|stored)_\w+|\w+_ms)`", text))
-    others = {"max_enrichment_points", "max_control_points", "max_non_orthogonality", "max_skewness"}
+    others = {"max_enrichment_points", "max_non_orthogonality", "max_skewness"}
     others.add("compute_limit_ms")
     assert mentioned - others <= set(LIMITS)
     assert set(LIMITS) <= mentioned

@@ -241,7 +241,7 @@ def apart(root: Path, loose: tuple[tuple[float, float], ...] = (), **changes: An
     """A square body in a square frame, of which the session has the boundary only; ``loose``: nodes on no patch."""
     body = [(x, y) for x in (0.4, 0.6) for y in (0.4, 0.6)]
     frame = [(x, y) for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0) if (x, y) != (0.5, 0.5)]
-    chosen = {"displacement": "absolute", "correction": "none", "sub_steps": "never", "boundary_layer_thickness": 0.0}
+    chosen = {"displacement": "absolute", "correction": "none", "sub_steps": "never"}
     chosen |= {"support_radius": 2.0, "quality_threshold": float(quality_of(0.5).metric.min)} | changes
     spec = make_spec(evaluation="client", settings=MethodSettings.from_mapping(chosen))
     session = Session(SessionStore(root).create(spec), ServerSettings(), build_motion_model)

@@ -13,8 +13,6 @@ SETTINGS = {
     "displacement": "absolute",
     "correction": "none",
     "sub_steps": "never",
-    "boundary_layer_thickness": 0.0,
-    "quality_report": "every-move",
 }
 CORRECTED = SETTINGS | {"correction": "optimised", "correction_target": "threshold", "quality_threshold": 0.5}
 ROLES = {"body": "moving", "outer": "fixed"}

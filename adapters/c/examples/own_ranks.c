@@ -145,8 +145,6 @@ static void open_together(mm_session *session, int rank, double threshold)
             mm_set_number(session, "quality_threshold", threshold);
         }
         mm_set_text(session, "sub_steps", "never");
-        mm_set_number(session, "boundary_layer_thickness", 0.0);
-        mm_set_text(session, "quality_report", "every-move");
         if (mm_open(session) == MM_OK) {
             for (int i = 0; i < MM_ID_SIZE; ++i) {
                 id[i] = mm_id(session)[i];

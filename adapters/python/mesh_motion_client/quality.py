@@ -31,7 +31,7 @@ class WorstCell(TypedDict):
 class QualitySummary(TypedDict):
     """Quality of the whole mesh; ``metric`` is the session's ``quality_metric``, ``worst`` has at most ten cells.
 
-    The reply to a second move of a step may lack ``size``, ``skew`` and ``size_skew`` (``quality_report``).
+    The reply to a second move of a step may lack ``size``, ``skew`` and ``size_skew``.
     """
 
     size: NotRequired[Distribution]

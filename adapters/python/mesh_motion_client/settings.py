@@ -19,10 +19,9 @@ class Settings(TypedDict, total=False):
     ]  # fmt: skip
     support_radius: float | None
     displacement: Literal["relative", "absolute", "reanchored"] | None
-    boundary_layer_thickness: float | None
-    sub_steps: Literal["auto", "never", "always"]
+    sub_steps: Literal["auto", "never"]
     correction: Literal["none", "smooth", "imposed-gradient", "explicit", "enrichment", "optimised"] | None
-    correction_target: Literal["auto", "threshold", "maximum"]
+    correction_target: Literal["threshold", "maximum"] | None
     quality_metric: Literal[
         "relative-size-skew", "size-skew", "size-skew-root", "size-skew-product", "size", "skew"
     ]  # fmt: skip
@@ -31,10 +30,7 @@ class Settings(TypedDict, total=False):
     allow_invalid: bool
     max_enrichment_points: int
     enrichment_radius: float | None
-    quality_report: Literal["every-move", "first-and-commit"]
     reduction: Literal[
         "none", "greedy", "one-point", "greedy-combined", "error-peaks", "incremental-lu", "recurrence-cholesky",
         "grouped-circular", "multilevel-subspace", "multi-step", "multiscale", "grid-clustering",
     ]  # fmt: skip
-    reduction_tolerance: float
-    max_control_points: int

@@ -1,4 +1,4 @@
-"""Far motions in one Move: where is the mesh valid after the plain motion, corrected directly, and in sub-steps?"""
+"""Far motions in one Move: where is the mesh valid after the plain motion, corrected directly, and in legs?"""
 
 from __future__ import annotations
 
@@ -175,22 +175,20 @@ def anywhere(name: str, count: int) -> Iterator[Floats]:
 
 @dataclass(frozen=True)
 class Tried:
-    """What a method made of a motion: its smallest quality (of a refusal the best met), CPU seconds, the motion."""
+    """What a method made of a motion: its smallest quality (of a refusal the best met), and the motion."""
 
     minimum: float
-    seconds: float
     motion: Motion | None
 
 
 def tried(mesh: Subject, targets: Floats, **choices: Any) -> Tried:
     """One Move from the reference mesh."""
     model = mesh.model(**choices)
-    begin = time.process_time()
     try:
         motion = model.move(model.points, targets)
     except QualityRefused as refusal:
-        return Tried(min(float(refusal.best or 0.0), -1e-12), time.process_time() - begin, None)
-    return Tried(motion.corrected.metric.min, time.process_time() - begin, motion)
+        return Tried(min(float(refusal.best or 0.0), -1e-12), None)
+    return Tried(motion.corrected.metric.min, motion)
 
 
 def plain(mesh: Subject, targets: Floats) -> Tried:
@@ -201,7 +199,7 @@ def plain(mesh: Subject, targets: Floats) -> Tried:
 def run(quick: bool) -> Outcome:
     chosen = [(name, motion, number) for name, motion, number, both in CASES if both or not quick]
     rows = [_row(name, motion, number) for name, motion, number in chosen]
-    columns = ("mesh", "motion", "standard", "corrected directly", "in sub-steps", "legs", "default", "cost ratio")
+    columns = ("mesh", "motion", "standard", "corrected directly", "default", "legs")
     cases = Table(columns, rows, _CASES, digits=3)
     fresh = [_random_row(name, counts[1 if quick else 0]) for name, counts in RANDOM.items() if counts[quick]]
     columns = ("mesh", "motions", "valid: standard", "corrected directly", "default", "least", "mean")
@@ -214,9 +212,8 @@ def run(quick: bool) -> Outcome:
 
 
 _CASES = (
-    "Smallest size-skew after one Move; negative: refused, and the best that was met. “In sub-steps”: always so, with "
-    "the number of legs; the default takes them only where the direct motion would be refused. Cost: CPU time in "
-    "sub-steps over that of the direct motion, where that is valid."
+    "Smallest size-skew after one Move; negative: refused, and the best that was met. The default takes several legs "
+    "only where the direct motion would be refused."
 )
 _RANDOM = (
     "Fresh random motions: turns of 90° to 180° with shifts up to 0.15 along each axis, and bodies that pass each "
@@ -236,14 +233,11 @@ _PICTURE = (
 def _row(name: str, motion: str, number: float) -> list[Cell]:
     mesh = subject(name)
     targets = _MOTIONS[motion](mesh, number)
-    direct, led = (tried(mesh, targets, sub_steps=choice) for choice in ("never", "always"))
+    direct = tried(mesh, targets, sub_steps="never")
     default = direct if direct.motion is not None else tried(mesh, targets)
-    legs = led.motion.sub_steps if led.motion is not None else None
-    ratio = led.seconds / max(direct.seconds, 1e-3) if direct.motion is not None else None
+    legs = default.motion.sub_steps if default.motion is not None else None
     title = _titled(motion, number)
-    return [
-        name, title, plain(mesh, targets).minimum, direct.minimum, led.minimum, legs, default.minimum, ratio,
-    ]  # fmt: skip
+    return [name, title, plain(mesh, targets).minimum, direct.minimum, default.minimum, legs]
 
 
 def _random_row(name: str, count: int) -> list[Cell]:
@@ -324,11 +318,8 @@ def claims(outcome: Outcome) -> None:
     cases, random, refusals = outcome.tables
     assert all(0 < refused < motions for _, motions, refused, *_ in refusals.rows)
     assert min(cases.column("default")) > 0.0
-    assert min(cases.column("in sub-steps")) > 0.0
-    for direct, led, default in zip(
-        *(cases.column(c) for c in cases.columns[3:5]), cases.column("default"), strict=True
-    ):
-        assert default == direct if direct > 0.0 else default == led
+    for direct, default in zip(cases.column("corrected directly"), cases.column("default"), strict=True):
+        assert default == direct or direct <= 0.0
     for row in random.rows:
         assert row[4] == row[1] >= row[3] >= row[2], row
 

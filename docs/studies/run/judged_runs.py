@@ -45,7 +45,7 @@ BOUNDS = {
     "resumed": (0.0, 0.0),
 }
 #: Interpolation alone: a layer that is kept where it does no harm is no smooth function of the boundary.
-PLAIN = {"displacement": "absolute", "correction": "none", "allow_invalid": True, "boundary_layer_thickness": 0.0}
+PLAIN = {"displacement": "absolute", "correction": "none", "allow_invalid": True}
 DEFAULT: dict[str, Any] = {"quality_metric": "relative-size-skew"}  # a stored mesh names another metric
 _NOISE, _RANKS = 1e-8, 2
 
@@ -155,6 +155,8 @@ def _here(
 ) -> Iterator[Floats]:
     """Positions after each step; ``noise`` is added to the last one's targets, ``anew`` gives it a model of its own."""
     model, factors, points = mesh.model(**choices), FactorCache(1 << 28), mesh.points
+    if choices is PLAIN:
+        model = replace(model, layered=None)
     for step, there in enumerate(targets, start=1):
         last = step == len(targets)
         if last and anew:

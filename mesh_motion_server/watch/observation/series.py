@@ -50,7 +50,7 @@ class Series:
 
     ``predicted_*`` is the corrected mesh's quality metric as the step's last Move predicted it, ``standard_min`` the
     minimum that it predicted without a correction, ``actual_*`` that of the committed coordinates; NaN if not recorded.
-    Percentiles are those of the first Move of a step where ``quality_report`` is "first-and-commit", so that
+    Percentiles are those of the first Move of a step, so that
     ``predicted_p1`` may lie below the ``predicted_min`` of a later one. ``iterations``, ``seconds_*``, ``refusals`` (of
     Moves) and ``rollbacks`` are of all Moves of the step together, those rolled back included. ``at`` is Unix time,
     ``reached`` 1 or 0, ``non_orthogonality`` the largest of the faces, degrees, where the step's last Move asked.

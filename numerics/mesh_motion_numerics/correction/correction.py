@@ -42,17 +42,19 @@ from mesh_motion_numerics.correction.enrichment.placement import gap_middle
 from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
 from mesh_motion_numerics.correction.equal_stretch import equal_stretch
 from mesh_motion_numerics.correction.free_region import cells_of_nodes
-from mesh_motion_numerics.correction.near_rest import raises, reshaped, spoils
+from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_numerics.correction.trial_nodes import Polished, Stage, TrialMesh, polish, reach, signed
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.quality.metrics import CellQuality
 
-__all__ = ["CORRECTIONS", "Correction", "CorrectionProblem", "correct"]
+__all__ = ["CORRECTIONS", "Correction", "CorrectionProblem", "correct", "spoils"]
 
 
 _WORST = 10  # number of cells that a refusal names
 #: A large mesh is raised to this multiple of the threshold if that is cheap: the next step uses up a smaller margin.
 _AMPLE = 2.5
+#: A quality change by less than this factor does not count.
+_NOTICED = 1.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,10 +173,8 @@ def _optimised(problem: CorrectionProblem, method: Method, mesh: TrialMesh, qual
     found: Polished
     if np.isfinite(target):
         found = reach(problem.begin, mesh, target, quality=quality)
-        if method.correction_target == "auto" and mesh.metric == "relative-size-skew" and found.minimum >= target:
+        if method.correction_target is None and mesh.metric == "relative-size-skew" and found.minimum >= target:
             found = _raised(found, mesh, _AMPLE * target)
-    elif raises(problem, method):
-        found = reshaped(problem, mesh)
     else:
         found = polish(problem.begin, mesh, mesh.free(~mesh.held))
     return _freed(problem, found)
@@ -192,6 +192,17 @@ def _raised(found: Polished, mesh: TrialMesh, target: float) -> Polished:
         iterations=found.iterations + more.iterations,
         history=found.history + more.history,
     )
+
+
+def spoils(
+    before: CellQuality, after: CellQuality, metric: str, gain: float = 1.0, elsewhere: Elsewhere | None = None
+) -> bool:
+    """Whether the smallest relative skew or size falls by more than the factor ``gain``."""
+    if metric != "relative-size-skew":
+        return False
+    others = (math.inf, math.inf) if elsewhere is None else elsewhere.extremes
+    extremes = zip(before.relative_extremes(), after.relative_extremes(), others, strict=True)
+    return any(min(own, other) > max(gain, _NOTICED) * min(new, other) for own, new, other in extremes)
 
 
 def _could_be_valid(mesh: TrialMesh, quality: Floats) -> bool:

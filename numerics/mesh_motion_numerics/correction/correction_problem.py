@@ -16,7 +16,7 @@ __all__ = ["SMALL_MESH", "CorrectionProblem", "goal", "target_quality"]
 
 
 SMALL_MESH = {1: 1_000_000, 2: 30_000, 3: 5_000}
-"""Free nodes, by dimension, up to which "auto" goes for the maximum: a second or two there, of hexahedra several."""
+"""Free nodes, by dimension, up to which a correction without a target goes for the maximum: a second or two there."""
 
 _VALID = 1e-6
 
@@ -79,7 +79,7 @@ def target_quality(problem: CorrectionProblem, method: Method) -> float:
     """The quality at which a correction stops; inf for the best possible."""
     free = int(np.count_nonzero(~problem.held))
     small = free <= SMALL_MESH[problem.start.shape[1]]
-    maximum = method.correction_target == "maximum" or (method.correction_target == "auto" and small)
+    maximum = method.correction_target == "maximum" or (method.correction_target is None and small)
     return float("inf") if maximum else goal(method)
 
 

@@ -29,7 +29,6 @@ from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, cell_quali
 
 __all__ = [
     "MARGIN",
-    "RELATIVE_SHAPE",
     "Polished",
     "Stage",
     "TrialMesh",
@@ -42,12 +41,6 @@ __all__ = [
 LEVELS = tuple(PNorm(p, m, of="cells") for p, m in ((2, 1), (8, 2), (24, 4), (60, 8), (150, 16), (400, 40)))
 """Continuation: starting sharper, or with half the iterations a level, ends at a third of the quality."""
 
-RELATIVE_SHAPE = "relative-shape"
-"""What "auto" raises of cells judged at rest: the relative shape, and so much of the size that areas stay near it."""
-
-_SHAPE_SIZE = (
-    0.25  # half would stop at a relative skew of 0.75 where this one reaches 0.85, with sizes of 0.50 and 0.47
-)
 SIZE_WEIGHTS = {
     "size-skew": 0.5,
     "size-skew-root": 1.0,
@@ -55,7 +48,6 @@ SIZE_WEIGHTS = {
     "size": 1.0,
     "skew": 0.01,
     "relative-size-skew": 0.5,
-    RELATIVE_SHAPE: _SHAPE_SIZE,
 }
 """Weight of the size in the distortion, by the metric that judges."""
 
@@ -101,7 +93,7 @@ class TrialMesh:
     held : (n,) bool array
         Nodes that must not move.
     metric : str
-        One of :data:`~mesh_motion_numerics.quality.metrics.QUALITY_METRICS`, or :data:`RELATIVE_SHAPE`.
+        One of :data:`~mesh_motion_numerics.quality.metrics.QUALITY_METRICS`.
     constraint : BoundaryConstraint or None
         The constraint of nodes that are not held but may move only with restrictions.
     elsewhere : Elsewhere or None
@@ -150,10 +142,7 @@ class TrialMesh:
 
 def signed(quality: CellQuality, metric: str) -> Floats:
     """The metric (m,) of cells; negative where any corner is inverted, whatever the metric says."""
-    if metric == RELATIVE_SHAPE:
-        values = np.abs(quality.size) ** _SHAPE_SIZE * quality.relative_shape
-    else:
-        values = quality.metric(metric)
+    values = quality.metric(metric)
     return np.where(quality.inverted, np.minimum(-np.abs(values), -_TINY), values)
 
 

@@ -15,7 +15,6 @@ __all__ = [
     "largest_accepted",
     "other_unit",
     "quality_warnings",
-    "reduction_warnings",
     "refuse_unacceptable",
     "way_out",
 ]
@@ -73,16 +72,6 @@ def quality_warnings(method: Method, quality: Judgement, reached: bool) -> list[
     if not reached:
         found.append(f"minimum {name} {quality.metric.min:.4g} stays below the threshold {threshold:.4g}")
     return found
-
-
-def reduction_warnings(method: Method, error: float, control_points: int) -> list[str]:
-    """A warning if a reduction left an ``error`` (a share of the largest displacement) above its tolerance."""
-    if error <= method.reduction_tolerance:
-        return []
-    return [
-        f"reduction {method.reduction!r} left an error of {error:.2g} of the largest displacement with "
-        f"{control_points} control points; it was corrected near the surface"
-    ]
 
 
 def other_unit(points: Floats, displacement: Floats, nearest: float = 0.0) -> str:

@@ -21,12 +21,11 @@ E. Luke, E. Collins, E. Blades, "A fast mesh deformation method using explicit i
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
@@ -39,7 +38,7 @@ from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 __all__ = ["BoundaryLayer", "Shield", "held_with"]
 
 
-_REFUSED_NEAR = 3.0  # a layer gives way within this many thicknesses of a bad cell
+_SPOILED = 0.2  # share of a cell's quality at rest below which no correction could repair it
 
 
 class Shield(NamedTuple):
@@ -67,9 +66,6 @@ class BoundaryLayer:
         Moving and fixed nodes.
     sliding : SlidingSurfaces or None
         The surfaces of the layer's sliding nodes; None without such nodes.
-    thickness : float, mesh length unit
-    refused : bool
-        Whether the layer has already given way near bad cells.
     """
 
     points: Floats
@@ -79,8 +75,6 @@ class BoundaryLayer:
     tied: LayerNodes
     sliding: SlidingSurfaces | None
     shield: Shield
-    thickness: float
-    refused: bool = False
 
     @classmethod
     def build(
@@ -101,7 +95,7 @@ class BoundaryLayer:
             return None
         tied = layer_nodes(points, cells, patches, wall, thickness)
         empty = np.empty(0, dtype=np.int64)
-        full = cls(points, cells, prescribed, wall, tied, sliding, Shield(empty, empty), thickness)
+        full = cls(points, cells, prescribed, wall, tied, sliding, Shield(empty, empty))
         return full.without(np.zeros(len(points), dtype=bool))
 
     @property
@@ -146,23 +140,35 @@ class BoundaryLayer:
         rest = replace(self, tied=tied, sliding=sliding)
         return replace(rest, shield=_shield(self.cells, rest.known, self.wall.nodes, tied.nodes))
 
-    def giving_way(self, bad: Marks) -> BoundaryLayer | None:
-        """The layer without its nodes in the bad (m,) cells."""
+    def fitting(
+        self, moved: Floats, quality: Callable[[Floats, Integers], Floats], valid: Floats | None = None
+    ) -> BoundaryLayer | None:
+        """The layer without the cells that it would spoil by itself, as in concave corners that close.
+
+        Parameters
+        ----------
+        moved : (n, d) array, mesh length unit
+            The moving nodes at their targets, all others as in the reference mesh.
+        quality : callable
+            Positions (n, d) and numbers of cells (k,) → their metric (k,).
+        valid : (n, d) array, mesh length unit, optional
+            A valid mesh from which a correction will begin: the layer ends at nodes that are elsewhere there.
+        """
+        trial = moved.copy()
+        trial[self.nodes] = self.carried(moved)
+        if valid is not None:
+            away = (valid != trial).any(axis=1)
+            return self.without(away) if away[self.nodes].any() else self
+        known = self.known
+        inside = np.flatnonzero(np.concatenate([known[block.nodes].all(axis=1) for block in self.cells]))
+        spoiled = inside[~(quality(trial, inside) > _SPOILED * quality(self.points, inside))]
+        if not len(spoiled):
+            return self
         released = np.zeros(len(self.points), dtype=bool)
         for block, first in self.cells.numbered():
-            released[block.nodes[bad[first : first + len(block)]]] = True
+            rows = spoiled[(spoiled >= first) & (spoiled < first + len(block))] - first
+            released[block.nodes[rows]] = True
         return self.without(released)
-
-    def without_near(self, cells: Sequence[int]) -> BoundaryLayer | None:
-        """The layer without its nodes near cells that it makes bad; None at the second call."""
-        if self.refused or not cells:
-            return None
-        centres = self.cells.centres(self.points, np.array(cells, dtype=np.int64))
-        near = cKDTree(centres).query(self.points[self.nodes])[0]
-        released = np.zeros(len(self.points), dtype=bool)
-        released[self.nodes[near <= _REFUSED_NEAR * self.thickness]] = True
-        rest = self.without(released) if released.any() else None
-        return None if rest is None else replace(rest, refused=True)
 
 
 def held_with(held: Marks, layer: BoundaryLayer | None) -> Marks:

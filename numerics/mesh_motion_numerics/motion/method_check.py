@@ -41,20 +41,14 @@ def check_method(method: Method, points: Floats, roles: BoundaryRoles, *, period
     Raises
     ------
     InvalidInput
-        On an unusable basis, a missing shape parameter, a length out of range for this mesh, control points that do not
-        determine the polynomial of the basis, or a boundary layer in 1D; with periodic patches, on a basis without
+        On an unusable basis, a missing shape parameter, a length out of range for this mesh, or control points that do
+        not determine the polynomial of the basis; with periodic patches, on a basis without
         compact support or a reduction. ``.MESH_DEGENERATE`` on boundary nodes at the same place, if the method needs
         distinct nodes.
     ResourceExhausted
         If the matrix of all boundary nodes has to be factorized densely and would take too much memory.
     """
     basis = _checked_basis(method, points.shape[1])
-    if method.boundary_layer_thickness and points.shape[1] == 1:
-        raise _unfit(
-            "boundary_layer_thickness",
-            "boundary_layer_thickness: expected a mesh in 2D or 3D, got one in 1D",
-            hint="leave it out",
-        )
     _check_lengths(method, points)
     if basis.needs_polynomial:
         with _naming("basis", method):
@@ -97,7 +91,7 @@ def _unfit(setting: str, message: str, *, hint: str = "") -> InvalidInput:
 def _check_lengths(method: Method, points: Floats) -> None:
     """Refuse lengths out of range for this mesh: r/R overflows or is lost in rounding, for any function."""
     extent = float(np.ptp(bounding_box(points), axis=0).max())
-    for name in ("support_radius", "enrichment_radius", "boundary_layer_thickness"):
+    for name in ("support_radius", "enrichment_radius"):
         length = getattr(method, name)
         if length and not extent / _EXTENTS <= length <= extent * _EXTENTS:
             raise _unfit(

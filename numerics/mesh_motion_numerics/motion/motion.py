@@ -1,8 +1,8 @@
 """One motion of one mesh, end to end: the data flow of every Move.
 
 An *attempt* interpolates the boundary's displacement, judges the mesh, corrects it, judges it again, and accepts or
-refuses it. It keeps as much of a boundary layer as does no harm. A second attempt follows a refused one: the mesh is
-led to its targets in sub-steps, which are attempts themselves, and corrected from there.
+refuses it. A second attempt follows a refused one: the mesh is led to its targets in sub-steps, which are attempts
+themselves, and corrected from there.
 
 Pure: the result depends on the model, the committed points and the targets; the factor cache only saves time. No node
 moves before a motion is accepted: an unacceptable motion raises an error with the best result found.
@@ -14,7 +14,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
 from mesh_motion_protocol.errors import QualityRefused, Timeout
 
 from mesh_motion_numerics.arrays import Floats
@@ -28,13 +27,11 @@ from mesh_motion_numerics.motion.acceptance import (
     largest_accepted,
     other_unit,
     quality_warnings,
-    reduction_warnings,
     refuse_unacceptable,
     way_out,
 )
 from mesh_motion_numerics.motion.body_paths import Way, straight_way, ways
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer, held_with
-from mesh_motion_numerics.motion.boundary_layer_fallback import LayerAttempts, fitting_layer, given_way
 from mesh_motion_numerics.motion.crossing import NoMeshExists
 from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_numerics.motion.motion_found import Motion
@@ -51,12 +48,8 @@ __all__ = ["MotionModel"]
 
 #: Share of the minimum quality without a boundary layer that a motion with the layer must have.
 _AS_GOOD = 0.9
-#: A wall that was plane at rest and is nearly so now carries small differences far into the domain: two of its nodes
-#: that lie a hair apart and move apart are a steep gradient, which a wide kernel continues. The mesh at rest has no
-#: such nodes. It is tried where a node moves this much further than all of the boundary …
-_OVERSHOOT = 1.5
-#: … among about so many nodes, since such a displacement is smooth.
-_SAMPLE = 4096
+#: Share of the threshold below which a mesh is nearly inverted, so that the layer is not worth it.
+_NEARLY_INVERTED = 0.2
 #: Nodes that slide make nearly every mesh better. If the mesh is not as good as this …
 _GOOD = 0.9
 #: … and worse by more than this with them, they stay. If it is about as good they slide: a wall whose nodes
@@ -160,15 +153,15 @@ class MotionModel(DifferentiableMesh):
         """Attempt the step at once; if that is refused, lead the mesh to its targets and correct it from there."""
         if self.smooth is not None and self.method.correction == "smooth":
             return self._smooth_or_optimised(step, self.smooth)
-        refusal = None
-        if self.method.sub_steps != "always":
-            try:
-                return self._attempt(step)
-            except QualityRefused as error:
-                final = self.method.sub_steps == "never" or self.method.correction == "none"
-                if final or not _may_be_avoided(error):
-                    raise
-                refusal = error
+        try:
+            return self._attempt(step)
+        except QualityRefused as refusal:
+            if self.method.sub_steps == "never" or self.method.correction == "none" or not _may_be_avoided(refusal):
+                raise
+            return self._led(step, refusal)
+
+    def _led(self, step: _Step, refusal: QualityRefused | None = None) -> Motion:
+        """Lead the mesh to the targets of a step that was refused, and correct it from there."""
         watch = Stopwatch()
         with watch.phase("correct"):
             walk = self._lead(step, refusal)
@@ -179,36 +172,43 @@ class MotionModel(DifferentiableMesh):
         return replace(motion, sub_steps=walk.legs, correction=correction, seconds=seconds)
 
     def _attempt(self, step: _Step) -> Motion:
-        """One step: interpolate, judge, correct, judge, accept; repeat with a smaller boundary layer if it does harm.
+        """One step: interpolate, judge, correct, judge, accept.
 
-        A layer that the method requests gives way only where it must. A layer that is not requested moves with its wall
-        only where interpolation or a correction may spoil it, and only if the mesh is about as good with it.
+        Layers of thin cells move with their wall only where interpolation or a correction may spoil them, and only if
+        the mesh is about as good so.
         """
-        watch, asked, plain = Stopwatch(), self.standard_motion.layer, None
-        attempts = LayerAttempts(asked, self.method.quality_threshold)
+        watch = Stopwatch()
         check_time()
-        if asked is None:
-            plain = self._interpolate(step, self.motion_with(None), watch)
-            attempts.layer = self._layer_for(plain)
-            attempts.least = min(self.method.quality_threshold, _AS_GOOD * plain.quality.metric.min)
-        if attempts.layer is not None:
+        plain = self._interpolate(step, self.standard_motion, watch)
+        layer = self._layer_for(plain)
+        if layer is not None:
             with watch.phase("predict"):
-                attempts.layer = self._fitting(attempts.layer, step)
-        while not attempts.over:
-            known = plain if attempts.layer is None else None
-            try:
-                predicted = known or self._interpolate(step, self.motion_with(attempts.layer), watch)  # and judged
-                correction = self._correct(step, predicted, watch)
-                quality = self._judge(predicted, correction, watch)
-                motion = self._accept(predicted, correction, quality, watch)
-            except NoMeshExists:
+                layer = self._fitting(layer, step)
+        carried = None if layer is None else self._carrying(step, layer, watch)
+        least = max(_AS_GOOD * plain.quality.metric.min, _NEARLY_INVERTED * self.method.quality_threshold)
+        if carried is not None and carried.corrected.metric.min >= min(self.method.quality_threshold, least):
+            return carried
+        try:
+            alone = self._finish(step, plain, watch)
+        except QualityRefused:
+            if carried is None:
                 raise
-            except QualityRefused as refusal:
-                attempts.refused(refusal)
-            else:
-                attempts.accepted(motion)
-        motion, left = attempts.answer
-        return motion if asked is None else replace(motion, warnings=[*given_way(asked, left), *motion.warnings])
+            return carried
+        return alone if carried is None else max(carried, alone, key=lambda motion: motion.corrected.metric.min)
+
+    def _carrying(self, step: _Step, layer: BoundaryLayer, watch: Stopwatch) -> Motion | None:
+        """The motion whose walls carry a layer; None if it is refused and one without the layer may not be."""
+        try:
+            return self._finish(step, self._interpolate(step, self.motion_with(layer), watch), watch)
+        except NoMeshExists:
+            raise
+        except QualityRefused:
+            return None
+
+    def _finish(self, step: _Step, predicted: _Predicted, watch: Stopwatch) -> Motion:
+        """Correct an interpolated mesh, judge it again and accept it."""
+        correction = self._correct(step, predicted, watch)
+        return self._accept(predicted, correction, self._judge(predicted, correction, watch), watch)
 
     def _smooth_or_optimised(self, step: _Step, smooth: SmoothMotion) -> Motion:
         """The smooth motion; where it finds no mesh, that of the correction which reaches most, with a warning.
@@ -268,9 +268,6 @@ class MotionModel(DifferentiableMesh):
         if len(self.coincident) and not self.method.allow_invalid:
             self.boundary.refuse_passing(step.committed, step.targets)
         predicted = self._predict(motion, step, watch, turns)
-        if self._overshoots(step, predicted.trial):
-            absolute = replace(motion, method=replace(motion.method, displacement="absolute"))
-            predicted = max(predicted, self._predict(absolute, step, watch), key=lambda found: found.quality.metric.min)
         if self.method.correction != "smooth" and motion.sliding is not None and predicted.quality.metric.min < _GOOD:
             held = self._predict(replace(motion, sliding=motion.sliding.held()), step, watch)
             gained = held.quality.metric.min - predicted.quality.metric.min
@@ -301,16 +298,6 @@ class MotionModel(DifferentiableMesh):
         trial = motion.trial(step.committed, unwound, step.factors, watch)
         return replace(trial, points=wind(trial.points))
 
-    def _overshoots(self, step: _Step, trial: StandardTrial) -> bool:
-        """Whether interpolation from the committed mesh moves some node much further than any of the boundary."""
-        if self.method.displacement != "relative":
-            return False
-        some = slice(None, None, max(len(self.points) // _SAMPLE, 1))
-        boundary = step.targets - step.committed.take(self.roles.moving, axis=0)
-        moved = trial.points[some] - step.committed[some]
-        furthest, furthest_node = (np.einsum("ij,ij->i", v, v).max(initial=0.0) for v in (boundary, moved))
-        return bool(furthest_node > _OVERSHOOT**2 * furthest) and not np.array_equal(step.committed, self.points)
-
     def _layer_for(self, plain: _Predicted) -> BoundaryLayer | None:
         """The boundary layer that the motion without one may spoil."""
         if self.layered is None:
@@ -323,7 +310,7 @@ class MotionModel(DifferentiableMesh):
         moved = self.points.copy()
         moved[self.roles.moving] = step.targets
         mesh = TrialMesh(self.points, self.cells, self.reference_sizes, self.held, self.method.quality_metric)
-        return fitting_layer(layer, moved, mesh, step.valid)
+        return layer.fitting(moved, mesh.quality_of, step.valid)
 
     def _correct(self, step: _Step, predicted: _Predicted, watch: Stopwatch) -> Correction:
         """The correction of an interpolated mesh, from a valid one if one is known."""
@@ -368,10 +355,7 @@ class MotionModel(DifferentiableMesh):
             caches=predicted.factors.report(),
             control_points=standard.control_points,
             support_radius=float(predicted.motion.method.support_radius or 0.0),
-            warnings=[
-                *reduction_warnings(method, standard.reduction_error, len(standard.control_points)),
-                *quality_warnings(method, quality, reached),
-            ],
+            warnings=quality_warnings(method, quality, reached),
         )
 
     def _lead(self, step: _Step, refusal: QualityRefused | None) -> Walk:
@@ -448,12 +432,11 @@ class MotionModel(DifferentiableMesh):
             # what no smooth motion reaches is corrected so, up to the threshold, or led there if that fails
             valid = min(method.quality_threshold, _VALID)
             enough = enough.with_method(correction="optimised", quality_threshold=valid)
-        direct = enough if method.sub_steps == "always" else enough.with_method(sub_steps="never")
+        direct = enough.with_method(sub_steps="never")
         plain = self.with_method(sub_steps="never", correction="none")
         plain = replace(plain.without_distributions(), layered=None)
         # a correction of one valid mesh leaves it as it is where it finds no better one
-        certain = not method.refuse_below_threshold and self.standard_motion.layer is None
-        certain = certain and method.sub_steps != "always" and self.method.correction != "smooth"
+        certain = not method.refuse_below_threshold and method.correction != "smooth"
         exists, kinds = not isinstance(refusal, NoMeshExists), getattr(refusal, "looked_for", 0)
 
         def possible(fraction: float) -> bool:

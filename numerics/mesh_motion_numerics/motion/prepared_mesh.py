@@ -45,7 +45,7 @@ class PreparedMesh:
     reference_sizes : (m,) array or CellsAtRest
         Summed corner determinants of the reference cells: the w of thesis (3.21); with their skews if these count.
     held : (n,) bool array
-        Nodes on the boundary or on a patch. No correction may move them, nor the nodes of a boundary layer.
+        Nodes on the boundary or on a patch. No correction may move them.
     constraint : BoundaryConstraint or None
         Which of the held nodes the optimised correction may still move, and how.
     warnings : tuple of str
@@ -53,7 +53,7 @@ class PreparedMesh:
     smooth : SmoothMotion or None
         The prepared correction "smooth".
     layered : LayeredWalls or None
-        Walls whose layers move with them if interpolation would spoil the layers; None if the method selects layers.
+        Walls whose layers move with them if interpolation would spoil the layers; None without such walls.
     distributions : bool
         Whether a judgement contains the distributions, or the worst cells alone.
     coincident : (c, 2) int64 array
@@ -104,14 +104,10 @@ class PreparedMesh:
         held[boundary_nodes(cells)] = True
         held[roles.all] = True
         motion = StandardMotion.build(points, cells, patches, method)
-        if motion.layer is None and method.boundary_layer_thickness:
-            warnings = [*warnings, f"boundary_layer_thickness = {method.boundary_layer_thickness:.4g} holds no node"]
         constraint, smooth = BoundaryConstraint.build(points, cells, patches, motion.sliding, motion.periodic), None
         if method.correction == "smooth":
-            smooth = SmoothMotion.build(points, cells, held_with(held, motion.layer), constraint)
-        layered = None
-        if method.boundary_layer_thickness is None and motion.periodic is None:
-            layered = LayeredWalls.build(points, cells, patches, motion.sliding)
+            smooth = SmoothMotion.build(points, cells, held, constraint)
+        layered = LayeredWalls.build(points, cells, patches, motion.sliding)
         return cls(
             points,
             cells,
@@ -161,10 +157,8 @@ class PreparedMesh:
 
     @cached_property
     def carrying_layers(self) -> StandardMotion:
-        """The standard motion with the layer that the method requests, or else with that of the layered walls."""
-        if self.layered is None or self.standard_motion.layer is not None:
-            return self.standard_motion
-        return self.motion_with(self.layered.layer)
+        """The standard motion with the layer of the layered walls."""
+        return self.motion_with(None if self.layered is None else self.layered.layer)
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
@@ -191,7 +185,7 @@ class PreparedMesh:
 
     def motion_with(self, layer: BoundaryLayer | None) -> StandardMotion:
         """The standard motion with this boundary layer."""
-        return self.standard_motion if layer is self.standard_motion.layer else self.standard_motion.with_layer(layer)
+        return self.standard_motion if layer is None else self.standard_motion.with_layer(layer)
 
     def constraint_with(self, layer: BoundaryLayer | None) -> BoundaryConstraint | None:
         """The constraint of the boundary nodes that are not in this boundary layer."""

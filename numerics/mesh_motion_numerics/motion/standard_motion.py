@@ -81,9 +81,6 @@ class StandardTrial:
         with a reduction, it is made at its first use. It includes periodic nodes only if an enrichment follows.
     control_points : (nc,) int64 array
         Control nodes of the last interpolation: all nodes with a role, or those that a reduction chose.
-    reduction_error : float
-        Largest error that a reduction left at a boundary node before it was corrected, as a share of the largest
-        displacement of that interpolation; 0 without a reduction.
     """
 
     start: Floats
@@ -91,7 +88,6 @@ class StandardTrial:
     stages: tuple[Stage, ...]
     factorization: Factorization
     control_points: Integers
-    reduction_error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,12 +133,7 @@ class StandardMotion:
             mirrors = [name for name in surfaces if patches[name].role == "symmetry"]
             sliding = SlidingSurfaces.build(points, cells, surfaces, roles.sliding, images=images, mirrors=mirrors)
         spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
-        layer = None
-        if method.boundary_layer_thickness:
-            thickness = method.boundary_layer_thickness
-            layer = BoundaryLayer.build(points, cells, patches, thickness=thickness, sliding=sliding)
-        plain = cls(points, roles, method, sliding, periodic, spacing, TwoScalePlans(()))
-        return plain.with_layer(layer)
+        return cls(points, roles, method, sliding, periodic, spacing, TwoScalePlans(())).with_layer(None)
 
     def with_layer(self, layer: BoundaryLayer | None) -> StandardMotion:
         """The same motion with another boundary layer, or none, and so with other control points."""
@@ -193,7 +184,6 @@ class StandardMotion:
             tuple(s.stage for s in solved),
             self._boundary_factorization(start, solved[0].factorization, factors),
             solved[-1].control_points,
-            max(s.reduction_error for s in solved),
         )
 
     def _waypoints(self, start: Floats, targets: Floats) -> list[Floats]:
@@ -306,7 +296,6 @@ class StandardMotion:
             Stage(None, reduced.levels[0], reduced.levels[1:]),
             DeferredFactorization(origin, self.method, factors),
             controls[reduced.selected],
-            reduced.error,
         )
 
     def factorized(self, controls: Integers, factors: FactorSource) -> Factorization:
@@ -354,4 +343,3 @@ class _Solved:
     stage: Stage
     factorization: Factorization
     control_points: Integers
-    reduction_error: float = 0.0

@@ -14,5 +14,5 @@ def singular() -> QualityRefused:
     return QualityRefused(
         "the interpolation matrix of the selected control points is singular to working precision",
         code="FAILED_PRECONDITION",
-        hint="take a larger reduction_tolerance, a smaller support radius or a less smooth basis",
+        hint="take a smaller support radius or a less smooth basis",
     )

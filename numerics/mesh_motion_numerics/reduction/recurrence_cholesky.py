@@ -145,5 +145,5 @@ class _GrowingCholesky:
             raise InvalidInput(
                 f"the reduction 'recurrence-cholesky' stores {nb} values a control point: more than "
                 f"{_MEMORY >> 30} GiB from {_MEMORY // (8 * nb)} points on",
-                hint="bound max_control_points, take a larger reduction_tolerance, or reduction = 'error-peaks'",
+                hint="take reduction = 'error-peaks'",
             )

@@ -32,13 +32,10 @@ class ReducedInterpolation:
         Those of the reduction, then the near-surface correction where an error was left.
     selected : (nc,) int64 array
         Rows of the boundary that the reduction chose, in their order.
-    error : float
-        The largest it left, as a share of the largest displacement.
     """
 
     levels: tuple[AnyInterpolant, ...]
     selected: Integers
-    error: float
 
 
 def interpolate_reduced(
@@ -62,15 +59,13 @@ def interpolate_reduced(
         displacement,
         basis=method.basis,
         support_radius=radius,
-        tolerance=method.reduction_tolerance,
-        max_points=method.max_control_points,
     )
     reduced = REDUCTIONS[method.reduction](problem)
     left = reduced.max_error
     if left <= _ROUNDING * problem.largest:
-        return ReducedInterpolation(reduced.levels, reduced.selected, 0.0)
+        return ReducedInterpolation(reduced.levels, reduced.selected)
     widest = radius if problem.row.compact else float(np.ptp(points, axis=0).max())
     near = replace(method, basis=BASIS, support_radius=near_surface_radius(spacing, left, widest))
     factorization = factorization_of(points, near, factors)
     levels = (*reduced.levels, factorization.solve(reduced.error))
-    return ReducedInterpolation(levels, reduced.selected, left / problem.largest)
+    return ReducedInterpolation(levels, reduced.selected)

@@ -11,10 +11,7 @@ import pytest
 pytestmark = pytest.mark.nightly
 
 ROOT = Path(__file__).resolve().parents[3]
-METHOD = (
-    "quality_threshold 0.1; displacement absolute; correction none; sub_steps never; boundary_layer_thickness 0;"
-    " quality_report every-move;"
-)
+METHOD = "quality_threshold 0.1; displacement absolute; correction none; sub_steps never;"
 #: The least quality of the plain motion is 0.41.
 CORRECTED = METHOD.replace("none;", "optimised; correction_target threshold;").replace("threshold 0.1", "threshold 0.6")
 

@@ -10,7 +10,7 @@ from docs.studies.run.ten_periods import play, play_peer
 def test_the_same_motion_by_another_system_has_the_same_figures() -> None:
     """Plain interpolation from step to step, with the radius of the other system."""
     case = turning("thesis_block", 20.0)
-    plain = {"displacement": "relative", "correction": "none", "boundary_layer_thickness": 0.0, "support_radius": 2.5}
+    plain = {"displacement": "relative", "correction": "none", "support_radius": 2.5}
     ours, theirs = play(case, plain, 1), play_peer(case, "dense-rbf", 1)
     assert theirs.qualities == pytest.approx(ours.qualities, rel=1e-6)
     assert theirs.rest == pytest.approx(ours.rest, rel=1e-6)

@@ -89,6 +89,6 @@ def test_nothing_foreseen_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_columns_that_would_not_fit_into_memory_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recurrence_cholesky, "_MEMORY", 8 * 1100 * 40)
-    with pytest.raises(InvalidInput, match=r"more than 0 GiB from 40 points on.*bound max_control_points"):
+    with pytest.raises(InvalidInput, match=r"more than 0 GiB from 40 points on.*'error-peaks'"):
         REDUCTIONS["recurrence-cholesky"](problem("wing", tolerance=1e-4))
     assert len(REDUCTIONS["recurrence-cholesky"](problem("wing", max_points=20)).selected) == 20

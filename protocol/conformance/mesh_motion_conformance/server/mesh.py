@@ -84,7 +84,7 @@ HALVES = (_half(list(range(12))), _half(list(range(15, 7, -1))))
 OUTER = (0, 1, 2, 3, 4, 7, 8, 11, 12, 13, 14, 15)
 #: Settings that leave the volume alone (section 23).
 WITHOUT_VOLUME: dict[str, Any] = {
-    "displacement": "absolute", "correction": "none", "sub_steps": "never", "boundary_layer_thickness": 0.0,
+    "displacement": "absolute", "correction": "none", "sub_steps": "never",
     "reduction": "none", "quality_metric": "size-skew",
 }  # fmt: skip
 

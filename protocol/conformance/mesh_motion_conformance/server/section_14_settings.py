@@ -68,7 +68,7 @@ def _in_force(stage: Stage) -> dict[str, Any]:
         "support_radius": 1,
         "enrichment_radius": 0.5,
         "quality_threshold": 0.25,
-        "boundary_layer_thickness": None,
+        "displacement": None,
     }
     session = stage.kept("settings", lambda: stage.open(settings=settings))
     if session.built is None:
@@ -103,6 +103,4 @@ def in_force() -> Iterator[Case]:
         "4.5", "integer-for-a-float", "Where a float is asked for, an integer is admitted", run("support_radius", 1.0)
     )
     yield Case("4.5", "float-of-64-bits", "Floats are of 32 or 64 bits", run("quality_threshold", 0.25))
-    yield Case(
-        "4.7", "nil-inside-a-map", "nil is admitted inside fields of type map", run("boundary_layer_thickness", None)
-    )
+    yield Case("4.7", "nil-inside-a-map", "nil is admitted inside fields of type map", run("displacement", None))

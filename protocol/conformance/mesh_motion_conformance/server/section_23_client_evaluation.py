@@ -30,7 +30,7 @@ _REST = (1, 2, 3, 5, 7, 9, 10, 11)
 def settings() -> Iterator[Case]:
     """OPEN is refused unless the settings leave the volume alone."""
     others = {"displacement": "relative", "correction": "enrichment", "sub_steps": "auto",
-              "boundary_layer_thickness": None, "reduction": "greedy"}  # fmt: skip
+              "reduction": "greedy"}  # fmt: skip
 
     def run(key: str, value: Any) -> Callable[[Stage], None]:
         def other(stage: Stage) -> None:
