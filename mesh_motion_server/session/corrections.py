@@ -32,7 +32,7 @@ from mesh_motion_server.numerics.quality.metrics import WORST_CORNER
 from mesh_motion_server.numerics.quality.quality_summary import Judgement
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.partitions.meshes import MergedMesh
-from mesh_motion_server.session.partitions.regions import MergedRegion, Rows, merge_regions
+from mesh_motion_server.session.partitions.regions import MergedRegion, merge_regions
 
 if TYPE_CHECKING:  # no other session needs it, and it loads much
     from mesh_motion_server.numerics.motion.body_paths import Way
@@ -165,7 +165,7 @@ def correct(
     try:
         if smooth:
             ways = _ways(mesh, boundary, points[mesh.moving], region, factors)
-            found = boundary.smoothed(*part, n_nodes, ways)
+            found = boundary.smoothed(*part, n_nodes, region.rows, ways)
         else:
             found = boundary.optimised.corrected(*part)
             if model.method.correction == "smooth":
@@ -192,8 +192,8 @@ def _ways(
     mesh: MergedMesh, model: BoundaryMotion, targets: Floats, region: MergedRegion, factors: FactorSource
 ) -> Iterator[Callable[[float], Floats]]:
     """Where interpolation takes the region's nodes along ways of the moving nodes to the ``targets`` (k, d)."""
-    rows = np.flatnonzero(np.isin(region.ids, mesh.global_ids[mesh.on_patches]))
-    of_rows = Rows(mesh.global_ids)(region.ids[rows])
+    rows = np.flatnonzero(np.isin(region.rows, mesh.on_patches))
+    of_rows = region.rows[rows]
 
     def plain(at: Floats) -> Floats:
         moved = model.move(mesh.points, at, factors)

@@ -150,7 +150,7 @@ class FieldSlope:
             raise not_at_minimum()
         region = self.corrected.region
         mesh = region.points, region.cells, region.held, region.elsewhere
-        smooth = self.model.smooth(*mesh, self.corrected.n_nodes)
+        smooth = self.model.smooth(*mesh, self.corrected.n_nodes, region.rows)
         return SmoothSlope.build(smooth, region.positions, self.corrected.points)
 
     @property
@@ -162,9 +162,9 @@ class FieldSlope:
     @cached_property
     def _shared(self) -> tuple[Integers, Integers, Integers]:
         """Rows of the uploaded nodes in the region, their rows in the mesh, and the region's other rows."""
-        own = np.isin(self._region.ids, self.mesh.global_ids)
-        here = np.flatnonzero(own)
-        return here, Rows(self.mesh.global_ids)(self._region.ids[here]), np.flatnonzero(~own)
+        rows = self._region.rows
+        here = np.flatnonzero(rows >= 0)
+        return here, rows[here], np.flatnonzero(rows < 0)
 
     def _rows_of(self, ids: Integers) -> Integers:
         """Rows (q,) of the region of nodes that are not uploaded.

@@ -15,8 +15,6 @@ import numpy as np
 
 from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.paths import RigidMotion, fit_screw
 from mesh_motion_server.numerics.mesh.periodic_pairs import PeriodicPair, periodic_pairs
 from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
@@ -79,9 +77,11 @@ class PeriodicNodes:
 
     @classmethod
     def build(
-        cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch], roles: BoundaryRoles
+        cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch], roles: BoundaryRoles
     ) -> PeriodicNodes | None:
         """The orbits of a mesh with reference coordinates ``points`` (n, d); None without periodic patches.
+
+        ``facets`` (f, k) are those of the whole boundary, by type.
 
         Raises
         ------
@@ -91,7 +91,7 @@ class PeriodicNodes:
         sides = {name: patch.nodes for name, patch in patches.items() if patch.role == "periodic"}
         if not sides:
             return None
-        found = cls.of_pairs(points, periodic_pairs(points, boundary_facets(cells), sides))
+        found = cls.of_pairs(points, periodic_pairs(points, facets, sides))
         found.check_kinds({kind: getattr(roles, kind) for kind in ("moving", "fixed", "sliding")})
         return found
 

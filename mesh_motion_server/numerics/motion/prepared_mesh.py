@@ -11,7 +11,7 @@ from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint
 from mesh_motion_server.numerics.correction.smooth_motion import SmoothMotion
 from mesh_motion_server.numerics.interpolation.support_radius import suggest_enrichment_radius, suggest_support_radius
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.plane_rims import PlaneRims
 from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
@@ -106,7 +106,8 @@ class PreparedMesh:
         motion = StandardMotion.build(points, cells, patches, method)
         if motion.layer is None and method.boundary_layer_thickness:
             warnings = [*warnings, f"boundary_layer_thickness = {method.boundary_layer_thickness:.4g} holds no node"]
-        constraint, smooth = BoundaryConstraint.build(points, cells, patches, motion.sliding, motion.periodic), None
+        facets = boundary_facets(cells)
+        constraint, smooth = BoundaryConstraint.build(points, facets, patches, motion.sliding, motion.periodic), None
         if method.correction == "smooth":
             smooth = SmoothMotion.build(points, cells, held_with(held, motion.layer), constraint)
         layered = None
@@ -122,7 +123,7 @@ class PreparedMesh:
             motion,
             constraint,
             coincident,
-            PlaneRims.build(points, cells, patches, roles.moving),
+            PlaneRims.build(points, facets, patches, roles.moving),
             tuple(warnings),
             smooth,
             layered,

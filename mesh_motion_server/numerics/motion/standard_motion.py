@@ -42,6 +42,7 @@ from mesh_motion_server.numerics.interpolation.interpolant import Factorization
 from mesh_motion_server.numerics.interpolation.kernels import basis_named
 from mesh_motion_server.numerics.interpolation.periodic_interpolant import periodic_factorization_of
 from mesh_motion_server.numerics.interpolation.two_scale.plans import TwoScalePlans, plan_for
+from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.paths import RigidMotion, fit_rigid_motion, substeps
 from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
@@ -128,21 +129,33 @@ class StandardMotion:
     @classmethod
     def build(cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method) -> StandardMotion:
         """Prepare the motion of a checked mesh with reference coordinates ``points`` (n, d)."""
+        plain, layer = cls._unplanned(points, boundary_facets(cells), patches, method), None
+        if method.boundary_layer_thickness:
+            thickness = method.boundary_layer_thickness
+            layer = BoundaryLayer.build(points, cells, patches, thickness=thickness, sliding=plain.sliding)
+        return plain.with_layer(layer)
+
+    @classmethod
+    def of_boundary(
+        cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch], method: Method
+    ) -> StandardMotion:
+        """Prepare the motion without a layer: it needs the ``facets`` (f, k) of the whole boundary alone, by type."""
+        return cls._unplanned(points, facets, patches, method).with_layer(None)
+
+    @classmethod
+    def _unplanned(
+        cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch], method: Method
+    ) -> StandardMotion:
         roles = BoundaryRoles.from_patches(patches)
-        periodic = PeriodicNodes.build(points, cells, patches, roles)
+        periodic = PeriodicNodes.build(points, facets, patches, roles)
         sliding = None
         if len(roles.sliding):
             surfaces = {name: patch.nodes for name, patch in patches.items() if patch.role in SLIDING_ROLES}
             images = () if periodic is None else periodic.generators
             mirrors = [name for name in surfaces if patches[name].role == "symmetry"]
-            sliding = SlidingSurfaces.build(points, cells, surfaces, roles.sliding, images=images, mirrors=mirrors)
+            sliding = SlidingSurfaces.build(points, facets, surfaces, roles.sliding, images=images, mirrors=mirrors)
         spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
-        layer = None
-        if method.boundary_layer_thickness:
-            thickness = method.boundary_layer_thickness
-            layer = BoundaryLayer.build(points, cells, patches, thickness=thickness, sliding=sliding)
-        plain = cls(points, roles, method, sliding, periodic, spacing, TwoScalePlans(()))
-        return plain.with_layer(layer)
+        return cls(points, roles, method, sliding, periodic, spacing, TwoScalePlans(()))
 
     def with_layer(self, layer: BoundaryLayer | None) -> StandardMotion:
         """The same motion with another boundary layer, or none, and so with other control points."""

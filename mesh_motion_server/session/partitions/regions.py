@@ -26,8 +26,8 @@ class MergedRegion:
 
     Attributes
     ----------
-    ids : (n,) int64 array
-        Global ids.
+    ids, rows : (n,) int64 arrays
+        Global ids, and indices in the boundary's mesh; -1 for a node that was not uploaded.
     points, positions : (n, d) arrays, mesh length unit
         In the reference mesh, and where the interpolation takes them.
     cells : CellTable
@@ -39,6 +39,7 @@ class MergedRegion:
     """
 
     ids: Integers
+    rows: Integers
     points: Floats
     positions: Floats
     cells: CellTable
@@ -81,6 +82,8 @@ def merge_regions(mesh: MergedMesh, regions: Sequence[Region], known: Callable[[
     parts += [PartitionMesh(one.points, one.ids, one.cells, {}) for one in regions if len(one.ids)]
     whole = merge(parts)
     row_of = Rows(whole.global_ids)
+    in_mesh = np.full(len(whole.points), -1, dtype=np.int64)
+    in_mesh[row_of(mesh.global_ids[own])] = own
     positions, rim = np.empty_like(whole.points), np.zeros(len(whole.points), dtype=bool)
     for one in regions:
         rows = row_of(one.ids)
@@ -97,7 +100,9 @@ def merge_regions(mesh: MergedMesh, regions: Sequence[Region], known: Callable[[
     holders = np.bincount(np.concatenate(mesh.node_maps), minlength=len(mesh.points))
     between = mesh.global_ids[here[holders[here] > 1]]
     settled = between[~rim[row_of(between)]]
-    return MergedRegion(whole.global_ids, whole.points, positions, whole.cells, held, elsewhere, between, settled)
+    return MergedRegion(
+        whole.global_ids, in_mesh, whole.points, positions, whole.cells, held, elsewhere, between, settled
+    )
 
 
 class Rows:
