@@ -160,7 +160,7 @@ def correct(
         return CorrectOutcome(_resisting(n_nodes), nothing, none)
     if smooth and not any(one.cells for one in regions):
         return CorrectOutcome(None, nothing, none, Correction(none, none), CorrectedRegion())
-    region = merge_regions(mesh, regions, known)
+    region = merge_regions(mesh, regions, known, boundary.orbits)
     part = region.points, region.positions, region.cells, region.held, region.elsewhere
     try:
         if smooth:
@@ -172,8 +172,9 @@ def correct(
                 found = replace(found, warnings=(NOT_SMOOTH,))
     except RegionTooSmall as missing:
         wanted = region.ids[missing.nodes]
-        if np.isin(wanted, region.between).all():  # as many rings do: other ranks send theirs
-            return CorrectOutcome(extents[0], np.union1d(wanted, region.settled), none)
+        if np.isin(wanted, region.between).all():  # as many rings do: other ranks, or those of images, send theirs
+            images = np.isin(boundary.orbits, boundary.orbits[region.rows[missing.nodes]])
+            return CorrectOutcome(extents[0], np.union1d(mesh.global_ids[images], region.settled), none)
         return CorrectOutcome(_larger(extents[0]), region.between, none)
     except NumericalError as refusal:
         moving = np.flatnonzero(np.isin(region.ids, mesh.global_ids[mesh.moving]))

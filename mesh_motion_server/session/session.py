@@ -519,7 +519,7 @@ class Session(Position):
                 )
         if self._latest_field_slope is None or self._latest_field_slope[0] is not points:
             model, field = cast("BoundaryMotion", built.model), cast(Field, built.field)
-            slope = FieldSlope(built.mesh, model, field, corrected, self.factors)
+            slope = FieldSlope(built.mesh, model, field, points, corrected, self.factors)
             self._latest_field_slope = points, slope
         return self._latest_field_slope[1]
 

@@ -91,23 +91,28 @@ class BoundaryConstraint:
             released &= ~_torn(released, self.periodic)
         return replace(self, released=released, sliding=sliding) if released.any() else None
 
-    def renumbered(self, rows: Integers) -> BoundaryConstraint | None:
-        """That of a region of the mesh, whose nodes (k,) have these ``rows`` in the mesh, ascending, or -1.
+    def renumbered(self, rows: Integers, points: Floats) -> BoundaryConstraint | None:
+        """That of a region of the mesh with nodes at ``points`` (k, d): ``rows`` (k,) of the mesh, ascending, or -1.
 
-        It is for the smooth correction, which turns no facet over. None if no node of the region may move.
+        It is for the smooth correction, which turns no facet over. None if no node of the region may move; those with
+        an image that is not there may not.
         """
         here = np.flatnonzero(rows >= 0)
         place = np.full(len(self.released), -1, dtype=np.int64)
         place[rows[here]] = here
         released = np.zeros(len(rows), dtype=bool)
         released[here] = self.released[rows[here]]
+        periodic, sliding = self.periodic, self.sliding
+        if periodic is not None:
+            torn = place[periodic.members]
+            periodic = periodic.renumbered(place, points)
+            released[np.setdiff1d(torn[torn >= 0], periodic.members)] = False
         if not released.any():
             return None
-        sliding = self.sliding
         if sliding is not None:
             sliding = sliding.of(place[sliding.nodes] >= 0)
             sliding = replace(sliding, nodes=place[sliding.nodes], lines=())
-        return BoundaryConstraint(released, sliding, self.periodic, OutwardFacets(()))
+        return BoundaryConstraint(released, sliding, periodic, OutwardFacets(()))
 
     def closed(self, marked: Marks) -> Marks:
         """The marked (n,) nodes and their periodic images."""

@@ -9,7 +9,7 @@ have displacements that this rotation leaves unchanged.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -133,6 +133,16 @@ class PeriodicNodes:
         rotations, projectors = self.rotations[chosen], self.projectors[chosen]
         roots = self.roots[chosen]
         return PeriodicNodes(self.reference, self.members[chosen], roots, rotations, projectors, self.pairs)
+
+    def renumbered(self, place: Integers, reference: Floats) -> PeriodicNodes:
+        """The orbits that are whole in a part of the mesh with its nodes at ``reference`` (k, d).
+
+        ``place`` (n,) is each node's index there, ascending; -1 elsewhere.
+        """
+        absent = np.zeros(len(place), dtype=bool)
+        absent[self.roots[place[self.members] < 0]] = True
+        kept = self.of(~absent[self.roots])
+        return replace(kept, reference=reference, members=place[kept.members], roots=place[kept.roots])
 
     def closed(self, marked: Marks) -> Marks:
         """The marked (n,) nodes and all their images."""

@@ -30,13 +30,13 @@ from mesh_motion_server.numerics.interpolation.support_radius import suggest_sup
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.numerics.mesh.patch_check import check_patches
 from mesh_motion_server.numerics.mesh.plane_rims import PlaneRims
-from mesh_motion_server.numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles, Patch
+from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.body_paths import Body, Way, ways
+from mesh_motion_server.numerics.motion.body_paths import Body, Way, straight_way, ways
 from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_server.numerics.motion.method_check import check_method
 from mesh_motion_server.numerics.motion.motion_found import Motion
-from mesh_motion_server.numerics.motion.motion_slope import why_no_slope
+from mesh_motion_server.numerics.motion.motion_slope import PlainSlope, plain_slope, why_no_slope
 from mesh_motion_server.numerics.motion.smooth_step import PlainWay, smooth_step
 from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
 from mesh_motion_server.numerics.quality.headroom import Headroom
@@ -48,7 +48,8 @@ from mesh_motion_server.numerics.stopwatch import Stopwatch, check_time
 __all__ = ["BoundaryMotion"]
 
 
-_ROLES = ("moving", "fixed", *SLIDING_ROLES)
+#: Corrections that leave a role alone, or know it; others judge whether nodes slide, or hold them.
+_CORRECTIONS = {"slip": ("smooth",), "symmetry": ("smooth",), "periodic": ("none", "smooth")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,23 +85,22 @@ class BoundaryMotion:
         Raises
         ------
         InvalidInput
-            If a patch is unusable or has a role that needs the volume, or no node is fixed; or the method does not fit
-            the mesh.
+            If a patch is unusable or has a role that the correction needs the volume for, or no node is fixed; or the
+            method does not fit the mesh.
         """
         check_patches(len(points), patches)
         for name, patch in patches.items():
-            if patch.role not in _ROLES:
-                raise _needs_the_volume(f"patch {name!r} has the role {patch.role!r}, expected moving or fixed", name)
-            if patch.role in SLIDING_ROLES and method.correction != "smooth":
+            admitted = _CORRECTIONS.get(patch.role, (method.correction,))
+            if method.correction not in admitted:
                 raise _needs_the_volume(
-                    f"patch {name!r} has the role {patch.role!r} and correction = {method.correction!r}, which judges "
-                    "whether its nodes slide; expected correction = 'smooth', the default",
+                    f"patch {name!r} has the role {patch.role!r}: expected correction = "
+                    f"{' or '.join(map(repr, admitted))}, got {method.correction!r}",
                     name,
                 )
         roles = BoundaryRoles.from_patches(patches)
         if not len(roles.fixed):
             raise _needs_the_volume("no node is fixed, expected at least one")
-        check_method(method, points, roles)
+        check_method(method, points, roles, periodic=any(patch.role == "periodic" for patch in patches.values()))
         radius = method.support_radius or suggest_support_radius(points, roles)
         method = replace(method, support_radius=radius, enrichment_radius=method.enrichment_radius or radius)
         motion = StandardMotion.of_boundary(points, facets, patches, method)
@@ -143,8 +143,20 @@ class BoundaryMotion:
         raise SessionError("the derivative of all nodes is not known: the volume is elsewhere")
 
     def field_map(self, factors: FactorSource) -> FieldMap:
-        """The field as a function of the displacements of the nodes with a role."""
-        return FieldMap(self.motion.factorized(self.motion.roles.all, factors), factors)
+        """The field as a function of the displacements of its control nodes."""
+        return FieldMap(self.motion.factorized(self.motion.control_nodes(self.motion.roles.all), factors), factors)
+
+    def plain_slope(self, points: Floats, factors: FactorSource) -> PlainSlope:
+        """The derivative of the motion that has led to ``points`` (n, d), of these nodes without a correction.
+
+        Raises
+        ------
+        NumericalError
+            If it has none there.
+        """
+        motion = self.motion
+        plain = motion.trial(motion.reference, points[motion.roles.moving], factors, Stopwatch()).points
+        return plain_slope(motion, plain, factors)
 
     def move(
         self,
@@ -185,7 +197,16 @@ class BoundaryMotion:
 
     def ways(self, targets: Floats) -> Iterator[Way]:
         """Ways of the moving nodes from the reference mesh to the ``targets`` (k, d)."""
-        return ways(self.motion.reference[self.motion.roles.moving], targets, self.bodies)
+        origin = self.motion.reference[self.motion.roles.moving]
+        if self.motion.periodic is not None:  # images must move alike
+            return iter([straight_way(origin, targets)])
+        return ways(origin, targets, self.bodies)
+
+    @property
+    def orbits(self) -> Integers:
+        """(n,) the node that represents each and its periodic images."""
+        nodes = np.arange(len(self.motion.reference))
+        return nodes if self.motion.periodic is None else self.motion.periodic.root_of(nodes)
 
     def smoothed(
         self,
@@ -233,7 +254,7 @@ class BoundaryMotion:
     ) -> SmoothMotion:
         """The correction of a region, as :meth:`smoothed` makes it."""
         read = checked_cells(points, cells)
-        constraint = None if self.constraint is None else self.constraint.renumbered(rows)
+        constraint = None if self.constraint is None else self.constraint.renumbered(rows, points)
         held = held if constraint is None else held & ~constraint.released
         return SmoothMotion(points, read.cells, held, Law.of(n_nodes), constraint, elsewhere)
 

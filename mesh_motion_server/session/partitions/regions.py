@@ -35,7 +35,8 @@ class MergedRegion:
         Nodes on patches.
     elsewhere : Elsewhere
     between, settled : (k,), (s,) int64 arrays
-        Global ids of the nodes here that several ranks have; and of those of them whose cells are all sent.
+        Global ids of the nodes here that several ranks have, and of all periodic nodes with an image here; and of those
+        of them whose cells are all sent.
     """
 
     ids: Integers
@@ -49,7 +50,9 @@ class MergedRegion:
     settled: Integers
 
 
-def merge_regions(mesh: MergedMesh, regions: Sequence[Region], known: Callable[[Integers], Floats]) -> MergedRegion:
+def merge_regions(
+    mesh: MergedMesh, regions: Sequence[Region], known: Callable[[Integers], Floats], orbits: Integers
+) -> MergedRegion:
     """Unite the regions of all partitions.
 
     Parameters
@@ -60,6 +63,8 @@ def merge_regions(mesh: MergedMesh, regions: Sequence[Region], known: Callable[[
         One of each partition; ids are global.
     known : callable
         Indices (k,) of nodes in ``mesh`` → positions (k, d) to which the interpolation takes them.
+    orbits : (n,) int64 array
+        The node of ``mesh`` that represents each and its periodic images.
 
     Raises
     ------
@@ -93,13 +98,18 @@ def merge_regions(mesh: MergedMesh, regions: Sequence[Region], known: Callable[[
     for node_map, there in zip(mesh.node_maps, sent, strict=True):  # a rank that sent nothing of a node has cells at it
         absent = np.intersect1d(node_map[~there], here)
         rim[row_of(mesh.global_ids[absent])] = True
+    alike = np.isin(orbits, orbits[here])
+    torn = np.isin(orbits[own], orbits[np.setdiff1d(np.flatnonzero(alike), own)])
+    torn |= ~np.isin(own, here)
+    rim[row_of(mesh.global_ids[own[torn]])] = True
     held = np.isin(whole.global_ids, mesh.global_ids[np.union1d(mesh.on_patches, np.setdiff1d(spanning, here))])
     free = len(mesh.points) - len(mesh.on_patches) + sum(one.interior for one in regions)
     skews, sizes = zip(*(one.extremes for one in regions), strict=True)
     elsewhere = Elsewhere(rim, free - int(np.count_nonzero(~held)), (min(skews), min(sizes)))
     holders = np.bincount(np.concatenate(mesh.node_maps), minlength=len(mesh.points))
-    between = mesh.global_ids[here[holders[here] > 1]]
-    settled = between[~rim[row_of(between)]]
+    several = np.union1d(here[holders[here] > 1], np.flatnonzero(alike & (np.bincount(orbits)[orbits] > 1)))
+    between, there = mesh.global_ids[several], mesh.global_ids[np.intersect1d(several, here)]
+    settled = there[~rim[row_of(there)]]
     return MergedRegion(
         whole.global_ids, in_mesh, whole.points, positions, whole.cells, held, elsewhere, between, settled
     )
