@@ -1,12 +1,15 @@
 """Nodes slide and move as their images where the client has the volume: as with the whole mesh, on any ranks."""
 
+import signal
+
 import numpy as np
 import pytest
-from mesh_motion_client import Patch, connect
-from own_ranks import as_client, in_pieces, on_ranks
+from mesh_motion_client import InvalidInput, Patch, connect
+from own_ranks import CORRECTED, as_client, in_pieces, on_ranks
 from periodic_meshes import periodic_box, sector
 from sliding_meshes import duct
 
+from mesh_motion_server.distributed.rank import Rank
 from mesh_motion_server.numerics.mesh.cells import CellTable
 from proofs.server_process import ServerProcess
 
@@ -105,3 +108,108 @@ def test_a_correction_reaches_beyond_a_periodic_side(server, ranks):
         nodes = slice(None) if part.global_ids is None else part.global_ids
         assert moved.correction["freed_nodes"] == reply.correction["freed_nodes"] > 300
         assert np.abs(points - expected[nodes]).max() < 1e-9
+
+
+@pytest.mark.parametrize("mesh", ["plane", "curved", "planes in space", "periodic", "sector"])
+@pytest.mark.parametrize("shift", [SMALL, LARGE], ids=["plain", "corrected"])
+def test_derivatives_are_those_of_a_session_with_the_whole_mesh(server, mesh, shift):
+    whole, rng = as_client(*MESHES[mesh]()), np.random.default_rng(1)
+    weights, d = rng.normal(size=whole.points.shape), whole.points.shape[1]
+    holders = np.ones(len(whole.points))
+
+    def drive(session, part):
+        ids = np.arange(len(part.points)) if part.global_ids is None else part.global_ids
+        assert session.derivatives
+        session.move(np.tile(shift[:d], (len(session.moving_nodes), 1)))
+        moving = part.points[session.moving_nodes]
+        found = session.tangent(np.sin(5.0 * moving)), session.cotangent(weights[ids] / holders[ids, None])
+        return *found, ids, ids[session.moving_nodes]
+
+    with connect(server.endpoint) as client, client.open(whole, SETTINGS) as session:
+        velocity, expected, _, moving = drive(session, whole)
+    for parts in ([whole], in_pieces(whole, 3)):
+        if len(parts) > 1:
+            holders = np.bincount(np.concatenate([part.global_ids for part in parts]))
+        for found, back, ids, own in on_ranks(server, parts, drive, SETTINGS):
+            # where each begins its iterations, the minimum is found to 1e-9
+            np.testing.assert_allclose(found, velocity[ids], rtol=0.0, atol=1e-7 * np.abs(velocity).max())
+            rows = expected[np.searchsorted(moving, own)]
+            np.testing.assert_allclose(back, rows, rtol=0.0, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("mesh", ["curved", "periodic"])
+@pytest.mark.parametrize("durability", ["full", "replay"])
+def test_after_kill_9_the_nodes_are_bitwise_the_same(tmp_path, mesh, durability):
+    whole = as_client(*MESHES[mesh]())
+    with ServerProcess(tmp_path) as server, connect(server.endpoint) as client:
+        session = client.open(whole, SETTINGS, evaluation="client", durability=durability)
+        points = in_two_steps(session, whole)[-1][1]
+        server.stop(signal.SIGKILL)
+        server.start()
+        with client.resume(session.credentials, whole) as resumed:
+            np.testing.assert_array_equal(resumed.points(), points)
+            again = in_two_steps(resumed, whole)[-1][1]
+            np.testing.assert_array_equal(again, points)
+        session.leave()
+
+
+def test_a_moving_node_that_leaves_its_plane_is_named(server):
+    points, cells, patches = duct("quad", 10)
+    nodes = np.flatnonzero((points[:, 1] == 0.0) & (points[:, 0] > 0.3) & (points[:, 0] < 0.7))
+    moving = patches | {"piston": Patch("moving", nodes), "y0": Patch("symmetry", patches["y0"].nodes)}
+    whole, ids = as_client(points, cells, moving), nodes
+
+    def drive(session, part):
+        rows = np.zeros((len(session.moving_nodes), 2))
+        on_plane = part.points[session.moving_nodes, 1] == 0.0
+        rows[on_plane] = [0.0, 0.01]
+        with pytest.raises(InvalidInput, match="leaves the plane of the symmetry patch 'y0'") as refused:
+            session.move(rows)
+        rows[on_plane] = [0.01, 0.0]
+        session.move(rows)
+        return refused.value.details.get("global_id", refused.value.details["node"])
+
+    for parts in ([whole], in_pieces(whole, 2)):
+        assert set(on_ranks(server, parts, drive, SETTINGS)) <= set(ids.tolist())
+
+
+def test_displacements_that_tear_a_pair_are_refused(server):
+    points, cells, patches = periodic_box("quad", 10)
+    rows = np.flatnonzero((np.abs(points[:, 0] - 0.5) < 0.11) & ((points[:, 1] == 0.0) | (points[:, 1] == 1.0)))
+    whole = as_client(points, cells, patches | {"pair": Patch("moving", rows)})
+
+    def drive(session, part):
+        told = 0.01 * part.points[session.moving_nodes]
+        with pytest.raises(InvalidInput, match=r"its periodic image, differ by 0\.01"):
+            session.move(told)
+
+    on_ranks(server, [whole], drive, SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "correction", "expected"),
+    [
+        ("plane", "none", "'smooth'"),
+        ("plane", "optimised", "'smooth'"),
+        ("periodic", "optimised", "'none' or 'smooth'"),
+    ],
+)
+def test_a_correction_that_judges_how_nodes_slide_is_refused(server, mesh, correction, expected):
+    settings = CORRECTED | {"correction": correction}
+    with (
+        connect(server.endpoint) as client,
+        pytest.raises(InvalidInput, match=f"expected correction = {expected}, got '{correction}'") as refused,
+    ):
+        client.open(as_client(*MESHES[mesh]()), settings, evaluation="client")
+    assert refused.value.code == "INVALID_ARGUMENT.MESH"
+
+
+def test_the_facets_of_the_boundary_have_to_come(server, monkeypatch):
+    """As from a client that does not send them; without such roles none are needed."""
+    monkeypatch.setattr(Rank, "facets", property(lambda self: {}, lambda self, value: None), raising=False)
+    with connect(server.endpoint) as client:
+        with pytest.raises(InvalidInput, match="role 'slip', expected moving or fixed: partition 0 sent no facets"):
+            client.open(as_client(*duct("quad", 10)), SETTINGS, evaluation="client")
+        roles = {"y0": "fixed", "y1": "fixed"}
+        with client.open(as_client(*with_roles(duct("quad", 10), roles)), SETTINGS, evaluation="client") as session:
+            session.move(np.tile(SMALL[:2], (len(session.moving_nodes), 1)))
