@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats
-from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.one_layer import OneLayer
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
@@ -163,7 +163,7 @@ def _report(path: Path, mesh: MeshFile, case: Case | None, warnings: list[str] |
         if OneLayer.find(mesh.points, cells, patches) is not None:
             warnings.append(AS_A_PLANE)
         split = BoundaryRoles.from_patches(patches)
-        periodic = PeriodicNodes.build(mesh.points, cells, patches, split)
+        periodic = PeriodicNodes.build(mesh.points, boundary_facets(cells), patches, split)
     except InvalidInput as error:
         raise InvalidInput(f"{mesh.path}: {error.message}", code=error.code, hint=error.hint) from None
     if case is not None:

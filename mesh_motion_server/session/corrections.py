@@ -32,7 +32,7 @@ from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.partitions.meshes import MergedMesh
-from mesh_motion_server.session.partitions.regions import MergedRegion, Rows, merge_regions
+from mesh_motion_server.session.partitions.regions import MergedRegion, merge_regions
 
 if TYPE_CHECKING:  # no other session needs it, and it loads much
     from mesh_motion_numerics.motion.body_paths import Way
@@ -160,20 +160,21 @@ def correct(
         return CorrectOutcome(_resisting(n_nodes), nothing, none)
     if smooth and not any(one.cells for one in regions):
         return CorrectOutcome(None, nothing, none, Correction(none, none), CorrectedRegion())
-    region = merge_regions(mesh, regions, known)
+    region = merge_regions(mesh, regions, known, boundary.orbits)
     part = region.points, region.positions, region.cells, region.held, region.elsewhere
     try:
         if smooth:
             ways = _ways(mesh, boundary, points[mesh.moving], region, factors)
-            found = boundary.smoothed(*part, n_nodes, ways)
+            found = boundary.smoothed(*part, n_nodes, region.rows, ways)
         else:
             found = boundary.optimised.corrected(*part)
             if model.method.correction == "smooth":
                 found = replace(found, warnings=(NOT_SMOOTH,))
     except RegionTooSmall as missing:
         wanted = region.ids[missing.nodes]
-        if np.isin(wanted, region.between).all():  # as many rings do: other ranks send theirs
-            return CorrectOutcome(extents[0], np.union1d(wanted, region.settled), none)
+        if np.isin(wanted, region.between).all():  # as many rings do: other ranks, or those of images, send theirs
+            images = np.isin(boundary.orbits, boundary.orbits[region.rows[missing.nodes]])
+            return CorrectOutcome(extents[0], np.union1d(mesh.global_ids[images], region.settled), none)
         return CorrectOutcome(_larger(extents[0]), region.between, none)
     except QualityRefused as refusal:
         moving = np.flatnonzero(np.isin(region.ids, mesh.global_ids[mesh.moving]))
@@ -192,8 +193,8 @@ def _ways(
     mesh: MergedMesh, model: BoundaryMotion, targets: Floats, region: MergedRegion, factors: FactorSource
 ) -> Iterator[Callable[[float], Floats]]:
     """Where interpolation takes the region's nodes along ways of the moving nodes to the ``targets`` (k, d)."""
-    rows = np.flatnonzero(np.isin(region.ids, mesh.global_ids[mesh.on_patches]))
-    of_rows = Rows(mesh.global_ids)(region.ids[rows])
+    rows = np.flatnonzero(np.isin(region.rows, mesh.on_patches))
+    of_rows = region.rows[rows]
 
     def plain(at: Floats) -> Floats:
         moved = model.move(mesh.points, at, factors)

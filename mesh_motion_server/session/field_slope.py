@@ -25,6 +25,7 @@ if TYPE_CHECKING:  # no other session needs it, and it loads much
     from mesh_motion_numerics.interpolation.factor_source import FactorSource
     from mesh_motion_numerics.interpolation.interpolation_map import FieldMap
     from mesh_motion_numerics.motion.boundary_motion import BoundaryMotion
+    from mesh_motion_numerics.motion.motion_slope import PlainSlope
 
     from mesh_motion_server.session.corrections import CorrectedRegion
     from mesh_motion_server.session.partitions.regions import MergedRegion
@@ -82,6 +83,8 @@ class FieldSlope:
     ----------
     field : Field
         Of the reference mesh: all others differ in their coefficients.
+    points : (n, d) array, mesh length unit
+        Of the uploaded nodes before the correction.
     corrected : CorrectedRegion or None
         None without a correction.
     """
@@ -89,29 +92,34 @@ class FieldSlope:
     mesh: MergedMesh
     model: BoundaryMotion
     field: Field
+    points: Floats
     corrected: CorrectedRegion | None
     factors: FactorSource
 
     def tangent(self, velocity: Floats) -> FieldTangent:
         """For one vector (k, d) of the moving nodes."""
-        roles, rows = self.model.motion.roles, np.zeros_like(self.mesh.points)
-        rows[roles.moving] = velocity
-        interpolant = self._map.interpolant(rows[roles.all])
-        free = np.setdiff1d(np.arange(len(rows)), roles.all)
+        plain, rows = self._plain, np.zeros_like(self.mesh.points)
+        rows[self.model.motion.roles.moving] = velocity
+        for step in plain.steps:
+            step.apply(rows)
+        interpolant = self._map.interpolant(rows[plain.interpolated.controls])
+        free = np.setdiff1d(np.arange(len(rows)), plain.known)
         rows[free] = evaluation.displacement(interpolant, self.mesh.points[free])
+        plain.tied.apply(rows)
         coefficients = Field.of(interpolant).coefficients
         if self._smooth is None or self._smooth.region is None:
             return FieldTangent(rows, coefficients, np.empty(0, dtype=np.int64), rows[:0])
         region = self._region
-        plain = np.empty_like(region.points)
+        of_region = np.empty_like(region.points)
         here, there, inside = self._shared
-        plain[here], plain[inside] = rows[there], evaluation.displacement(interpolant, region.points[inside])
+        of_region[here] = rows[there]
+        of_region[inside] = evaluation.displacement(interpolant, region.points[inside])
         freed = self._smooth.region.free.free
-        return FieldTangent(rows, coefficients, region.ids[freed], self._smooth.apply(plain)[freed])
+        return FieldTangent(rows, coefficients, region.ids[freed], self._smooth.apply(of_region)[freed])
 
     def cotangent(self, given: FieldCotangent) -> Floats:
         """(k, d) weights of the moving nodes, for one vector."""
-        roles, rows, d = self.model.motion.roles, given.weights.copy(), self.mesh.points.shape[1]
+        plain, rows, d = self._plain, given.weights.copy(), self.mesh.points.shape[1]
         places, counted = [np.empty((0, d))], [np.empty((0, d))]
         if self._smooth is None:
             _refuse_strange(given.ids)
@@ -125,17 +133,25 @@ class FieldSlope:
             rows[there] = weights[here]
             places.append(region.points[inside])
             counted.append(weights[inside])
-        free = np.setdiff1d(np.arange(len(rows)), roles.all)
+        plain.tied.transpose(rows)
+        free = np.setdiff1d(np.arange(len(rows)), plain.known)
         places.append(self.mesh.points[free])
         counted.append(rows[free])
         total = given.coefficients + self.field.counted(np.concatenate(places), np.concatenate(counted))
-        found = self._map.transpose(*self.field.split(total))
-        rows[roles.all] += found
-        return rows[roles.moving]
+        rows[free] = 0.0
+        rows[plain.interpolated.controls] += self._map.transpose(*self.field.split(total))
+        for step in reversed(plain.steps):
+            step.transpose(rows)
+        return rows[self.model.motion.roles.moving]
 
     @cached_property
     def _map(self) -> FieldMap:
         return self.model.field_map(self.factors)
+
+    @cached_property
+    def _plain(self) -> PlainSlope:
+        """Of the uploaded nodes."""
+        return self.model.plain_slope(self.points, self.factors)
 
     # --- the corrected region ----------------------------------------------------------------------------------------
 
@@ -151,7 +167,7 @@ class FieldSlope:
             raise not_at_minimum()
         region = self.corrected.region
         mesh = region.points, region.cells, region.held, region.elsewhere
-        smooth = self.model.smooth(*mesh, self.corrected.n_nodes)
+        smooth = self.model.smooth(*mesh, self.corrected.n_nodes, region.rows)
         return SmoothSlope.build(smooth, region.positions, self.corrected.points)
 
     @property
@@ -163,9 +179,9 @@ class FieldSlope:
     @cached_property
     def _shared(self) -> tuple[Integers, Integers, Integers]:
         """Rows of the uploaded nodes in the region, their rows in the mesh, and the region's other rows."""
-        own = np.isin(self._region.ids, self.mesh.global_ids)
-        here = np.flatnonzero(own)
-        return here, Rows(self.mesh.global_ids)(self._region.ids[here]), np.flatnonzero(~own)
+        rows = self._region.rows
+        here = np.flatnonzero(rows >= 0)
+        return here, rows[here], np.flatnonzero(rows < 0)
 
     def _rows_of(self, ids: Integers) -> Integers:
         """Rows (q,) of the region of nodes that are not uploaded.

@@ -25,10 +25,10 @@ __all__ = [
     "Model",
     "ModelBuilder",
     "Slope",
-    "build_boundary_model",
     "build_motion_model",
     "checked_model",
     "checked_warnings",
+    "model_of",
 ]
 
 
@@ -104,17 +104,18 @@ def build_motion_model(points: Floats, cells: CellTable, patches: Mapping[str, P
     return motion_model(points, cells, patches, method)
 
 
-def build_boundary_model(points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method) -> Model:
-    """The numerics' model of a boundary whose volume stays with the client."""
+def model_of(build: ModelBuilder | None, mesh: MergedMesh | UploadView, method: Method) -> Model:
+    """The model of a mesh by ``build``; None: that of its boundary, whose volume stays with the client."""
+    if build is not None:
+        return build(mesh.points, mesh.cells, mesh.patches, method)
     # imported here for the same reason
     from mesh_motion_numerics.motion.boundary_motion import BoundaryMotion  # noqa: PLC0415
 
-    del cells
-    return BoundaryMotion.build(points, patches, method)
+    return BoundaryMotion.build(mesh.points, mesh.facets, mesh.patches, method)
 
 
-def checked_model(build: ModelBuilder, mesh: MergedMesh, method: Method) -> Model:
-    """The model of a mesh.
+def checked_model(build: ModelBuilder | None, mesh: MergedMesh, method: Method) -> Model:
+    """The model of a mesh, as :func:`model_of` makes it.
 
     Raises
     ------
@@ -122,11 +123,11 @@ def checked_model(build: ModelBuilder, mesh: MergedMesh, method: Method) -> Mode
         What is wrong with the mesh, in the numbering of the upload: it is checked a second time in that numbering.
     """
     try:
-        return build(mesh.points, mesh.cells, mesh.patches, method)
+        return model_of(build, mesh, method)
     except InvalidInput:
         view = upload_view(mesh)
         try:
-            build(view.points, view.cells, view.patches, method)
+            model_of(build, view, method)
         except InvalidInput as error:
             raise _with_place(error, view) from error
         raise

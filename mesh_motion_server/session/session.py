@@ -36,7 +36,7 @@ from mesh_motion_server.session.history import History
 from mesh_motion_server.session.journal.durability import keeper_of, logged_failure
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.journal.replies import RequestId
-from mesh_motion_server.session.model import Model, ModelBuilder, Slope, build_boundary_model, checked_model
+from mesh_motion_server.session.model import Model, ModelBuilder, Slope, checked_model, model_of
 from mesh_motion_server.session.motions import compute
 from mesh_motion_server.session.partitions.merging import check_boundary, merge
 from mesh_motion_server.session.partitions.meshes import MergedMesh
@@ -81,7 +81,7 @@ class Session(Position):
         super().__init__(folder.spec)
         self._folder = folder
         self._limits = limits
-        self._build_model = build_model if self.spec.evaluation == "server" else build_boundary_model
+        self._build_model = build_model if self.spec.evaluation == "server" else None
         self.upload = MeshUpload(
             self.spec.dimension, self.spec.partitions, limits.max_session_bytes, self.spec.evaluation
         )
@@ -109,7 +109,7 @@ class Session(Position):
             failpoint("session.reopen.start")
             mesh = merge(partitions)
             method = session.spec.settings.to_method()
-            model = session._build_model(mesh.points, mesh.cells, mesh.patches, method)
+            model = model_of(session._build_model, mesh, method)
             field = session._field_at_rest(mesh, model)
             rest = session._at_rest(mesh, field)
             committed = restore(journal, model, mesh, session.factors, rest, progress, spec=session.spec)
@@ -519,7 +519,7 @@ class Session(Position):
                 )
         if self._latest_field_slope is None or self._latest_field_slope[0] is not points:
             model, field = cast("BoundaryMotion", built.model), cast(Field, built.field)
-            slope = FieldSlope(built.mesh, model, field, corrected, self.factors)
+            slope = FieldSlope(built.mesh, model, field, points, corrected, self.factors)
             self._latest_field_slope = points, slope
         return self._latest_field_slope[1]
 

@@ -9,7 +9,7 @@ from box_meshes import box_mesh
 from mesh_motion_client import InvalidInput, Mesh, Patch, QualityRefused, SessionError, connect
 from mesh_motion_protocol.errors import InvalidInput as Unusable
 from mesh_motion_protocol.messages import Fetch, Fetched
-from own_ranks import CORRECTED, SETTINGS, assert_same_quality, bend, cut, whole
+from own_ranks import CORRECTED, SETTINGS, assert_same_quality, bend, on_ranks, pieces, whole
 
 from mesh_motion_server.cases.recorded import read_recorded
 from mesh_motion_server.session.inspection import inspect_session
@@ -32,19 +32,6 @@ def server(tmp_path_factory):
         yield server
 
 
-def pieces(kind, count, ranks):
-    """The mesh in several: a node of a patch is listed by the first that has it only, others hold it too."""
-    parts, listed = [], set()
-    for part in cut(kind, count, ranks):
-        patches = {}
-        for name, patch in part.patches.items():
-            nodes = [int(node) for node in patch.nodes if (name, int(part.global_ids[node])) not in listed]
-            listed |= {(name, int(part.global_ids[node])) for node in nodes}
-            patches |= {name: Patch(patch.role, np.array(nodes))} if nodes else {}
-        parts.append(Mesh(part.points, part.cells, patches, part.global_ids))
-    return parts
-
-
 def drive(session, mesh, steps=2, by=1):
     """Two moves a step; what was answered, and where the nodes are."""
     found = []
@@ -53,40 +40,6 @@ def drive(session, mesh, steps=2, by=1):
             moved = session.move(share * bend(mesh.points[session.moving_nodes], by * step))
         found += [moved, session.commit()]
     return [*found, session.points()]
-
-
-def on_ranks(server, parts, work, settings=SETTINGS):
-    """``work(session, mesh)`` on each rank, in a thread of its own."""
-    opened, results, failures = threading.Event(), [None] * len(parts), []
-    shared = []
-
-    def announce(credentials):
-        shared.append(credentials)
-        opened.set()
-
-    def run(rank):
-        try:
-            with connect(server.endpoint) as client:
-                if not rank:
-                    options = {"evaluation": "client", "partitions": len(parts), "announce": announce}
-                    session = client.open(parts[0], settings, **options)
-                else:
-                    assert opened.wait(PATIENCE)
-                    session = client.join(shared[0], parts[rank], partition=rank)
-                with session:
-                    results[rank] = work(session, parts[rank])
-        except BaseException as failure:
-            failures.append(failure)
-            opened.set()
-
-    threads = [threading.Thread(target=run, args=(rank,)) for rank in range(len(parts))]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(2 * PATIENCE)
-    if failures:
-        raise failures[0]
-    return results
 
 
 @pytest.mark.parametrize("metric", ["size-skew", "relative-size-skew"])

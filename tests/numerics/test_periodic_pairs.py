@@ -118,7 +118,7 @@ def test_a_pair_of_two_roles_is_refused() -> None:
     points, cells, patches = periodic_box("quad", 10)
     patches["x0"] = type(patches["x0"])("fixed", patches["x0"].nodes[1:])
     with pytest.raises(InvalidInput, match=r"node 10 is fixed but node 0, its periodic image, is periodic"):
-        PeriodicNodes.build(points, cells, patches, BoundaryRoles.from_patches(patches))
+        PeriodicNodes.build(points, boundary_facets(cells), patches, BoundaryRoles.from_patches(patches))
 
 
 def test_a_group_closes_or_is_bounded() -> None:

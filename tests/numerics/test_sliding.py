@@ -55,7 +55,7 @@ class TestPlanar:
     def test_side_of_a_square_keeps_its_coordinate_bitwise(self):
         points, cells = grid(6, 6)
         side = np.flatnonzero(points[:, 0] == 1)
-        surfaces = SlidingSurfaces.build(points, cells, {"side": side}, side[1:-1])
+        surfaces = SlidingSurfaces.build(points, boundary_facets(cells), {"side": side}, side[1:-1])
         pushed = points[side[1:-1]] + [0.2, 0.03]
         slid = surfaces.project(pushed)
         assert (slid[:, 0] == 1).all()
@@ -67,7 +67,7 @@ class TestPlanar:
         rotation *= np.sign(np.linalg.det(rotation))
         side = np.flatnonzero(points[:, 2] == 1)
         turned = points @ rotation.T + 10.0
-        surfaces = SlidingSurfaces.build(turned, cells, {"top": side}, side)
+        surfaces = SlidingSurfaces.build(turned, boundary_facets(cells), {"top": side}, side)
         push = 0.1 * np.random.default_rng(1).standard_normal((len(side), 3))
         slid = surfaces.project(turned[side] + push)
         normal = rotation[:, 2]
@@ -79,7 +79,7 @@ class TestPlanar:
         points, cells = grid(4, 4, 4)
         sides = {f"{axis}": np.flatnonzero(points[:, axis] == 0) for axis in range(3)}
         nodes = np.unique(np.concatenate(list(sides.values())))
-        surfaces = SlidingSurfaces.build(points, cells, sides, nodes)
+        surfaces = SlidingSurfaces.build(points, boundary_facets(cells), sides, nodes)
         slid = surfaces.project(points[nodes] + 0.01)
         held = points[nodes] == 0
         assert (slid[held] == 0).all()
@@ -89,7 +89,7 @@ class TestPlanar:
     def test_a_box_in_one_patch_keeps_its_edges(self):
         points, cells = grid(3, 4, 5)
         nodes = boundary_nodes(cells)
-        surfaces = SlidingSurfaces.build(points, cells, {"walls": nodes}, nodes)
+        surfaces = SlidingSurfaces.build(points, boundary_facets(cells), {"walls": nodes}, nodes)
         slid = surfaces.project(points[nodes] + np.random.default_rng(0).uniform(-0.1, 0.1, (len(nodes), 3)))
         on_wall = (points[nodes] == 0) | (points[nodes] == 1)
         assert (slid[on_wall] == points[nodes][on_wall]).all()
@@ -100,7 +100,7 @@ class TestPlanar:
         sheared = points @ np.array([[1.0, 0.3], [0.4, 1.0]])
         left, bottom = np.flatnonzero(points[:, 0] == 0), np.flatnonzero(points[:, 1] == 0)
         nodes = np.union1d(left, bottom)
-        surfaces = SlidingSurfaces.build(sheared, cells, {"l": left, "b": bottom}, nodes)
+        surfaces = SlidingSurfaces.build(sheared, boundary_facets(cells), {"l": left, "b": bottom}, nodes)
         slid = surfaces.project(sheared[nodes] + 0.05)
         corner = np.flatnonzero(nodes == np.intersect1d(left, bottom)[0])
         assert np.allclose(slid[corner], 0, atol=1e-15)
@@ -110,20 +110,20 @@ class TestPlanar:
         rough = points.astype(np.float32).astype(np.float64)
         rough += 1e-8 * np.random.default_rng(0).standard_normal(points.shape)
         side = np.flatnonzero(points[:, 0] == 0)[1:-1]
-        surfaces = SlidingSurfaces.build(rough, cells, {"s": np.flatnonzero(points[:, 0] == 0)}, side)
+        surfaces = SlidingSurfaces.build(rough, boundary_facets(cells), {"s": np.flatnonzero(points[:, 0] == 0)}, side)
         assert np.allclose(surfaces.project(rough[side]), rough[side], rtol=0, atol=1e-16)
 
     def test_in_one_dimension_an_end_stays(self):
         points = np.linspace(0, 1, 5)[:, None]
         cells = CellTable.from_arrays({"line": np.stack([np.arange(4), np.arange(1, 5)], axis=1)})
-        surfaces = SlidingSurfaces.build(points, cells, {"end": np.array([4])}, np.array([4]))
+        surfaces = SlidingSurfaces.build(points, boundary_facets(cells), {"end": np.array([4])}, np.array([4]))
         assert surfaces.project(np.array([[0.7]])) == 1.0
 
 
 class TestCurved:
     def test_circle_nodes_stay_on_the_polygon(self):
         points, cells, outer, _ = ring(64, 2)
-        surfaces = SlidingSurfaces.build(points, cells, {"o": outer}, outer)
+        surfaces = SlidingSurfaces.build(points, boundary_facets(cells), {"o": outer}, outer)
         push = 0.05 * np.random.default_rng(0).standard_normal((len(outer), 2))
         slid = surfaces.project(points[outer] + push)
         assert np.max(polygon_distance(slid, points[outer])) < 1e-15
@@ -131,13 +131,13 @@ class TestCurved:
 
     def test_circle_of_fine_facets_is_kept_to_a_millionth_of_the_domain(self):
         points, cells, outer, _ = ring(3000, 1)
-        surfaces = SlidingSurfaces.build(points, cells, {"o": outer}, outer)
+        surfaces = SlidingSurfaces.build(points, boundary_facets(cells), {"o": outer}, outer)
         slid = surfaces.project(points[outer] * 1.01 + [0.002, 0.001])
         assert np.max(np.abs(np.linalg.norm(slid, axis=1) - 1)) < 1e-6 * 2
 
     def test_rotation_along_the_circle_is_reproduced(self):
         points, cells, outer, _ = ring(720, 1)
-        surfaces = SlidingSurfaces.build(points, cells, {"o": outer}, outer)
+        surfaces = SlidingSurfaces.build(points, boundary_facets(cells), {"o": outer}, outer)
         c, s = np.cos(0.2), np.sin(0.2)
         goal = points[outer] @ np.array([[c, s], [-s, c]])
         sagitta = 1 - np.cos(np.pi / 720)
@@ -145,7 +145,7 @@ class TestCurved:
 
     def test_repeated_projection_does_not_drift(self):
         points, cells, outer, _ = ring(48, 1)
-        surfaces = SlidingSurfaces.build(points, cells, {"o": outer}, outer)
+        surfaces = SlidingSurfaces.build(points, boundary_facets(cells), {"o": outer}, outer)
         places = points[outer]
         for _ in range(50):
             for step in (0.003, -0.003):
@@ -156,7 +156,7 @@ class TestCurved:
         points, cells, index = pipe(48, 2, 6)
         outer, end = np.unique(index[:, -1]), np.unique(index[-1])
         nodes = np.union1d(outer, end)
-        surfaces = SlidingSurfaces.build(points, cells, {"outer": outer, "end": end}, nodes)
+        surfaces = SlidingSurfaces.build(points, boundary_facets(cells), {"outer": outer, "end": end}, nodes)
         push = 0.02 * np.random.default_rng(0).standard_normal((len(nodes), 3))
         slid = surfaces.project(points[nodes] + push)
         place = dict(zip(nodes.tolist(), slid, strict=True))
@@ -180,20 +180,20 @@ class TestCurved:
         mixed = CellTable.from_arrays({"hexahedron": lower, "wedge": wedges})
         assert set(boundary_facets(mixed)) == {"quad", "triangle"}
         outer = np.unique(index[:, -1])
-        surfaces = SlidingSurfaces.build(points, mixed, {"o": outer}, outer)
+        surfaces = SlidingSurfaces.build(points, boundary_facets(mixed), {"o": outer}, outer)
         slid = surfaces.project(points[outer] * [1.02, 1.02, 1.0])
         assert np.max(polygon_distance(slid[:, :2], points[index[0, -1]][:, :2])) < 1e-15
 
     def test_corner_between_curved_sides_stays(self):
         points, cells, outer, _ = ring(8, 1)  # an octagon turns by 45° at each corner: eight planes
-        surfaces = SlidingSurfaces.build(points, cells, {"o": outer}, outer)
+        surfaces = SlidingSurfaces.build(points, boundary_facets(cells), {"o": outer}, outer)
         assert np.allclose(surfaces.project(points[outer] + 0.01), points[outer], rtol=0, atol=1e-15)
 
 
 def test_a_node_without_facets_is_named():
     points, cells = grid(3, 3)
     with pytest.raises(InvalidInput, match="node 1 of the sliding patch 's' lies on no boundary facet"):
-        SlidingSurfaces.build(points, cells, {"s": np.array([1])}, np.array([1]))
+        SlidingSurfaces.build(points, boundary_facets(cells), {"s": np.array([1])}, np.array([1]))
 
 
 def test_a_symmetry_patch_is_planar_piece_by_piece():
@@ -201,11 +201,11 @@ def test_a_symmetry_patch_is_planar_piece_by_piece():
     bottom = np.flatnonzero(points[:, 1] == 0.0)
     sides = np.flatnonzero((points == 0.0).any(axis=1))
     for nodes in (bottom, sides):  # a corner between two planes is none of a curved surface
-        assert SlidingSurfaces.build(points, cells, {"m": nodes}, nodes, mirrors=["m"]).nodes is nodes
+        assert SlidingSurfaces.build(points, boundary_facets(cells), {"m": nodes}, nodes, mirrors=["m"]).nodes is nodes
     points[bottom, 1] = -0.1 * np.sin(np.pi * points[bottom, 0])
-    assert len(SlidingSurfaces.build(points, cells, {"m": bottom}, bottom).groups)
+    assert len(SlidingSurfaces.build(points, boundary_facets(cells), {"m": bottom}, bottom).groups)
     with pytest.raises(InvalidInput, match="symmetry patch 'm' is not planar: node") as refused:
-        SlidingSurfaces.build(points, cells, {"m": bottom}, bottom, mirrors=["m"])
+        SlidingSurfaces.build(points, boundary_facets(cells), {"m": bottom}, bottom, mirrors=["m"])
     assert refused.value.details["node"] in bottom
     assert refused.value.hint == "give a curved surface the role slip"
 

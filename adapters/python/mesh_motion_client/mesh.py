@@ -256,9 +256,7 @@ class Mesh(Described):
             for name, patch in self.patches.items()
         ]
         for fields, rows in items:
-            step = max(1, _PART_BYTES // (8 * rows.shape[1]))  # 8 bytes each once they have arrived
-            for start in range(0, max(1, len(rows)), step):
-                yield Upload(**at, **fields, rows=rows[start : start + step])
+            yield from uploads(rows, **at, **fields)
 
     def _check_kinds(self) -> None:
         """Cells and patches are by name."""
@@ -371,6 +369,13 @@ def _refuse_masked(values: ArrayLike) -> None:
     if np.ma.is_masked(values):
         entry = [int(i) for i in np.argwhere(np.ma.getmaskarray(np.ma.asarray(values)))[0]]
         raise ValueError(f"entry {entry} is masked; fill it, or leave its row out")
+
+
+def uploads(rows: NDArray[Any], **fields: Any) -> Iterator[Upload]:
+    """The UPLOADs of (k, c) rows with these fields, at least one."""
+    step = max(1, _PART_BYTES // (8 * rows.shape[1]))  # 8 bytes each once they have arrived
+    for start in range(0, max(1, len(rows)), step):
+        yield Upload(**fields, rows=rows[start : start + step])
 
 
 def _short(value: object) -> str:

@@ -14,7 +14,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.messages import Corrected, Fetched, Moved, TangentFound, Upload
 from numpy.typing import NDArray
 
-from mesh_motion_client.mesh import Mesh, Patch
+from mesh_motion_client.mesh import Mesh, Patch, uploads
 
 __all__ = ["Volume"]
 
@@ -59,13 +59,15 @@ class Volume:
         return self._known is not None
 
     def parts(self, **at: Any) -> Iterator[Upload]:
-        """The UPLOADs of the boundary, and of the number of cells of each type."""
+        """The UPLOADs of the boundary with its facets, and of the number of cells of each type."""
         mesh, nodes = self._mesh, self.nodes
         ids = nodes if mesh.global_ids is None else mesh.global_ids[nodes]
         patches = {name: Patch(patch.role, np.searchsorted(nodes, patch.nodes)) for name, patch in mesh.patches.items()}
         yield from Mesh(mesh.points[nodes], {}, patches, ids).parts(**at)
         for name, cells in mesh.cells.items():
             yield Upload(**at, item="cells", name=name, rows=np.empty((len(cells), 0), dtype=np.int64))
+        for name, rows in self._rank.facets.items():
+            yield from uploads(rows, **at, item="facets", name=name)
 
     def displacement(self, moved: Moved) -> Floats:
         """(n, d) displacement of all nodes from the reference mesh."""

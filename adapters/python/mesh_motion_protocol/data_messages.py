@@ -129,12 +129,13 @@ class Upload(SessionMessage):
     global_ids  —                 (k, 1) <i8; only with partitions > 1, where they are required
     cells       the cell type     (k, nodes of the type) <i8 local node indices, 0-based; (k, 0) if they stay with the
                                   client (section 23)
+    facets      the facets' type  (k, nodes of the type) <i8 local node indices; only where the cells stay there
     patch       the patch's name  (k, 1) <i8 local node indices; ``role`` is required
     """
 
     type: ClassVar[str] = "UPLOAD"
-    item: Annotated[str, Choice(("nodes", "global_ids", "cells", "patch"))]  # what the rows are
-    name: Name = ""  # of the cell type or the patch
+    item: Annotated[str, Choice(("nodes", "global_ids", "cells", "facets", "patch"))]  # what the rows are
+    name: Name = ""  # of the type of cells or facets, or the patch
     role: Role = ""  # with item = "patch"
     rows: UploadRows = None  # required; shape and dtype depend on the item: section 13
 

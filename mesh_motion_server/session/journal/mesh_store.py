@@ -2,9 +2,9 @@
 
 ``mesh.bin``: magic "MMMESH" 01 0a, the header's length (8 bytes, little-endian), the header (a msgpack list with one
 map per partition: nodes, dimension, cells {type: rows}, or counted {type: rows} where the cells stay with the client,
-patches {name: [role, rows]}), zeros up to a multiple of 8,
-then per partition, little-endian and row by row: coordinates (doubles), global ids, cells by type, patches by name
-(64-bit integers). Its sha256 stands in the journal's first record.
+patches {name: [role, rows]}, and there facets {type: rows}), zeros up to a multiple of 8,
+then per partition, little-endian and row by row: coordinates (doubles), global ids, cells by type, patches by name,
+facets by type (64-bit integers). Its sha256 stands in the journal's first record.
 """
 
 import hashlib
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.session.journal.filesystem import FileSystem, unreadable, write_all
+from mesh_motion_server.session.partitions.facets import FACET_NODES
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 
 __all__ = ["MESH", "has_its_length", "read_mesh", "verifies", "write_mesh"]
@@ -148,6 +149,8 @@ def _describe(partition: PartitionMesh) -> dict[str, Any]:
         pieces = partition.cell_pieces(name)
         key = "cells" if any(piece.size for piece in pieces) or not pieces else "counted"
         described.setdefault(key, {})[name] = sum(map(len, pieces))
+    if partition.facets:
+        described["facets"] = {name: len(rows) for name, rows in partition.facets.items()}
     return described
 
 
@@ -155,20 +158,23 @@ def _count(partition: PartitionMesh) -> int:
     """How many numbers are written of it."""
     cells = sum(piece.size for name in partition.cells for piece in partition.cell_pieces(name))
     patches = sum(len(patch.nodes) for patch in partition.patches.values())
-    return partition.points.size + len(partition.global_ids) + cells + patches
+    facets = sum(rows.size for rows in partition.facets.values())
+    return partition.points.size + len(partition.global_ids) + cells + patches + facets
 
 
 def _described_count(described: dict[str, Any]) -> int:
     """How many numbers are written of it, by its map in the header."""
     cells = sum(rows * CELL_TYPES[name].n_nodes for name, rows in described["cells"].items())
     patches = sum(rows for _, rows in described["patches"].values())
-    return int(described["nodes"] * (described["dimension"] + 1) + cells + patches)
+    facets = sum(rows * FACET_NODES[name] for name, rows in described.get("facets", {}).items())
+    return int(described["nodes"] * (described["dimension"] + 1) + cells + patches + facets)
 
 
 def _blocks(partition: PartitionMesh) -> Iterator[NDArray[Any]]:
     """Its arrays as they are written, in order, some rows at a time: what is widened stays in the cache."""
     cells = [piece for name in partition.cells for piece in partition.cell_pieces(name)]
     numbers = [partition.global_ids, *cells, *(patch.nodes for patch in partition.patches.values())]
+    numbers += partition.facets.values()
     for array, dtype in [(partition.points, "<f8"), *((array, "<i8") for array in numbers)]:
         for start in range(0, len(array) if array.size else 0, _BLOCK_ROWS):
             yield np.ascontiguousarray(array[start : start + _BLOCK_ROWS], dtype=dtype)
@@ -206,4 +212,8 @@ def _restore(described: dict[str, Any], reader: _Reader) -> PartitionMesh:
         }
         | {name: np.empty((rows, 0), dtype=np.int64) for name, rows in described.get("counted", {}).items()},
         patches={name: Patch(role, reader.integers(rows)) for name, (role, rows) in described["patches"].items()},
+        facets={
+            name: reader.integers(rows * FACET_NODES[name]).reshape(rows, -1)
+            for name, rows in described.get("facets", {}).items()
+        },
     )

@@ -20,6 +20,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
 from mesh_motion_server.session.partitions.cell_order import sorted_cells
+from mesh_motion_server.session.partitions.facets import merge_facets
 from mesh_motion_server.session.partitions.meshes import CellCount, CellOrigin, MergedMesh, PartitionMesh, joined
 
 __all__ = ["canonical_order", "check_boundary", "merge"]
@@ -42,7 +43,7 @@ def merge(partitions: Sequence[PartitionMesh]) -> MergedMesh:
     ------
     InvalidInput
         Naming the first offender: an index out of range, a global id twice in one partition, a shared node whose
-        coordinates differ, a patch whose role differs, a cell that came twice.
+        coordinates differ, a patch whose role differs, a cell or a facet that came twice.
     """
     for number, partition in enumerate(partitions):
         _check_partition(partition, number)
@@ -57,6 +58,7 @@ def merge(partitions: Sequence[PartitionMesh]) -> MergedMesh:
         id_order=id_order,
         cells=cells,
         patches=_merge_patches(partitions, node_maps),
+        facets=merge_facets(partitions, node_maps, global_ids),
         node_maps=node_maps,
         moving_local=tuple(nodes_with(partition.patches, ("moving",)) for partition in partitions),
         moving_patches=tuple(
@@ -125,6 +127,8 @@ def _check_partition(partition: PartitionMesh, number: int) -> None:
             row += len(piece)
     for name, patch in partition.patches.items():
         _check_range(patch.nodes, count, f"partition {number}, patch {name!r}", {"partition": number, "patch": name})
+    for name, rows in partition.facets.items():
+        _check_range(rows, count, f"partition {number}, facets {name!r}", {"partition": number, "type": name})
     if _ascending(partition.global_ids):
         return
     ids, repeats = np.unique(partition.global_ids, return_counts=True)

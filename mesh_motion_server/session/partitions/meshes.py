@@ -6,7 +6,7 @@ The numerics see the one mesh only, so that 1 and n partitions give identical ar
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -37,17 +37,26 @@ class PartitionMesh:
         stay with the client.
     patches : dict
         Name → Patch with local node indices.
+    facets : dict
+        Type name → (f, k) local node indices of the facets of the partition's boundary, pointing outwards; only where
+        the cells stay with the client.
     """
 
     points: Floats
     global_ids: Integers
     cells: Mapping[str, Integers | Sequence[Integers]]
     patches: Mapping[str, Patch]
+    facets: Mapping[str, Integers] = field(default_factory=dict)
 
     def cell_pieces(self, name: str) -> list[Integers]:
         """Cells (m_i, n_nodes) of a type, none of them empty."""
         cells = self.cells.get(name, ())
         return [piece for piece in ([cells] if isinstance(cells, np.ndarray) else cells) if len(piece)]
+
+    @property
+    def keeps_cells(self) -> bool:
+        """Whether it has cells that stay with the client."""
+        return any(not piece.size for name in self.cells for piece in self.cell_pieces(name))
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +117,8 @@ class MergedMesh:
         Empty where the cells stay with the client.
     patches : dict
         Name → Patch with canonical node indices, ascending; sorted by name.
+    facets : dict
+        Type name → (f, k) canonical node indices of the whole boundary's facets, where clients send them.
     node_maps : tuple of (n_p,) int64 arrays
         Per partition: canonical index of each local node.
     moving_local : tuple of (k_p,) int64 arrays
@@ -121,6 +132,7 @@ class MergedMesh:
     id_order: Integers
     cells: CellTable
     patches: Mapping[str, Patch]
+    facets: Mapping[str, Integers]
     node_maps: tuple[Integers, ...]
     moving_local: tuple[Integers, ...]
     moving_patches: tuple[Mapping[str, Integers], ...]

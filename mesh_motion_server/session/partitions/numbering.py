@@ -42,6 +42,7 @@ class UploadView:
     points: Floats
     cells: CellTable
     patches: Mapping[str, Patch]
+    facets: Mapping[str, Integers]
     cell_order: Integers
     mesh: MergedMesh
 
@@ -71,6 +72,7 @@ def upload_view(mesh: MergedMesh) -> UploadView:
         points=mesh.points[mesh.id_order],
         cells=CellTable.from_arrays(tables) if origins else mesh.cells,
         patches={name: Patch(patch.role, np.sort(rank[patch.nodes])) for name, patch in mesh.patches.items()},
+        facets={name: rank[rows] for name, rows in mesh.facets.items()},
         cell_order=np.concatenate([np.empty(0, dtype=np.int64), *orders]),
         mesh=mesh,
     )

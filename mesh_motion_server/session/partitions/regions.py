@@ -26,8 +26,8 @@ class MergedRegion:
 
     Attributes
     ----------
-    ids : (n,) int64 array
-        Global ids.
+    ids, rows : (n,) int64 arrays
+        Global ids, and indices in the boundary's mesh; -1 for a node that was not uploaded.
     points, positions : (n, d) arrays, mesh length unit
         In the reference mesh, and where the interpolation takes them.
     cells : CellTable
@@ -35,10 +35,12 @@ class MergedRegion:
         Nodes on patches.
     elsewhere : Elsewhere
     between, settled : (k,), (s,) int64 arrays
-        Global ids of the nodes here that several ranks have; and of those of them whose cells are all sent.
+        Global ids of the nodes here that several ranks have, and of all periodic nodes with an image here; and of those
+        of them whose cells are all sent.
     """
 
     ids: Integers
+    rows: Integers
     points: Floats
     positions: Floats
     cells: CellTable
@@ -48,7 +50,9 @@ class MergedRegion:
     settled: Integers
 
 
-def merge_regions(mesh: MergedMesh, regions: Sequence[Region], known: Callable[[Integers], Floats]) -> MergedRegion:
+def merge_regions(
+    mesh: MergedMesh, regions: Sequence[Region], known: Callable[[Integers], Floats], orbits: Integers
+) -> MergedRegion:
     """Unite the regions of all partitions.
 
     Parameters
@@ -59,6 +63,8 @@ def merge_regions(mesh: MergedMesh, regions: Sequence[Region], known: Callable[[
         One of each partition; ids are global.
     known : callable
         Indices (k,) of nodes in ``mesh`` → positions (k, d) to which the interpolation takes them.
+    orbits : (n,) int64 array
+        The node of ``mesh`` that represents each and its periodic images.
 
     Raises
     ------
@@ -81,6 +87,8 @@ def merge_regions(mesh: MergedMesh, regions: Sequence[Region], known: Callable[[
     parts += [PartitionMesh(one.points, one.ids, one.cells, {}) for one in regions if len(one.ids)]
     whole = merge(parts)
     row_of = Rows(whole.global_ids)
+    in_mesh = np.full(len(whole.points), -1, dtype=np.int64)
+    in_mesh[row_of(mesh.global_ids[own])] = own
     positions, rim = np.empty_like(whole.points), np.zeros(len(whole.points), dtype=bool)
     for one in regions:
         rows = row_of(one.ids)
@@ -90,14 +98,21 @@ def merge_regions(mesh: MergedMesh, regions: Sequence[Region], known: Callable[[
     for node_map, there in zip(mesh.node_maps, sent, strict=True):  # a rank that sent nothing of a node has cells at it
         absent = np.intersect1d(node_map[~there], here)
         rim[row_of(mesh.global_ids[absent])] = True
+    alike = np.isin(orbits, orbits[here])
+    torn = np.isin(orbits[own], orbits[np.setdiff1d(np.flatnonzero(alike), own)])
+    torn |= ~np.isin(own, here)
+    rim[row_of(mesh.global_ids[own[torn]])] = True
     held = np.isin(whole.global_ids, mesh.global_ids[np.union1d(mesh.on_patches, np.setdiff1d(spanning, here))])
     free = len(mesh.points) - len(mesh.on_patches) + sum(one.interior for one in regions)
     skews, sizes = zip(*(one.extremes for one in regions), strict=True)
     elsewhere = Elsewhere(rim, free - int(np.count_nonzero(~held)), (min(skews), min(sizes)))
     holders = np.bincount(np.concatenate(mesh.node_maps), minlength=len(mesh.points))
-    between = mesh.global_ids[here[holders[here] > 1]]
-    settled = between[~rim[row_of(between)]]
-    return MergedRegion(whole.global_ids, whole.points, positions, whole.cells, held, elsewhere, between, settled)
+    several = np.union1d(here[holders[here] > 1], np.flatnonzero(alike & (np.bincount(orbits)[orbits] > 1)))
+    between, there = mesh.global_ids[several], mesh.global_ids[np.intersect1d(several, here)]
+    settled = there[~rim[row_of(there)]]
+    return MergedRegion(
+        whole.global_ids, in_mesh, whole.points, positions, whole.cells, held, elsewhere, between, settled
+    )
 
 
 class Rows:

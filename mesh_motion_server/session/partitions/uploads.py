@@ -10,12 +10,13 @@ from mesh_motion_numerics.mesh.roles import ROLES, Patch
 from mesh_motion_protocol.errors import InvalidInput, ResourceExhausted
 from numpy.typing import NDArray
 
+from mesh_motion_server.session.partitions.facets import FACET_NODES
 from mesh_motion_server.session.partitions.meshes import PartitionMesh, joined
 
 __all__ = ["ITEMS", "MeshUpload", "Part"]
 
 #: What may be uploaded.
-ITEMS = ("nodes", "global_ids", "cells", "patch")
+ITEMS = ("nodes", "global_ids", "cells", "facets", "patch")
 
 _KINDS = {"f": "float", "i": "integer"}
 #: What a number counts for, in whichever width it comes.
@@ -33,7 +34,7 @@ class Part:
     item : str
         One of :data:`ITEMS`.
     name : str
-        The cell type or the patch's name.
+        The type of the cells or facets, or the patch's name.
     role : str
         The patch's role.
     rows : (k, c) array
@@ -170,6 +171,7 @@ class MeshUpload:
             patches={
                 name: Patch(pile.roles[name], rows[:, 0]) for (item, name), rows in whole.items() if item == "patch"
             },
+            facets={name: rows for (item, name), rows in whole.items() if item == "facets" and len(rows)},
         )
 
     def _global_ids(self, number: int, count: int, rows: _Rows | None) -> Integers:
@@ -188,8 +190,13 @@ class MeshUpload:
     def _check(self, part: Part, partition: int, pile: _Pile) -> None:
         """Item, name, role, shape, type and finiteness of one part."""
         _check_names(part, self._dimension, pile.roles)
+        if part.item == "facets" and self._evaluation == "server":
+            raise _wrong_value(
+                "UPLOAD of facets: the server has the cells, expected evaluation = 'client'", item=part.item
+            )
         of_cells = CELL_TYPES[part.name].n_nodes if part.item == "cells" and self._evaluation == "server" else 0
-        expected = {"nodes": self._dimension, "cells": of_cells}.get(part.item, 1)
+        of_facets = FACET_NODES[part.name] if part.item == "facets" else 0
+        expected = {"nodes": self._dimension, "cells": of_cells, "facets": of_facets}.get(part.item, 1)
         if part.rows.ndim != 2 or part.rows.shape[1] != expected:
             raise InvalidInput(
                 f"UPLOAD of {_title(part)}: expected an array of shape (k, {expected}), got {part.rows.shape}",
@@ -228,6 +235,8 @@ def _check_names(part: Part, dimension: int, roles: dict[str, str]) -> None:
         raise _wrong_value(f"UPLOAD: unknown item {part.item!r}; known are {', '.join(ITEMS)}", item=part.item)
     if part.item == "cells":
         _check_cell_type(part.name, dimension)
+    elif part.item == "facets":
+        _check_facet_type(part.name, dimension)
     elif part.item == "patch":
         _check_patch(part, roles)
     elif part.name:
@@ -241,6 +250,14 @@ def _check_cell_type(name: str, dimension: int) -> None:
     if name not in known:
         raise _wrong_value(
             f"UPLOAD of cells: {name!r} is no cell type of a {dimension}D mesh; those are {', '.join(known)}", type=name
+        )
+
+
+def _check_facet_type(name: str, dimension: int) -> None:
+    known = {1: ("vertex",), 2: ("line",), 3: ("triangle", "quad")}[dimension]
+    if name not in known:
+        raise _wrong_value(
+            f"UPLOAD of facets: {name!r} is no facet of a {dimension}D mesh; those are {', '.join(known)}", type=name
         )
 
 

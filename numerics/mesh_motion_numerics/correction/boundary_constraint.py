@@ -17,8 +17,6 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.correction.free_region import FreeRegion
 from mesh_motion_numerics.correction.linked_unknowns import LinkedUnknowns, StepSolver, System
 from mesh_motion_numerics.correction.outward_facets import OutwardFacets
-from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
@@ -50,7 +48,7 @@ class BoundaryConstraint:
     def build(
         cls,
         points: Floats,
-        cells: CellTable,
+        facets: Mapping[str, Integers],
         patches: Mapping[str, Patch],
         sliding: SlidingSurfaces | None,
         periodic: PeriodicNodes | None,
@@ -60,6 +58,8 @@ class BoundaryConstraint:
         Parameters
         ----------
         points : (n, d) array, mesh length unit
+        facets : dict of (f, k) int64 arrays
+            Of the whole boundary, pointing outwards, by type.
         """
         released = np.zeros(len(points), dtype=bool)
         if periodic is not None:
@@ -69,14 +69,14 @@ class BoundaryConstraint:
                 released[patch.nodes] = False
         if sliding is not None:
             released[sliding.nodes] = sliding.freedom() > 0
-        released &= ~_on_other_facets(len(points), cells, patches)
+        released &= ~_on_other_facets(len(points), facets, patches)
         if periodic is not None:
             released &= ~_torn(released, periodic) & ~_sliding_on_axis(periodic, sliding)
         if not released.any():
             return None
         chosen = None if sliding is None else sliding.of(released[sliding.nodes])
-        facets = OutwardFacets.of_pieces(points, () if sliding is None else sliding.pieces)
-        return cls(released, chosen, periodic, facets)
+        outward = OutwardFacets.of_pieces(points, () if sliding is None else sliding.pieces)
+        return cls(released, chosen, periodic, outward)
 
     def smooth(self) -> BoundaryConstraint | None:
         """That of the nodes whose directions are the same everywhere: on planes, and periodic; None without any."""
@@ -90,6 +90,29 @@ class BoundaryConstraint:
         if self.periodic is not None:
             released &= ~_torn(released, self.periodic)
         return replace(self, released=released, sliding=sliding) if released.any() else None
+
+    def renumbered(self, rows: Integers, points: Floats) -> BoundaryConstraint | None:
+        """That of a region of the mesh with nodes at ``points`` (k, d): ``rows`` (k,) of the mesh, ascending, or -1.
+
+        It is for the smooth correction, which turns no facet over. None if no node of the region may move; those with
+        an image that is not there may not.
+        """
+        here = np.flatnonzero(rows >= 0)
+        place = np.full(len(self.released), -1, dtype=np.int64)
+        place[rows[here]] = here
+        released = np.zeros(len(rows), dtype=bool)
+        released[here] = self.released[rows[here]]
+        periodic, sliding = self.periodic, self.sliding
+        if periodic is not None:
+            torn = place[periodic.members]
+            periodic = periodic.renumbered(place, points)
+            released[np.setdiff1d(torn[torn >= 0], periodic.members)] = False
+        if not released.any():
+            return None
+        if sliding is not None:
+            sliding = sliding.of(place[sliding.nodes] >= 0)
+            sliding = replace(sliding, nodes=place[sliding.nodes], lines=())
+        return BoundaryConstraint(released, sliding, periodic, OutwardFacets(()))
 
     def closed(self, marked: Marks) -> Marks:
         """The marked (n,) nodes and their periodic images."""
@@ -192,15 +215,15 @@ def _sliding_on_axis(periodic: PeriodicNodes, sliding: SlidingSurfaces | None) -
     return found
 
 
-def _on_other_facets(n: int, cells: CellTable, patches: Mapping[str, Patch]) -> Marks:
+def _on_other_facets(n: int, facets: Mapping[str, Integers], patches: Mapping[str, Patch]) -> Marks:
     """(n,) nodes with a boundary facet that belongs to no sliding and no periodic patch."""
     sides = [patch.nodes for patch in patches.values() if patch.role in ("periodic", *SLIDING_ROLES)]
     found = np.zeros(n, dtype=bool)
-    for facets in boundary_facets(cells).values():
-        other = np.ones(len(facets), dtype=bool)
+    for rows in facets.values():
+        other = np.ones(len(rows), dtype=bool)
         for nodes in sides:
             inside = np.zeros(n, dtype=bool)
             inside[nodes] = True
-            other &= ~inside[facets].all(axis=1)
-        found[facets[other]] = True
+            other &= ~inside[rows].all(axis=1)
+        found[rows[other]] = True
     return found

@@ -21,7 +21,7 @@ from mesh_motion_numerics.distributed.region import Extent, Region, region_told
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.evaluation import NearOperators
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
-from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.mesh_check import checked_cells, nodes_in_no_cell
 from mesh_motion_numerics.quality.metrics import WORST_CORNER, cell_quality, cells_at_rest, corner_quality
@@ -49,6 +49,8 @@ class Rank:
     nodes : (b,) int64 array
         Nodes that the server must know, ascending: those on patches, on the boundary of this partition (also towards
         others, where another partition may have a patch), and those that span its box.
+    facets : dict of (f, k) int64 arrays
+        Of the boundary of this partition, by type, pointing outwards, in rows of :attr:`nodes`.
 
     Raises
     ------
@@ -64,6 +66,7 @@ class Rank:
         self._at_rest = cells_at_rest(points, read.cells, read.sizes)
         spanning = np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])
         self.nodes: Ints = np.unique(np.concatenate([patch_nodes, boundary_nodes(read.cells), spanning]))
+        self.facets = {name: np.searchsorted(self.nodes, rows) for name, rows in boundary_facets(read.cells).items()}
         self._last: tuple[Field, AnyInterpolant, NearOperators | None] | None = None
         self._judged: CountedCells | None = None
         self._moved = np.empty_like(points)  # kept: new memory takes as long as half of the judging

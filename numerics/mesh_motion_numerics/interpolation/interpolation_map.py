@@ -87,7 +87,7 @@ def interpolation_map(
 
 @dataclass(frozen=True, eq=False)
 class FieldMap:
-    """The coefficients of an interpolant, by a factorization without reduction and without periods.
+    """The coefficients of an interpolant, by a factorization without reduction.
 
     Where another program evaluates the interpolant, it returns what the values there count for the coefficients.
 
@@ -124,6 +124,10 @@ class FieldMap:
             if isinstance(made.system, NullSpaceCholesky):
                 return made.system.solve_bordered(*np.split(coarse, [len(made.control_points)]))
             return made.system.solve(coarse)
+        if isinstance(made, PeriodicFactorization):
+            return _of_images(made, coarse)
+        if isinstance(made, PeriodicLevels):
+            return _PeriodicLevels(made).transpose_weights([coarse, *levels])
         if not isinstance(made, TwoScaleFactorization):
             raise InvalidInput(f"an interpolation of the kind {made.solver!r} has no derivative")
         own = _Levels(made, self.factors)
@@ -174,43 +178,56 @@ class _Periodic:
         return evaluation.displacement(self.factorization.solve(values), self.places)
 
     def transpose(self, weights: Floats) -> Floats:
-        made, images = self.factorization, self.factorization.images
+        made = self.factorization
         turned = Interpolant(self.places, weights, made.basis, made.support_radius, self._layout)
-        of_images = evaluation.displacement(turned, images.places)
-        sums = np.zeros((len(made.control_points), weights.shape[1]))
-        if images.rotations is None:
-            np.add.at(sums, images.owners, of_images)
-            return made.system.solve(sums)
-        np.add.at(sums, images.owners, np.einsum("iab,ia->ib", images.rotations, of_images))
-        return made.system.solve(sums.reshape(-1, 1)).reshape(sums.shape)
+        return _of_images(made, evaluation.displacement(turned, made.images.places))
 
     @cached_property
     def _layout(self) -> CentreLayout:
         return CentreLayout.build(self.places, self.factorization.basis, self.factorization.support_radius)
 
 
-class _PeriodicLevels:
-    """Each level takes what the one before leaves."""
+def _of_images(made: PeriodicFactorization, weights: Floats) -> Floats:
+    """(nc, k) what the values at the control points count for weights (i, k) of the images' coefficients."""
+    images, sums = made.images, np.zeros((len(made.control_points), weights.shape[1]))
+    if images.rotations is None:
+        np.add.at(sums, images.owners, weights)
+        return made.system.solve(sums)
+    np.add.at(sums, images.owners, np.einsum("iab,ia->ib", images.rotations, weights))
+    return made.system.solve(sums.reshape(-1, 1)).reshape(sums.shape)
 
-    def __init__(self, factorization: PeriodicLevels, places: Floats) -> None:
+
+class _PeriodicLevels:
+    """Each level takes what the one before leaves; none are at ``places`` where only its coefficients count."""
+
+    def __init__(self, factorization: PeriodicLevels, places: Floats | None = None) -> None:
         controls = factorization.control_points
         self._count = len(controls)
-        self._levels = [
-            (members, _Periodic(level, places), _Periodic(level, controls)) for members, level in factorization.levels
-        ]
+        self._levels = [(members, level, _Periodic(level, controls)) for members, level in factorization.levels]
+        self._there = [] if places is None else [_Periodic(level, places) for _, level in factorization.levels]
 
     def apply(self, values: Floats) -> Floats:
         left, found = values.copy(), []
-        for members, there, here in self._levels:
+        for (members, _, here), there in zip(self._levels, self._there, strict=True):
             of_level = left[members]
             found.append(there.apply(of_level))
             left -= here.apply(of_level)
         return np.asarray(sum(found))
 
     def transpose(self, weights: Floats) -> Floats:
-        left = np.zeros((self._count, weights.shape[1]))  # what the residual before a level counts
-        for members, there, here in reversed(self._levels):
-            left[members] += there.transpose(weights) - here.transpose(left)
+        return self._transposed([there.transpose(weights) for there in self._there])
+
+    def transpose_weights(self, weights: Sequence[Floats]) -> Floats:
+        """(nc, k) what the values count for weights (i, k) of each level's coefficients."""
+        return self._transposed(
+            [_of_images(level, rows) for (_, level, _), rows in zip(self._levels, weights, strict=True)]
+        )
+
+    def _transposed(self, of_levels: Sequence[Floats]) -> Floats:
+        """(nc, k) for what each level's values (m, k) count."""
+        left = np.zeros((self._count, of_levels[0].shape[1]))  # what the residual before a level counts
+        for (members, _, here), rows in zip(reversed(self._levels), reversed(of_levels), strict=True):
+            left[members] += rows - here.transpose(left)
         return left
 
 

@@ -9,14 +9,12 @@ have displacements that this rotation leaves unchanged.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_screw
 from mesh_motion_numerics.mesh.periodic_pairs import PeriodicPair, periodic_pairs
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
@@ -79,9 +77,11 @@ class PeriodicNodes:
 
     @classmethod
     def build(
-        cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch], roles: BoundaryRoles
+        cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch], roles: BoundaryRoles
     ) -> PeriodicNodes | None:
         """The orbits of a mesh with reference coordinates ``points`` (n, d); None without periodic patches.
+
+        ``facets`` (f, k) are those of the whole boundary, by type.
 
         Raises
         ------
@@ -91,7 +91,7 @@ class PeriodicNodes:
         sides = {name: patch.nodes for name, patch in patches.items() if patch.role == "periodic"}
         if not sides:
             return None
-        found = cls.of_pairs(points, periodic_pairs(points, boundary_facets(cells), sides))
+        found = cls.of_pairs(points, periodic_pairs(points, facets, sides))
         found.check_kinds({kind: getattr(roles, kind) for kind in ("moving", "fixed", "sliding")})
         return found
 
@@ -133,6 +133,16 @@ class PeriodicNodes:
         rotations, projectors = self.rotations[chosen], self.projectors[chosen]
         roots = self.roots[chosen]
         return PeriodicNodes(self.reference, self.members[chosen], roots, rotations, projectors, self.pairs)
+
+    def renumbered(self, place: Integers, reference: Floats) -> PeriodicNodes:
+        """The orbits that are whole in a part of the mesh with its nodes at ``reference`` (k, d).
+
+        ``place`` (n,) is each node's index there, ascending; -1 elsewhere.
+        """
+        absent = np.zeros(len(place), dtype=bool)
+        absent[self.roots[place[self.members] < 0]] = True
+        kept = self.of(~absent[self.roots])
+        return replace(kept, reference=reference, members=place[kept.members], roots=place[kept.roots])
 
     def closed(self, marked: Marks) -> Marks:
         """The marked (n,) nodes and all their images."""

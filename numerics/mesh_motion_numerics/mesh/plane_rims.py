@@ -12,8 +12,6 @@ import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
 from mesh_motion_numerics.mesh.smooth_pieces import smooth_pieces
 
@@ -45,9 +43,11 @@ class PlaneRims:
     rims: tuple[tuple[str, str, Integers, Floats], ...]
 
     @classmethod
-    def build(cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch], moving: Integers) -> PlaneRims:
-        """Find them in a mesh with reference coordinates ``points`` (n, d)."""
-        rims, facets = [], boundary_facets(cells)
+    def build(
+        cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch], moving: Integers
+    ) -> PlaneRims:
+        """Find them in a mesh with reference ``points`` (n, d) and the ``facets`` (f, k) of its whole boundary."""
+        rims = []
         walls = {name: patch for name, patch in sorted(patches.items()) if patch.role in SLIDING_ROLES}
         for name, patch in walls.items():
             for piece in smooth_pieces(points, facets, _with_rim(patch.nodes, facets, moving, len(points))):

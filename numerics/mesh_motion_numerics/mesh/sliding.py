@@ -22,8 +22,6 @@ import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.paths import RigidMotion
 from mesh_motion_numerics.mesh.rigid_transforms import Transform
 from mesh_motion_numerics.mesh.smooth_pieces import Piece, sides, smooth_pieces
@@ -68,7 +66,7 @@ class SlidingSurfaces:
     def build(
         cls,
         points: Floats,
-        cells: CellTable,
+        facets: Mapping[str, Integers],
         patches: Mapping[str, Integers],
         nodes: Integers,
         *,
@@ -81,6 +79,8 @@ class SlidingSurfaces:
         ----------
         points : (n, d) array, mesh length unit
             Reference coordinates.
+        facets : dict of (f, k) int64 arrays
+            Of the whole boundary, pointing outwards, by type.
         patches : dict of (p,) int64 arrays
             Node indices of each slip or symmetry patch, including nodes with another role of higher precedence.
         nodes : (s,) int64 array
@@ -95,7 +95,6 @@ class SlidingSurfaces:
         InvalidInput
             If a sliding node lies on no boundary facet of its patches, or a symmetry patch is curved.
         """
-        facets = boundary_facets(cells)
         for name in sorted(mirrors):
             _refuse_curved(points, name, smooth_pieces(points, facets, patches[name]))
         pieces = _pieces(points, facets, patches)
@@ -191,7 +190,7 @@ class SlidingSurfaces:
         return replace(self, nodes=self.nodes[chosen], reference=self.reference[chosen], groups=groups)
 
 
-def _pieces(points: Floats, facets: dict[str, Integers], patches: Mapping[str, Integers]) -> list[Piece]:
+def _pieces(points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Integers]) -> list[Piece]:
     """The smooth pieces of the patches; facets on two patches count once."""
     found: dict[bytes, Piece] = {}
     for name in sorted(patches):

@@ -4,7 +4,7 @@ A patch may be one side of a box, all of its sides, or a pipe with its ends: nod
 not round a sharp edge. Facets that share a side and whose normals differ by less than 40° belong to one piece.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,7 +51,7 @@ class Piece:
         return np.concatenate([self.facets[:, :3], quads[:, [0, 2, 3]]])
 
 
-def smooth_pieces(points: Floats, facets: dict[str, Integers], nodes: Integers) -> list[Piece]:
+def smooth_pieces(points: Floats, facets: Mapping[str, Integers], nodes: Integers) -> list[Piece]:
     """Smooth pieces of the boundary facets that have all their nodes in a patch.
 
     Parameters

@@ -1,7 +1,8 @@
 """The motion of a boundary whose volume lies elsewhere: it gives the field, corrects regions, and judges nothing.
 
 The field is that of :class:`.standard_motion.StandardMotion` from the reference mesh with the whole displacement. It
-depends on the nodes with a role and on the box of the mesh only, so it is bitwise that of the whole mesh.
+depends on the nodes with a role, the facets of the boundary and the box of the mesh only, so it is that of the whole
+mesh: bitwise where all nodes with a role are moving or fixed, and to rounding where some slide.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -12,8 +13,9 @@ from typing import NoReturn, Self
 import numpy as np
 from mesh_motion_protocol.errors import InvalidInput, SessionError
 
-from mesh_motion_numerics.arrays import Floats, Marks
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.correction.boundary_constraint import BoundaryConstraint
 from mesh_motion_numerics.correction.correction import Correction, CorrectionProblem, correct
 from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_numerics.correction.smooth_motion import Law, SmoothMotion
@@ -25,16 +27,16 @@ from mesh_motion_numerics.interpolation.factor_source import (
 )
 from mesh_motion_numerics.interpolation.interpolation_map import FieldMap
 from mesh_motion_numerics.interpolation.support_radius import suggest_support_radius
-from mesh_motion_numerics.interpolation.two_scale.plans import TwoScalePlans
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.patch_check import check_patches
+from mesh_motion_numerics.mesh.plane_rims import PlaneRims
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_numerics.method import Method
-from mesh_motion_numerics.motion.body_paths import Body, Way, ways
+from mesh_motion_numerics.motion.body_paths import Body, Way, straight_way, ways
 from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_numerics.motion.method_check import check_method
 from mesh_motion_numerics.motion.motion_found import Motion
-from mesh_motion_numerics.motion.motion_slope import why_no_slope
+from mesh_motion_numerics.motion.motion_slope import PlainSlope, plain_slope, why_no_slope
 from mesh_motion_numerics.motion.smooth_step import PlainWay, smooth_step
 from mesh_motion_numerics.motion.standard_motion import StandardMotion
 from mesh_motion_numerics.quality.headroom import Headroom
@@ -46,7 +48,8 @@ from mesh_motion_numerics.stopwatch import Stopwatch, check_time
 __all__ = ["BoundaryMotion"]
 
 
-_ROLES = ("moving", "fixed")
+#: Corrections that leave a role alone, or know it; others judge whether nodes slide, or hold them.
+_CORRECTIONS = {"slip": ("smooth",), "symmetry": ("smooth",), "periodic": ("none", "smooth")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,34 +62,51 @@ class BoundaryMotion:
         Of the nodes of the boundary, and of those that span the box of the mesh.
     bodies : tuple of Body
         The moving patches.
+    rims : PlaneRims
+        Moving nodes on plane slip and symmetry walls.
+    constraint : BoundaryConstraint or None
+        Of the nodes on walls that the smooth correction may move.
     """
 
     motion: StandardMotion
     bodies: tuple[Body, ...]
+    rims: PlaneRims
+    constraint: BoundaryConstraint | None
     warnings: tuple[str, ...] = ()
 
     @classmethod
-    def build(cls, points: Floats, patches: Mapping[str, Patch], method: Method) -> Self:
+    def build(
+        cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch], method: Method
+    ) -> Self:
         """Check the nodes (n, d) and prepare their motions.
+
+        ``facets`` (f, k) are those of the whole boundary, by type; none are needed if all patches move or are fixed.
 
         Raises
         ------
         InvalidInput
-            If a patch is unusable or has a role that needs the volume, or no node is fixed; or the method does not fit
-            the mesh.
+            If a patch is unusable or has a role that the correction needs the volume for, or no node is fixed; or the
+            method does not fit the mesh.
         """
         check_patches(len(points), patches)
         for name, patch in patches.items():
-            if patch.role not in _ROLES:
-                raise _needs_the_volume(f"patch {name!r} has the role {patch.role!r}, expected moving or fixed", name)
+            admitted = _CORRECTIONS.get(patch.role, (method.correction,))
+            if method.correction not in admitted:
+                raise _needs_the_volume(
+                    f"patch {name!r} has the role {patch.role!r}: expected correction = "
+                    f"{' or '.join(map(repr, admitted))}, got {method.correction!r}",
+                    name,
+                )
         roles = BoundaryRoles.from_patches(patches)
         if not len(roles.fixed):
             raise _needs_the_volume("no node is fixed, expected at least one")
-        check_method(method, points, roles)
+        check_method(method, points, roles, periodic=any(patch.role == "periodic" for patch in patches.values()))
         radius = method.support_radius or suggest_support_radius(points, roles)
         method = replace(method, support_radius=radius, enrichment_radius=method.enrichment_radius or radius)
-        plain = StandardMotion(points, roles, method, None, None, 0.0, TwoScalePlans(()))
-        return cls(plain.with_layer(None), _bodies(roles, patches))
+        motion = StandardMotion.of_boundary(points, facets, patches, method)
+        constraint = BoundaryConstraint.build(points, facets, patches, motion.sliding, motion.periodic)
+        smooth = None if constraint is None else constraint.smooth()
+        return cls(motion, _bodies(roles, patches), PlaneRims.build(points, facets, patches, roles.moving), smooth)
 
     @property
     def method(self) -> Method:
@@ -123,8 +143,20 @@ class BoundaryMotion:
         raise SessionError("the derivative of all nodes is not known: the volume is elsewhere")
 
     def field_map(self, factors: FactorSource) -> FieldMap:
-        """The field as a function of the displacements of the nodes with a role."""
-        return FieldMap(self.motion.factorized(self.motion.roles.all, factors), factors)
+        """The field as a function of the displacements of its control nodes."""
+        return FieldMap(self.motion.factorized(self.motion.control_nodes(self.motion.roles.all), factors), factors)
+
+    def plain_slope(self, points: Floats, factors: FactorSource) -> PlainSlope:
+        """The derivative of the motion that has led to ``points`` (n, d), of these nodes without a correction.
+
+        Raises
+        ------
+        QualityRefused
+            If it has none there.
+        """
+        motion = self.motion
+        plain = motion.trial(motion.reference, points[motion.roles.moving], factors, Stopwatch()).points
+        return plain_slope(motion, plain, factors)
 
     def move(
         self,
@@ -137,6 +169,7 @@ class BoundaryMotion:
         """The motion of the nodes (n, d) that takes the moving ones to ``targets`` (k, d); its quality is not known."""
         del boundary_displacement
         check_time()
+        self.rims.refuse(targets)
         watch, recorded = Stopwatch(), Recorded(MakeEachTime() if factors is None else factors)
         trial = self.motion.trial(committed, targets, recorded, watch)
         unknown = LowestQuality(self.method.quality_metric, Minimum(float("nan")), 0, 0, ())
@@ -150,7 +183,7 @@ class BoundaryMotion:
             caches=recorded.report(),
             control_points=trial.control_points,
             support_radius=float(self.method.support_radius or 0.0),
-            warnings=[],
+            warnings=self.rims.warnings(targets),
             field=trial.stages[0].interpolant,
         )
 
@@ -164,7 +197,16 @@ class BoundaryMotion:
 
     def ways(self, targets: Floats) -> Iterator[Way]:
         """Ways of the moving nodes from the reference mesh to the ``targets`` (k, d)."""
-        return ways(self.motion.reference[self.motion.roles.moving], targets, self.bodies)
+        origin = self.motion.reference[self.motion.roles.moving]
+        if self.motion.periodic is not None:  # images must move alike
+            return iter([straight_way(origin, targets)])
+        return ways(origin, targets, self.bodies)
+
+    @property
+    def orbits(self) -> Integers:
+        """(n,) the node that represents each and its periodic images."""
+        nodes = np.arange(len(self.motion.reference))
+        return nodes if self.motion.periodic is None else self.motion.periodic.root_of(nodes)
 
     def smoothed(
         self,
@@ -174,6 +216,7 @@ class BoundaryMotion:
         held: Marks,
         elsewhere: Elsewhere,
         n_nodes: int,
+        rows: Integers,
         ways: Iterable[PlainWay],
     ) -> Correction:
         """The smooth correction of a region, bitwise that of a mesh of ``n_nodes`` which begins at interpolation.
@@ -182,6 +225,8 @@ class BoundaryMotion:
         ----------
         points, positions, cells, held, elsewhere
             As in :meth:`corrected`.
+        rows : (n,) int64 array
+            The row of each node in the boundary; -1 if it is not there.
         ways : iterable of callable
             Fraction → where interpolation takes the nodes (n, d), from the reference mesh to the ``positions``: tried
             in turn where no valid mesh is found at once.
@@ -194,14 +239,24 @@ class BoundaryMotion:
             If no valid mesh was found.
         """
         check_time()
-        smooth = self.smooth(points, cells, held, elsewhere, n_nodes)
+        smooth = self.smooth(points, cells, held, elsewhere, n_nodes, rows)
         with one_blas_thread():
             return smooth_step(smooth, points, lambda: points, positions, ways).correction()
 
-    def smooth(self, points: Floats, cells: CellTable, held: Marks, elsewhere: Elsewhere, n_nodes: int) -> SmoothMotion:
+    def smooth(
+        self,
+        points: Floats,
+        cells: CellTable,
+        held: Marks,
+        elsewhere: Elsewhere,
+        n_nodes: int,
+        rows: Integers,
+    ) -> SmoothMotion:
         """The correction of a region, as :meth:`smoothed` makes it."""
         read = checked_cells(points, cells)
-        return SmoothMotion(points, read.cells, held, Law.of(n_nodes), elsewhere=elsewhere)
+        constraint = None if self.constraint is None else self.constraint.renumbered(rows, points)
+        held = held if constraint is None else held & ~constraint.released
+        return SmoothMotion(points, read.cells, held, Law.of(n_nodes), constraint, elsewhere)
 
     def corrected(
         self, points: Floats, positions: Floats, cells: CellTable, held: Marks, elsewhere: Elsewhere

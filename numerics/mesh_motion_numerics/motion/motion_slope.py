@@ -27,7 +27,7 @@ from mesh_motion_numerics.motion.smooth_step import LatestPlain
 from mesh_motion_numerics.motion.standard_motion import StandardMotion
 from mesh_motion_numerics.stopwatch import Stopwatch
 
-__all__ = ["DifferentiableMesh", "MotionSlope", "motion_slope", "why_no_slope"]
+__all__ = ["DifferentiableMesh", "MotionSlope", "PlainSlope", "motion_slope", "plain_slope", "why_no_slope"]
 
 
 #: Of the extent: nodes as close are at the same place.
@@ -143,9 +143,20 @@ def motion_slope(
     QualityRefused
         If the mesh was corrected in another way.
     """
-    _refuse_held_order(motion, points[motion.roles.moving], plain, factors)
-    slope = PlainSlope.build(motion, plain, factors)
+    slope = plain_slope(motion, plain, factors)
     return MotionSlope(slope, None if smooth is None else SmoothSlope.build(smooth, plain, points))
+
+
+def plain_slope(motion: StandardMotion, plain: Floats, factors: FactorSource) -> PlainSlope:
+    """The derivative where a motion alone has led, which is to ``plain`` (n, d).
+
+    Raises
+    ------
+    QualityRefused
+        If it has none there.
+    """
+    _refuse_held_order(motion, plain[motion.roles.moving], plain, factors)
+    return PlainSlope.build(motion, plain, factors)
 
 
 def _refuse_held_order(motion: StandardMotion, targets: Floats, plain: Floats, factors: FactorSource) -> None:

@@ -11,7 +11,7 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.correction.boundary_constraint import BoundaryConstraint
 from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
 from mesh_motion_numerics.interpolation.support_radius import suggest_enrichment_radius, suggest_support_radius
-from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.plane_rims import PlaneRims
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
@@ -104,7 +104,8 @@ class PreparedMesh:
         held[boundary_nodes(cells)] = True
         held[roles.all] = True
         motion = StandardMotion.build(points, cells, patches, method)
-        constraint, smooth = BoundaryConstraint.build(points, cells, patches, motion.sliding, motion.periodic), None
+        facets = boundary_facets(cells)
+        constraint, smooth = BoundaryConstraint.build(points, facets, patches, motion.sliding, motion.periodic), None
         if method.correction == "smooth":
             smooth = SmoothMotion.build(points, cells, held, constraint)
         layered = LayeredWalls.build(points, cells, patches, motion.sliding)
@@ -118,7 +119,7 @@ class PreparedMesh:
             motion,
             constraint,
             coincident,
-            PlaneRims.build(points, cells, patches, roles.moving),
+            PlaneRims.build(points, facets, patches, roles.moving),
             tuple(warnings),
             smooth,
             layered,

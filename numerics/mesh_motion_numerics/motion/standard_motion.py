@@ -42,6 +42,7 @@ from mesh_motion_numerics.interpolation.interpolant import Factorization
 from mesh_motion_numerics.interpolation.kernels import basis_named
 from mesh_motion_numerics.interpolation.periodic_interpolant import periodic_factorization_of
 from mesh_motion_numerics.interpolation.two_scale.plans import TwoScalePlans, plan_for
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion, substeps
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
@@ -124,14 +125,21 @@ class StandardMotion:
     @classmethod
     def build(cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method) -> StandardMotion:
         """Prepare the motion of a checked mesh with reference coordinates ``points`` (n, d)."""
+        return cls.of_boundary(points, boundary_facets(cells), patches, method)
+
+    @classmethod
+    def of_boundary(
+        cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch], method: Method
+    ) -> StandardMotion:
+        """Prepare the motion: it needs the ``facets`` (f, k) of the whole boundary alone, by type."""
         roles = BoundaryRoles.from_patches(patches)
-        periodic = PeriodicNodes.build(points, cells, patches, roles)
+        periodic = PeriodicNodes.build(points, facets, patches, roles)
         sliding = None
         if len(roles.sliding):
             surfaces = {name: patch.nodes for name, patch in patches.items() if patch.role in SLIDING_ROLES}
             images = () if periodic is None else periodic.generators
             mirrors = [name for name in surfaces if patches[name].role == "symmetry"]
-            sliding = SlidingSurfaces.build(points, cells, surfaces, roles.sliding, images=images, mirrors=mirrors)
+            sliding = SlidingSurfaces.build(points, facets, surfaces, roles.sliding, images=images, mirrors=mirrors)
         spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
         return cls(points, roles, method, sliding, periodic, spacing, TwoScalePlans(())).with_layer(None)
 

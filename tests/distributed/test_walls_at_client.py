@@ -1,0 +1,215 @@
+"""Nodes slide and move as their images where the client has the volume: as with the whole mesh, on any ranks."""
+
+import signal
+
+import numpy as np
+import pytest
+from mesh_motion_client import InvalidInput, Patch, connect
+from mesh_motion_numerics.distributed.rank import Rank
+from mesh_motion_numerics.mesh.cells import CellTable
+from own_ranks import CORRECTED, as_client, in_pieces, on_ranks
+from periodic_meshes import periodic_box, sector
+from sliding_meshes import duct
+
+from proofs.server_process import ServerProcess
+
+
+def with_roles(mesh, roles):
+    """The mesh with other roles of some patches."""
+    points, cells, patches = mesh
+    return points, cells, patches | {name: Patch(role, patches[name].nodes) for name, role in roles.items()}
+
+
+MESHES = {
+    "plane": lambda: duct("quad", 20),
+    "plane of two types": lambda: duct("quad + triangle", 20),
+    "planes in space": lambda: duct("hexahedron", 10),
+    "many in plane": lambda: duct("quad", 240),
+    "curved": lambda: duct("quad", 20, bend=1.2),
+    "curved in space": lambda: duct("wedge", 10, bend=1.2),
+    "symmetry": lambda: with_roles(duct("quad", 20), {"y0": "symmetry"}),
+    "periodic": lambda: periodic_box("quad", 20, shear=0.3),
+    "periodic, many in plane": lambda: periodic_box("quad", 240),
+    "sector": lambda: sector("quad", 20),
+    "sector in space": lambda: with_roles(sector("hexahedron", 10), {"z0": "slip", "z1": "slip"}),
+}
+SETTINGS = {"boundary_layer_thickness": 0.0}
+#: Of the block: no cell resists the first, some do the others.
+SMALL, LARGE = (0.01, 0.006, 0.004), (0.1, 0.2, 0.1)
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    with ServerProcess(tmp_path_factory.mktemp("server")) as server:
+        yield server
+
+
+def in_two_steps(session, part):
+    """What two steps answer, and where the nodes are after each."""
+    found = []
+    for shift in (SMALL, LARGE):
+        rows = np.tile(shift[: part.points.shape[1]], (len(session.moving_nodes), 1))
+        moved = session.move(rows)
+        session.commit()
+        found.append((moved, session.points()))
+    return found
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("mesh", MESHES)
+def test_nodes_slide_as_in_a_session_with_the_whole_mesh(server, mesh, ranks):
+    """Bitwise on any number of ranks, and to rounding or the iterations' tolerance with the whole mesh."""
+    whole = as_client(*MESHES[mesh]())
+    with connect(server.endpoint) as client, client.open(whole, SETTINGS) as session:
+        expected = in_two_steps(session, whole)
+    (one,) = on_ranks(server, [whole], in_two_steps, SETTINGS)
+    for (moved, points), (reply, there), most in zip(one, expected, (1e-12, 1e-9), strict=True):
+        assert np.abs(points - there).max() < most
+        assert moved.correction["method"] == reply.correction["method"]
+        assert moved.quality["corrected"]["metric"]["min"] == pytest.approx(
+            reply.quality["corrected"]["metric"]["min"], rel=1e-7
+        )
+    assert [moved.correction["method"] for moved, _ in one] == ["none", "smooth"]
+    walls = np.setdiff1d(whole.patches["y0"].nodes, whole.patches["x0"].nodes)
+    assert np.abs(one[1][1] - whole.points)[walls].max() > 0.02
+
+
+def cut_elsewhere(mesh, at):
+    """The periodic box whose period begins at y = ``at``: below it the body is near a side, whose image is far off."""
+    points, cells, patches = mesh
+    nodes = {block.type.name: np.asarray(block.nodes) for block in cells}
+    (name, rows), d = next(iter(nodes.items())), points.shape[1]
+    places = points[rows].copy()
+    places[places[:, :, 1].mean(axis=1) < at, :, 1] += 1.0
+    _, first, number = np.unique(np.round(places.reshape(-1, d), 9), axis=0, return_index=True, return_inverse=True)
+    points = places.reshape(-1, d)[first]
+    moving = np.isin(rows, patches["body"].nodes).reshape(-1)[first]
+    on = {"body": ("moving", moving), "y0": ("periodic", np.abs(points[:, 1] - at) < 1e-9),
+          "y1": ("periodic", np.abs(points[:, 1] - at - 1.0) < 1e-9),
+          "ends": ("fixed", (points[:, 0] == 0.0) | (points[:, 0] == 1.0))}  # fmt: skip
+    table = CellTable.from_arrays({name: number.reshape(rows.shape)})
+    return points, table, {patch: Patch(role, np.flatnonzero(marked)) for patch, (role, marked) in on.items()}
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_a_correction_reaches_beyond_a_periodic_side(server, ranks):
+    """The cells that resist are near one side only: those about the images of its nodes are asked for."""
+    whole = as_client(*cut_elsewhere(periodic_box("quad", 40), 0.3))
+
+    def drive(session, part):
+        moved = session.move(np.tile([0.03, 0.0], (len(session.moving_nodes), 1)))
+        return moved, part.points + moved.displacement
+
+    settings = SETTINGS | {"support_radius": 0.3}
+    with connect(server.endpoint) as client, client.open(whole, settings) as session:
+        reply, expected = drive(session, whole)
+    parts = in_pieces(whole, ranks) if ranks > 1 else [whole]
+    for part, (moved, points) in zip(parts, on_ranks(server, parts, drive, settings), strict=True):
+        nodes = slice(None) if part.global_ids is None else part.global_ids
+        assert moved.correction["freed_nodes"] == reply.correction["freed_nodes"] > 300
+        assert np.abs(points - expected[nodes]).max() < 1e-9
+
+
+@pytest.mark.parametrize("mesh", ["plane", "curved", "planes in space", "periodic", "sector"])
+@pytest.mark.parametrize("shift", [SMALL, LARGE], ids=["plain", "corrected"])
+def test_derivatives_are_those_of_a_session_with_the_whole_mesh(server, mesh, shift):
+    whole, rng = as_client(*MESHES[mesh]()), np.random.default_rng(1)
+    weights, d = rng.normal(size=whole.points.shape), whole.points.shape[1]
+    holders = np.ones(len(whole.points))
+
+    def drive(session, part):
+        ids = np.arange(len(part.points)) if part.global_ids is None else part.global_ids
+        assert session.derivatives
+        session.move(np.tile(shift[:d], (len(session.moving_nodes), 1)))
+        moving = part.points[session.moving_nodes]
+        found = session.tangent(np.sin(5.0 * moving)), session.cotangent(weights[ids] / holders[ids, None])
+        return *found, ids, ids[session.moving_nodes]
+
+    with connect(server.endpoint) as client, client.open(whole, SETTINGS) as session:
+        velocity, expected, _, moving = drive(session, whole)
+    for parts in ([whole], in_pieces(whole, 3)):
+        if len(parts) > 1:
+            holders = np.bincount(np.concatenate([part.global_ids for part in parts]))
+        for found, back, ids, own in on_ranks(server, parts, drive, SETTINGS):
+            # where each begins its iterations, the minimum is found to 1e-9
+            np.testing.assert_allclose(found, velocity[ids], rtol=0.0, atol=1e-7 * np.abs(velocity).max())
+            rows = expected[np.searchsorted(moving, own)]
+            np.testing.assert_allclose(back, rows, rtol=0.0, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("mesh", ["curved", "periodic"])
+@pytest.mark.parametrize("durability", ["full", "replay"])
+def test_after_kill_9_the_nodes_are_bitwise_the_same(tmp_path, mesh, durability):
+    whole = as_client(*MESHES[mesh]())
+    with ServerProcess(tmp_path) as server, connect(server.endpoint) as client:
+        session = client.open(whole, SETTINGS, evaluation="client", durability=durability)
+        points = in_two_steps(session, whole)[-1][1]
+        server.stop(signal.SIGKILL)
+        server.start()
+        with client.resume(session.credentials, whole) as resumed:
+            np.testing.assert_array_equal(resumed.points(), points)
+            again = in_two_steps(resumed, whole)[-1][1]
+            np.testing.assert_array_equal(again, points)
+        session.leave()
+
+
+def test_a_moving_node_that_leaves_its_plane_is_named(server):
+    points, cells, patches = duct("quad", 10)
+    nodes = np.flatnonzero((points[:, 1] == 0.0) & (points[:, 0] > 0.3) & (points[:, 0] < 0.7))
+    moving = patches | {"piston": Patch("moving", nodes), "y0": Patch("symmetry", patches["y0"].nodes)}
+    whole, ids = as_client(points, cells, moving), nodes
+
+    def drive(session, part):
+        rows = np.zeros((len(session.moving_nodes), 2))
+        on_plane = part.points[session.moving_nodes, 1] == 0.0
+        rows[on_plane] = [0.0, 0.01]
+        with pytest.raises(InvalidInput, match="leaves the plane of the symmetry patch 'y0'") as refused:
+            session.move(rows)
+        rows[on_plane] = [0.01, 0.0]
+        session.move(rows)
+        return refused.value.details.get("global_id", refused.value.details["node"])
+
+    for parts in ([whole], in_pieces(whole, 2)):
+        assert set(on_ranks(server, parts, drive, SETTINGS)) <= set(ids.tolist())
+
+
+def test_displacements_that_tear_a_pair_are_refused(server):
+    points, cells, patches = periodic_box("quad", 10)
+    rows = np.flatnonzero((np.abs(points[:, 0] - 0.5) < 0.11) & ((points[:, 1] == 0.0) | (points[:, 1] == 1.0)))
+    whole = as_client(points, cells, patches | {"pair": Patch("moving", rows)})
+
+    def drive(session, part):
+        told = 0.01 * part.points[session.moving_nodes]
+        with pytest.raises(InvalidInput, match=r"its periodic image, differ by 0\.01"):
+            session.move(told)
+
+    on_ranks(server, [whole], drive, SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "correction", "expected"),
+    [
+        ("plane", "none", "'smooth'"),
+        ("plane", "optimised", "'smooth'"),
+        ("periodic", "optimised", "'none' or 'smooth'"),
+    ],
+)
+def test_a_correction_that_judges_how_nodes_slide_is_refused(server, mesh, correction, expected):
+    settings = CORRECTED | {"correction": correction}
+    with (
+        connect(server.endpoint) as client,
+        pytest.raises(InvalidInput, match=f"expected correction = {expected}, got '{correction}'") as refused,
+    ):
+        client.open(as_client(*MESHES[mesh]()), settings, evaluation="client")
+    assert refused.value.code == "INVALID_ARGUMENT.MESH"
+
+
+def test_the_facets_of_the_boundary_have_to_come(server, monkeypatch):
+    """As from a client that does not send them; without such roles none are needed."""
+    monkeypatch.setattr(Rank, "facets", property(lambda self: {}, lambda self, value: None), raising=False)
+    with connect(server.endpoint) as client:
+        with pytest.raises(InvalidInput, match="role 'slip', expected moving or fixed: partition 0 sent no facets"):
+            client.open(as_client(*duct("quad", 10)), SETTINGS, evaluation="client")
+        roles = {"y0": "fixed", "y1": "fixed"}
+        with client.open(as_client(*with_roles(duct("quad", 10), roles)), SETTINGS, evaluation="client") as session:
+            session.move(np.tile(SMALL[:2], (len(session.moving_nodes), 1)))
