@@ -215,3 +215,68 @@ def test_between_periodic_sides_a_body_leaves_through_a_wall(walls: str, aside: 
     model = MotionModel.build(points, table, patches, Method())
     for up, there in ((0.5, True), (0.41, True), (0.4, True), (0.399, False)):
         assert ("cross itself" in refused(model, points[body] + np.array([aside, up]))) == there
+
+
+def two_blocks(dimension: int, *, triangles: bool = False) -> MotionModel:
+    """The unit square or cube with two blocks of size 0.2, from corner to corner, and their rows of moving nodes."""
+    points, cells = grid(*[np.linspace(0, 1, 11)] * 2, *[np.linspace(0, 1, 6)] * (dimension - 2))
+    centre = points[cells].mean(axis=1)
+    inside = [np.abs(centre - middle).max(axis=1) < 0.1 for middle in (0.3, 0.7)]
+    if dimension == 3:
+        inside = [np.abs(centre - [m, m, 0.5]).max(axis=1) < 0.1 for m in (0.3, 0.7)]
+    used, cells = np.unique(cells[~(inside[0] | inside[1])], return_inverse=True)
+    points, cells = points[used], cells.reshape(-1, 2**dimension)
+    kind = "quad" if dimension == 2 else "hexahedron"
+    if triangles:
+        kind, cells = "triangle", np.concatenate([cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]])
+    walls = ((points < 0.01) | (points > 0.99)).any(axis=1)
+    bodies = (np.abs(points[:, :2] - 0.3).max(axis=1) < 0.11) | (np.abs(points[:, :2] - 0.7).max(axis=1) < 0.11)
+    bodies &= np.abs(points[:, -1] - 0.5).max() > 0.0 if dimension == 2 else np.abs(points[:, 2] - 0.5) < 0.11
+    patches = {"blocks": Patch("moving", np.flatnonzero(bodies)), "walls": Patch("fixed", np.flatnonzero(walls))}
+    return MotionModel.build(points, CellTable.from_arrays({kind: cells}), patches, Method(correction="none"))
+
+
+@pytest.mark.parametrize(("dimension", "triangles"), [(2, False), (2, True), (3, False)])
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_blocks_that_meet_in_their_corners(dimension: int, triangles: bool, share: float) -> None:
+    model = two_blocks(dimension, triangles=triangles)
+    start = model.points[model.roles.moving]
+    first, diagonal = start[:, :1] < 0.5, np.array([0.2, 0.2, 0.0][:dimension])
+    met = start + np.where(first, (1.0 - share) * diagonal, -share * diagonal)
+    assert refused(model, met).startswith("touch or cross itself near (0.")
+    with pytest.raises(QualityRefused, match="no valid mesh exists"):
+        model.move(model.points, met)
+    assert refused(model, met - 1e-6 * diagonal * first) == ""  # next to each other
+    aside = np.array([0.0, -0.01, 0.0][:dimension])
+    assert refused(model, met + np.where(first, aside, 0.0)) == ""  # past each other's corners
+
+
+def turned(places: Floats, axis: int) -> Floats:
+    """Places (k, 3) about their middle, turned by 45° about an axis: a block stands on an edge then."""
+    first, second = (k for k in range(3) if k != axis)
+    out, half = places - places.mean(axis=0), np.sqrt(0.5)
+    out[:, first], out[:, second] = half * (out[:, first] - out[:, second]), half * (out[:, first] + out[:, second])
+    return out
+
+
+def on_a_corner(places: Floats) -> Floats:
+    """Places (k, 3) of a block, from its corner that is turned to the first axis."""
+    a = np.ones(3) / np.sqrt(3.0)
+    b = np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0)
+    out = (places - places.mean(axis=0)) @ np.array([a, b, np.cross(a, b)]).T
+    return out - out[np.argmax(out[:, 0])]
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-5])
+@pytest.mark.parametrize("where", ["edge on edge", (0.6, 0.71, 0.52), (0.6, 0.6, 0.47), (0.6, 0.6, 0.4)])
+def test_a_corner_or_an_edge_that_meets_a_facet_an_edge_or_a_corner(where: str | tuple, gap: float) -> None:
+    model = two_blocks(3)
+    targets = model.points[model.roles.moving].copy()
+    first = targets[:, 0] < 0.5
+    if where == "edge on edge":
+        half = 0.1 * np.sqrt(2.0)
+        targets[~first] = turned(targets[~first], 2) + [0.5 + half, 0.5, 0.5]
+        targets[first] = turned(targets[first], 1) + [0.5 - half - gap, 0.5, 0.5]
+    else:
+        targets[first] = on_a_corner(targets[first]) + where - [gap, 0.0, 0.0]
+    assert bool(refused(model, targets)) == (gap == 0.0)

@@ -26,6 +26,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
 
 __all__ = ["BoundaryFacets", "NearFacets", "crossing_place", "near_facets", "straddling_place", "touching_facets"]
@@ -132,7 +133,12 @@ def near_facets(boundary: BoundaryFacets, points: Floats) -> NearFacets:
 
 def _shift(points: Floats) -> float:
     """Length of a shift that is next to nothing."""
-    return _SHIFT * float(np.ptp(points, axis=0).max())
+    return _SHIFT * float(np.ptp(bounding_box(points), axis=0).max())
+
+
+def _rounding(points: Floats) -> float:
+    """What rounding may change in coordinates."""
+    return _ROUNDINGS * float(np.abs(bounding_box(points)).max())
 
 
 def _near(points: Floats, ones: Integers, others: Integers) -> tuple[Integers, Integers]:
@@ -174,7 +180,7 @@ def _covers(points: Floats, ones: Integers, others: Integers) -> Marks:
     length = np.linalg.norm(normals[1], axis=1)
     unit = normals[1] / np.maximum(length, np.finfo(float).tiny)[:, None]
     heights = np.abs(np.einsum("pkd,pd->pk", a - b[:, :1], unit)).max(axis=1)
-    flat = _FLAT * (sizes[0] + sizes[1]) + _ROUNDINGS * np.abs(points).max(initial=0.0)
+    flat = _FLAT * (sizes[0] + sizes[1]) + _rounding(points)
     found: Marks = (heights <= flat) & (np.sum(normals[0] * normals[1], axis=1) > 0.0) & (length > 0.0)
     a, b, unit = a[found], b[found], unit[found]
     least = _OVERLAP * np.minimum(*(size[found] for size in sizes))
@@ -201,7 +207,7 @@ def _axes(a: Floats, b: Floats, normals: Floats) -> Iterator[Floats]:
 
 def _goes_through(points: Floats, edges: Integers, faces: Integers, kind: str, *, touches: bool = False) -> Marks:
     """Whether edges (p, 2) go through facets (p, k) with either diagonal; or may touch them with one of the two."""
-    ends, rounding = points[edges], _ROUNDINGS * float(np.abs(points).max(initial=0.0))
+    ends, rounding = points[edges], _rounding(points)
     of_splits = []
     for split in _SPLITS[kind]:
         parts = [_pierces(ends, points[faces[:, part]], rounding, touches=touches) for part in split]

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
 
-__all__ = ["closed_parts", "of_one_width", "overturned_place"]
+__all__ = ["as_simplices", "closed_parts", "of_one_width", "overturned_place"]
 
 
 #: Rounding error of the sum of a part's contributions, relative to their size.
@@ -64,6 +64,11 @@ def of_one_width(facets: Mapping[str, Integers]) -> Integers:
     return np.concatenate([widened(nodes, width) for nodes in facets.values()])
 
 
+def as_simplices(rows: Integers) -> Integers:
+    """(s, d) segments or triangles of facets (f, w), those of :func:`of_one_width`."""
+    return rows if rows.shape[1] == 2 else np.concatenate([rows[:, :3], rows[rows[:, 3] >= 0][:, [0, 2, 3]]])
+
+
 def _parts(rows: Integers, count: int) -> Integers:
     """(f,) number of the connected part of the boundary of each facet."""
     ends = np.where(rows[:, 1:] >= 0, rows[:, 1:], rows[:, :1])
@@ -86,8 +91,11 @@ def _signs(parts: Integers, contributions: Floats) -> Floats:
 
 def _contributions(places: Floats, rows: Integers) -> Floats:
     """(f,) x · n dA / d of each facet, x from the middle of the domain to reduce rounding."""
-    centred = places - 0.5 * (places.min(axis=0) + places.max(axis=0))
+    used, numbers = np.unique(np.maximum(rows, 0), return_inverse=True)
+    numbers = np.where(rows < 0, -1, numbers.reshape(rows.shape))
+    centred = places[used]
+    centred -= 0.5 * (centred.min(axis=0) + centred.max(axis=0))
     real = (rows >= 0)[:, :, None]
-    middles = np.where(real, centred[rows], 0.0).sum(axis=1) / real.sum(axis=1)
-    products: Floats = np.sum(middles * area_vectors(centred, rows), axis=1) / places.shape[1]
+    middles = np.where(real, centred[numbers], 0.0).sum(axis=1) / real.sum(axis=1)
+    products: Floats = np.sum(middles * area_vectors(centred, numbers), axis=1) / places.shape[1]
     return products

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -12,10 +13,11 @@ from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.boundary_orientation import of_one_width
+from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors
 
-__all__ = ["CoincidentSides", "coincident_nodes", "first_at_place", "met_nodes"]
+__all__ = ["CoincidentSides", "coincident_nodes", "first_at_place", "linked_by_cells", "met_nodes"]
 
 # rounding of coordinates, relative to the extent
 _SAME_PLACE = 1e-13
@@ -65,6 +67,16 @@ def met_nodes(reference: Floats, points: Floats, nodes: Integers) -> Integers:
     first = nodes[first_at_place(points[nodes], extent)]
     apart = np.abs(reference[first] - reference[nodes]).max(axis=1) > _SAME_PLACE * extent
     return np.column_stack([first[apart], nodes[apart]])
+
+
+def linked_by_cells(cells: CellTable, pairs: Integers, count: int) -> Marks:
+    """(c,) whether the nodes of each of the pairs (c, 2), of a mesh with ``count`` nodes, are in one cell."""
+    named, keys, found = np.zeros(count, dtype=bool), np.sort(pairs, axis=1) @ [count, 1], []
+    named[pairs] = True
+    for block in cells if len(pairs) else ():
+        few = np.sort(block.nodes[named[block.nodes].sum(axis=1) > 1].astype(np.int64), axis=1)
+        found += [few[:, a] * count + few[:, b] for a, b in combinations(range(few.shape[1]), 2)]
+    return np.isin(keys, np.concatenate(found)) if found else np.zeros(len(pairs), dtype=bool)
 
 
 @dataclass(frozen=True, eq=False)

@@ -94,6 +94,7 @@ def largest_accepted(
     whole: bool,
     certain: bool,
     corrected: bool = True,
+    expected: Callable[[float], bool] | None = None,
 ) -> float:
     """The largest accepted fraction of a refused displacement among the few that are tried; 0 if none is accepted.
 
@@ -112,6 +113,8 @@ def largest_accepted(
         Whether a motion that is ``valid`` is accepted too, so that it need not be tried.
     corrected : bool
         Whether a motion that is not ``valid`` may be accepted.
+    expected : callable, optional
+        What ``valid`` probably is, at next to no cost.
 
     Returns
     -------
@@ -124,7 +127,9 @@ def largest_accepted(
         nearly = _thousandths(_NEARLY * most)
         if nearly > 0.0 and accepts(nearly):
             return nearly
-    low = _bisected(valid, most, _COARSE)
+    low = 0.0 if expected is None else _bisected(expected, most, _COARSE)
+    if not low or not valid(low):
+        low = _bisected(valid, low or most, _COARSE)
     if certain and not corrected:
         return low
     for fraction in (_thousandths(low + share * (most - low)) for share in _SHARES):

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.mesh.boundary_orientation import closed_parts, of_one_width
+from mesh_motion_numerics.mesh.boundary_orientation import as_simplices, closed_parts, of_one_width
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors
 
 __all__ = ["contact_place", "misplaced_place"]
@@ -29,6 +29,8 @@ _PROBES = 16
 _MOST_PAIRS = 1 << 15
 #: Of facets that touch, so many are tested, spread over all.
 _MOST_TOUCHING = 64
+#: … and so many of their places are near each other.
+_TOGETHER = 32
 #: Distance from a facet, relative to its size, at which its sides are tested: far above rounding, far below any gap.
 _BESIDE = 1e-8
 #: Where: in the corners, at the sides and in the middle.
@@ -68,7 +70,11 @@ def misplaced_place(
     chosen = _spread(moving, len(rows))
     for part in np.flatnonzero(whole):
         own = rows[parts == part]
-        others = chosen[~np.isin(chosen, own)]
+        others, simplices = chosen[~np.isin(chosen, own)], as_simplices(own)
+        if not len(others):
+            continue
+        rays = [_crossings(places[others], places, simplices) for places in (reference, points)]
+        others = others[rays[0] != rays[1]]  # a ray is cheap, and uncertain only from a node on the part
         before, after = (_windings(places[others], places, own) for places in (reference, points))
         sure = np.maximum(*(np.abs(each - np.round(each)) for each in (before, after))) < _ON_IT
         wrong = others[sure & (np.round(before) != np.round(after))]
@@ -96,7 +102,7 @@ def contact_place(
     parts, whole = closed_parts(rows, prescribed, len(points))
     rows = rows[whole[parts]]
     touching = touching[np.isin(touching[:, 0], rows)]
-    some, simplices = (each if each.shape[1] == 2 else _triangles(each) for each in (touching, rows))
+    some, simplices = as_simplices(touching), as_simplices(rows)
     some = some[np.unique(np.linspace(0, len(some) - 1, min(_MOST_TOUCHING, len(some))).astype(np.int64))]
     inside, outside = _sides(some, points, simplices)
     wrong = np.argwhere((inside != 1) | (outside > 1) | (outside < 0))
@@ -115,23 +121,28 @@ def _sides(chosen: Integers, points: Floats, simplices: Integers) -> Integers:
     size /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)
     places = np.einsum("wk,skd->swd", _WHERE[points.shape[1]], corners)
     step = (normals * size[:, None])[:, None]
-    both = np.stack([places - step, places + step])
-    return _crossings(both.reshape(-1, points.shape[1]), points, simplices).reshape(both.shape[:3])
+    both = np.stack([places - step, places + step], axis=1)
+    return _crossings(both.reshape(-1, points.shape[1]), points, simplices).reshape(both.shape[:3]).swapaxes(0, 1)
 
 
 def _crossings(probes: Floats, points: Floats, simplices: Integers) -> Integers:
-    """(p,) winding numbers of closed simplices (s, d) at places off them: how often a ray leaves minus enters them."""
+    """(p,) winding numbers of closed simplices (s, d) at places off them: how often a ray leaves minus enters them.
+
+    Places that follow each other should be near each other.
+    """
     d = probes.shape[1]
-    middle = points.mean(axis=0)
-    probes, corners = (probes - middle) @ _TURN[:d, :d], ((points - middle) @ _TURN[:d, :d])[simplices]
+    used, numbers = np.unique(simplices, return_inverse=True)
+    places, middle = points[used], points[used].mean(axis=0)
+    probes, corners = (probes - middle) @ _TURN[:d, :d], ((places - middle) @ _TURN[:d, :d])[numbers.reshape(-1, d)]
     low, high = corners[:, :, 1:].min(axis=1), corners[:, :, 1:].max(axis=1)
     found = []
-    for block in np.array_split(probes, max(1, -(-len(probes) * len(corners) // _MOST_PAIRS))):
-        places = block[:, None, 1:]
-        number, hit = np.nonzero(((low <= places) & (places < high)).all(axis=2))
+    for block in np.split(probes, range(_TOGETHER, len(probes), _TOGETHER)):
+        places = block[:, 1:]
+        near = np.flatnonzero(((low <= places.max(axis=0)) & (places.min(axis=0) < high)).all(axis=1))
+        number, hit = np.nonzero(((low[near] <= places[:, None]) & (places[:, None] < high[near])).all(axis=2))
         # the volume of a simplex and the probe has the sign of the side that the probe is on; with the simplex'
         # corners replaced by the direction of the ray one by one, it says whether the ray goes through it
-        edges = corners[hit] - block[number, None]
+        edges = corners[near[hit]] - block[number, None]
         side = np.sign(np.linalg.det(edges))
         through = np.ones(len(hit), dtype=bool)
         for corner in range(d):
@@ -148,14 +159,9 @@ def _spread(some: Integers, weight: int) -> Integers:
     return some[np.unique(np.linspace(0, len(some) - 1, min(most, len(some))).astype(np.int64))]
 
 
-def _triangles(rows: Integers) -> Integers:
-    """(t, 3) triangles of facets (f, 4) with −1 at the end of a triangle."""
-    return np.concatenate([rows[:, :3], rows[rows[:, 3] >= 0][:, [0, 2, 3]]])
-
-
 def _windings(probes: Floats, points: Floats, rows: Integers) -> Floats:
     """(p,) how often closed facets (f, w) of a mesh ``points`` (n, d) wind round each of the probes (p, d)."""
-    simplices = rows if probes.shape[1] == 2 else _triangles(rows)
+    simplices = as_simplices(rows)
     blocks = np.array_split(probes, max(1, -(-len(probes) * len(simplices) // _MOST_PAIRS)))
     return np.concatenate([_windings_of_block(block, points, simplices) for block in blocks])
 

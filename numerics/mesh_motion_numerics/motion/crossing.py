@@ -21,10 +21,11 @@ from mesh_motion_numerics.mesh.boundary_crossing import (
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.boundary_orientation import overturned_place
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.mesh.coincidence import CoincidentSides, met_nodes
+from mesh_motion_numerics.mesh.coincidence import CoincidentSides, linked_by_cells, met_nodes
 from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_numerics.motion.boundary_nesting import contact_place, misplaced_place
+from mesh_motion_numerics.motion.point_contact import meeting_place
 
 __all__ = ["NoMeshExists", "PossibleCrossing", "refuse_region"]
 
@@ -126,12 +127,11 @@ class PossibleCrossing:
 
     def _refuse_meeting(self, moved: Floats, refusal: QualityRefused | None) -> None:
         """Refuse nodes of ``moved`` (n, d) that meet and have cells between them, unlike two sides of a thin solid."""
-        for one, other in met_nodes(self.reference, moved, self.roles.prescribed).tolist():
-            ends = np.array([one, other])
-            linked = any((np.isin(block.nodes, ends).sum(axis=1) == 2).any() for block in self.cells.blocks)
-            if linked or not np.isin(ends, self._boundary_nodes).all():
-                fault = f"bring node {one} and node {other} to the same place, which are apart at rest"
-                raise _no_mesh(fault, refusal, {"node": one})
+        pairs = met_nodes(self.reference, moved, self.roles.prescribed)
+        inside = ~np.isin(pairs, self._boundary_nodes).all(axis=1)
+        for one, other in pairs[inside | linked_by_cells(self.cells, pairs, len(moved))][:1].tolist():
+            fault = f"bring node {one} and node {other} to the same place, which are apart at rest"
+            raise _no_mesh(fault, refusal, {"node": one})
 
     @cached_property
     def _boundary_nodes(self) -> Integers:
@@ -150,6 +150,7 @@ class PossibleCrossing:
             yield "cross itself", straddling_place(self.facets, moved, near)
         touching = touching_facets(self.facets, moved, near)
         yield "touch or cross itself", contact_place(facets, touching, self.known, reference, moved)
+        yield "touch or cross itself", meeting_place(facets, touching, moved)
         if len(self.roles.periodic):
             # periodic sides bend, and a body may pass beyond them; but a wall that stays is between them
             still = touching[~(self.facets.moving[touching] & (touching >= 0)).any(axis=1)]

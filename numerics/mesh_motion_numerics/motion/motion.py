@@ -10,13 +10,13 @@ moves before a motion is accepted: an unacceptable motion raises an error with t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
 from mesh_motion_protocol.errors import QualityRefused, Timeout
 
-from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.arrays import Floats, Marks
 from mesh_motion_numerics.blas import one_blas_thread
 from mesh_motion_numerics.correction.correction import Correction, CorrectionProblem, correct
 from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
@@ -40,6 +40,7 @@ from mesh_motion_numerics.motion.smooth_step import NOT_SMOOTH, smooth_step, unc
 from mesh_motion_numerics.motion.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_numerics.motion.sub_steps import Leg, Walk, furthest_walk
 from mesh_motion_numerics.motion.winding import UNWOUND, Turns
+from mesh_motion_numerics.quality.metrics import CellQuality, cell_quality, sizes_of, subset_quality
 from mesh_motion_numerics.quality.quality_summary import Judgement
 from mesh_motion_numerics.stopwatch import Stopwatch, check_time
 
@@ -452,7 +453,33 @@ class MotionModel(DifferentiableMesh):
             whole=exists,
             certain=certain,
             corrected=method.correction != "none",
+            expected=self._expected(step, whole),
         )
+
+    def _expected(self, step: _Step, whole: BoundaryDisplacement) -> Callable[[float], bool] | None:
+        """Whether the plain motion probably accepts a fraction of the ``whole`` displacement, by the cells that it
+        does not accept at its end; None if it is not nearly linear in the displacement, or has no such cells.
+        """
+        plain = self.standard_motion
+        if plain.layer is not None or self.method.displacement == "reanchored" or not len(self.roles.fixed):
+            return None
+        sizes, metric = self.reference_sizes, self.method.quality_metric
+        threshold = self.method.quality_threshold if self.method.refuse_below_threshold else -np.inf
+
+        def refused(quality: CellQuality) -> Marks:
+            low = quality.metric(metric) < threshold if np.isfinite(threshold) else False
+            return np.asarray(quality.inverted | low)
+
+        if not np.isfinite(threshold):
+            sizes = sizes_of(sizes)
+        start, end = step.committed, plain.trial(step.committed, whole.at(1.0), step.factors, Stopwatch()).points
+        bad = np.flatnonzero(refused(cell_quality(end, self.cells, sizes)))
+
+        def accepted(fraction: float) -> bool:
+            between = start + fraction * (end - start)
+            return not refused(subset_quality(between, self.cells, sizes, bad)).any()
+
+        return accepted if len(bad) else None
 
 
 def _may_be_avoided(refusal: QualityRefused) -> bool:
