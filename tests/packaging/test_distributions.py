@@ -12,7 +12,7 @@ from bare_environment import ROOT, build, names_in, tracked
 from mesh_motion_server import __version__
 from tools import manual_pages
 
-pytestmark = pytest.mark.nightly  # the kernels are compiled for the wheel
+pytestmark = [pytest.mark.nightly, pytest.mark.timeout(1200)]  # the kernels are compiled for the wheel
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 FOLDERS = [Path(path) for path in PROJECT["tool"]["scikit-build"]["wheel"]["packages"]]
