@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
+import numpy as np
 from mesh_motion_protocol.errors import QualityRefused, Timeout
 
 from mesh_motion_numerics.arrays import Floats, Marks
