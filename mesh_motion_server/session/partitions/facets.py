@@ -37,7 +37,7 @@ def merge_facets(
     if silent is not None:
         _refuse_roles_without(silent, partitions)
         return {}
-    found = {}
+    found: dict[str, Integers] = {}
     for name in FACET_NODES:
         pieces = [(p, node_maps[p][one.facets[name]]) for p, one in enumerate(partitions) if name in one.facets]
         if pieces:
