@@ -206,7 +206,7 @@ def test_a_correction_that_judges_how_nodes_slide_is_refused(server, mesh, corre
 
 def test_the_facets_of_the_boundary_have_to_come(server, monkeypatch):
     """As from a client that does not send them; without such roles none are needed."""
-    monkeypatch.setattr(Rank, "facets", property(lambda self: {}, lambda self, value: None), raising=False)
+    monkeypatch.setattr(Rank, "facets", property(lambda self: {}))
     with connect(server.endpoint) as client:
         with pytest.raises(InvalidInput, match="role 'slip', expected moving or fixed: partition 0 sent no facets"):
             client.open(as_client(*duct("quad", 10)), SETTINGS, evaluation="client")
