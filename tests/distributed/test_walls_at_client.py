@@ -55,9 +55,8 @@ def in_two_steps(session, part):
     return found
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
 @pytest.mark.parametrize("mesh", MESHES)
-def test_nodes_slide_as_in_a_session_with_the_whole_mesh(server, mesh, ranks):
+def test_nodes_slide_as_in_a_session_with_the_whole_mesh(server, mesh):
     """Bitwise on any number of ranks, and to rounding or the iterations' tolerance with the whole mesh."""
     whole = as_client(*MESHES[mesh]())
     with connect(server.endpoint) as client, client.open(whole, SETTINGS) as session:
