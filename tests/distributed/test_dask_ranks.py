@@ -14,6 +14,7 @@ import pytest
 from mesh_motion_client import (
     Credentials,
     InvalidInput,
+    Patch,
     QualityRefused,
     ResourceExhausted,
     SessionError,
@@ -24,7 +25,8 @@ from mesh_motion_client import (
 )
 from mesh_motion_client.dask_ranks import open_on_workers
 from mesh_motion_client.session import Session
-from own_ranks import CORRECTED, ROLES, SETTINGS, assert_same_quality, bend, box_file, whole
+from own_ranks import CORRECTED, ROLES, SETTINGS, as_client, as_file, assert_same_quality, bend, box_file, whole
+from periodic_meshes import sector
 from worker_processes import workers
 
 from mesh_motion_server.files.partitions import write_partitions
@@ -110,6 +112,24 @@ def test_an_array_has_a_row_for_each_moving_node_of_the_whole_mesh(cluster, serv
         moved = session.move(rows)
         session.commit()
         assert_as_expected(moved, written(files, tmp_path / "1", session), expected("plane", CORRECTED)[0])
+
+
+def test_nodes_slide_and_move_as_their_images(cluster, server, tmp_path):
+    points, cells, patches = sector("hexahedron", 10)
+    everything = as_client(
+        points, cells, patches | {f"z{end}": Patch("slip", patches[f"z{end}"].nodes) for end in (0, 1)}
+    )
+    settings, shift = {"boundary_layer_thickness": 0.0}, [0.1, 0.2, 0.1]
+    with connect(server.endpoint) as client, client.open(everything, settings, evaluation="client") as session:
+        expected = session.move(np.tile(shift, (len(session.moving_nodes), 1)))
+    files = write_partitions(tmp_path / "parts", as_file(everything), 3)
+    roles = {name: patch.role for name, patch in everything.patches.items()}
+    with open_on_workers(server.endpoint, cluster, files, roles, settings) as session:
+        moved = session.move(lambda points: np.tile(shift, (len(points), 1)))
+        session.commit()
+        assert moved.correction["freed_nodes"] == expected.correction["freed_nodes"] > 0
+        found = written(files, tmp_path / "1", session)
+    np.testing.assert_array_equal(found, points + expected.displacement)
 
 
 def dying(target, method, count):

@@ -4,7 +4,7 @@ import signal
 
 import numpy as np
 import pytest
-from mesh_motion_client import InvalidInput, Patch, connect
+from mesh_motion_client import InvalidInput, Mesh, Patch, connect
 from mesh_motion_numerics.distributed.rank import Rank
 from mesh_motion_numerics.mesh.cells import CellTable
 from own_ranks import CORRECTED, as_client, in_pieces, on_ranks
@@ -55,9 +55,8 @@ def in_two_steps(session, part):
     return found
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
 @pytest.mark.parametrize("mesh", MESHES)
-def test_nodes_slide_as_in_a_session_with_the_whole_mesh(server, mesh, ranks):
+def test_nodes_slide_as_in_a_session_with_the_whole_mesh(server, mesh):
     """Bitwise on any number of ranks, and to rounding or the iterations' tolerance with the whole mesh."""
     whole = as_client(*MESHES[mesh]())
     with connect(server.endpoint) as client, client.open(whole, SETTINGS) as session:
@@ -206,10 +205,25 @@ def test_a_correction_that_judges_how_nodes_slide_is_refused(server, mesh, corre
 
 def test_the_facets_of_the_boundary_have_to_come(server, monkeypatch):
     """As from a client that does not send them; without such roles none are needed."""
-    monkeypatch.setattr(Rank, "facets", property(lambda self: {}, lambda self, value: None), raising=False)
+    monkeypatch.setattr(Rank, "facets", property(lambda self: {}))
     with connect(server.endpoint) as client:
         with pytest.raises(InvalidInput, match="role 'slip', expected moving or fixed: partition 0 sent no facets"):
             client.open(as_client(*duct("quad", 10)), SETTINGS, evaluation="client")
         roles = {"y0": "fixed", "y1": "fixed"}
         with client.open(as_client(*with_roles(duct("quad", 10), roles)), SETTINGS, evaluation="client") as session:
             session.move(np.tile(SMALL[:2], (len(session.moving_nodes), 1)))
+
+
+def test_one_layer_of_cells_between_planes_that_slide_is_refused(server):
+    points, cells, patches = duct("hexahedron", 10)
+    (block,) = cells
+    heights = points[block.nodes][:, :, 2]
+    layer = block.nodes[((heights > 0.35) & (heights < 0.55)).all(axis=1)]
+    nodes, rows = np.unique(layer, return_inverse=True)
+    at = points[nodes]
+    roles = {"body": ("moving", np.flatnonzero(np.isin(nodes, patches["body"].nodes))),
+             "ends": ("fixed", np.flatnonzero((at[:, 0] == 0.0) | (at[:, 0] == 1.0))),
+             "planes": ("slip", np.arange(len(nodes)))}  # fmt: skip
+    mesh = Mesh(at, {"hexahedron": rows.reshape(-1, 8)}, {name: Patch(*of) for name, of in roles.items()})
+    with connect(server.endpoint) as client, pytest.raises(InvalidInput, match="as those of one layer of cells"):
+        client.open(mesh, SETTINGS, evaluation="client")

@@ -68,11 +68,15 @@ def as_client(points, cells, patches):
     return Mesh(points, table, {name: Patch(patch.role, patch.nodes) for name, patch in patches.items()})
 
 
+def as_file(mesh):
+    """Such a mesh as if it were read from a file."""
+    return MeshFile(mesh.points, mesh.cells, {n: np.sort(p.nodes) for n, p in mesh.patches.items()}, Path("whole"))
+
+
 def in_pieces(mesh, ranks):
     """Such a mesh in several, as :func:`pieces`."""
-    file = MeshFile(mesh.points, mesh.cells, {n: np.sort(p.nodes) for n, p in mesh.patches.items()}, Path("whole"))
     parts = []
-    for part in partitions(file, ranks):
+    for part in partitions(as_file(mesh), ranks):
         patches = {name: Patch(mesh.patches[name].role, nodes) for name, nodes in part.patches.items()}
         parts.append(Mesh(part.points, part.cells, patches, part.global_ids))
     return listed_once(parts)

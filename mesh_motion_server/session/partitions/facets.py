@@ -17,7 +17,7 @@ FACET_NODES = {"vertex": 1, "line": 2, "triangle": 3, "quad": 4}
 def merge_facets(
     partitions: Sequence[PartitionMesh], node_maps: Sequence[Integers], global_ids: Integers
 ) -> dict[str, Integers]:
-    """The facets (f, k) of the whole boundary by type, in canonical node indices and order.
+    """The facets (f, k) of the whole boundary by type, in canonical node indices and order; none if no role needs them.
 
     A facet of two partitions lies between them. The order depends on the nodes alone, and the first node of each facet
     stays the first.
@@ -33,11 +33,20 @@ def merge_facets(
     InvalidInput
         If a partition sent none that a role needs, one sent a facet twice, or three have it.
     """
+    patches = ((name, patch.role) for one in partitions for name, patch in sorted(one.patches.items()))
+    needing = next(((name, role) for name, role in patches if role not in ("moving", "fixed")), None)
+    if needing is None:
+        return {}
     silent = next((number for number, one in enumerate(partitions) if one.keeps_cells and not one.facets), None)
     if silent is not None:
-        _refuse_roles_without(silent, partitions)
-        return {}
-    found = {}
+        raise InvalidInput(
+            f"evaluation = 'client': patch {needing[0]!r} has the role {needing[1]!r}, expected moving or fixed: "
+            f"partition {silent} sent no facets of its boundary",
+            code="INVALID_ARGUMENT.MESH",
+            hint="send them with UPLOAD, as the client in Python does, or open the session with evaluation = 'server'",
+            details={"patch": needing[0], "partition": silent},
+        )
+    found: dict[str, Integers] = {}
     for name in FACET_NODES:
         pieces = [(p, node_maps[p][one.facets[name]]) for p, one in enumerate(partitions) if name in one.facets]
         if pieces:
@@ -46,20 +55,6 @@ def merge_facets(
             kept = _alone(name, rows, owners, global_ids)
             found |= {name: kept} if len(kept) else {}
     return found
-
-
-def _refuse_roles_without(silent: int, partitions: Sequence[PartitionMesh]) -> None:
-    """Raise if a patch has a role that needs the facets, which partition ``silent`` did not send."""
-    patches = ((name, patch.role) for one in partitions for name, patch in sorted(one.patches.items()))
-    needing = next(((name, role) for name, role in patches if role not in ("moving", "fixed")), None)
-    if needing is not None:
-        raise InvalidInput(
-            f"evaluation = 'client': patch {needing[0]!r} has the role {needing[1]!r}, expected moving or fixed: "
-            f"partition {silent} sent no facets of its boundary",
-            code="INVALID_ARGUMENT.MESH",
-            hint="send them with UPLOAD, as the client in Python does, or open the session with evaluation = 'server'",
-            details={"patch": needing[0], "partition": silent},
-        )
 
 
 def _alone(name: str, rows: Integers, owners: Integers, global_ids: Integers) -> Integers:

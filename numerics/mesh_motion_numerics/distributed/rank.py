@@ -49,8 +49,6 @@ class Rank:
     nodes : (b,) int64 array
         Nodes that the server must know, ascending: those on patches, on the boundary of this partition (also towards
         others, where another partition may have a patch), and those that span its box.
-    facets : dict of (f, k) int64 arrays
-        Of the boundary of this partition, by type, pointing outwards, in rows of :attr:`nodes`.
 
     Raises
     ------
@@ -66,10 +64,15 @@ class Rank:
         self._at_rest = cells_at_rest(points, read.cells, read.sizes)
         spanning = np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])
         self.nodes: Ints = np.unique(np.concatenate([patch_nodes, boundary_nodes(read.cells), spanning]))
-        self.facets = {name: np.searchsorted(self.nodes, rows) for name, rows in boundary_facets(read.cells).items()}
         self._last: tuple[Field, AnyInterpolant, NearOperators | None] | None = None
         self._judged: CountedCells | None = None
         self._moved = np.empty_like(points)  # kept: new memory takes as long as half of the judging
+
+    @property
+    def facets(self) -> dict[str, NDArray[np.int32]]:
+        """(f, k) facets of the boundary of this partition, by type, pointing outwards, in rows of :attr:`nodes`."""
+        found = boundary_facets(self._cells).items()
+        return {name: np.searchsorted(self.nodes, rows).astype(np.int32) for name, rows in found}
 
     def displacement(self, field: Field, known: Floats) -> Floats:
         """(n, d) displacement from the reference mesh: by a field, and ``known`` (b, d) of :attr:`nodes`."""

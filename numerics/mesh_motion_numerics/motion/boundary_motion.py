@@ -30,7 +30,7 @@ from mesh_motion_numerics.interpolation.support_radius import suggest_support_ra
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.patch_check import check_patches
 from mesh_motion_numerics.mesh.plane_rims import PlaneRims
-from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles, Patch, nodes_with
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.body_paths import Body, Way, straight_way, ways
 from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
@@ -100,6 +100,10 @@ class BoundaryMotion:
         roles = BoundaryRoles.from_patches(patches)
         if not len(roles.fixed):
             raise _needs_the_volume("no node is fixed, expected at least one")
+        if points.shape[1] == 3 and len(nodes_with(patches, SLIDING_ROLES)) == len(points):
+            raise _needs_the_volume(
+                "all nodes are on slip or symmetry patches, as those of one layer of cells, whose plane the cells say"
+            )
         check_method(method, points, roles, periodic=any(patch.role == "periodic" for patch in patches.values()))
         radius = method.support_radius or suggest_support_radius(points, roles)
         method = replace(method, support_radius=radius, enrichment_radius=method.enrichment_radius or radius)

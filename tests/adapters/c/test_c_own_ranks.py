@@ -332,6 +332,17 @@ def test_a_cell_that_is_inverted_is_refused(prefix, endpoint):
         session.open(Mesh(mesh.points, {"quad": cells}, mesh.patches), SETTINGS)
 
 
+def test_patches_that_need_the_facets_are_refused(prefix, endpoint):
+    """This client does not send them."""
+    mesh = box("quad", 10)
+    slipping = Mesh(mesh.points, mesh.cells, mesh.patches | {"outer": Patch("slip", mesh.patches["outer"].nodes)})
+    with (
+        CSession(prefix, endpoint) as session,
+        pytest.raises(RuntimeError, match="patch 'outer' has the role 'slip', .*: partition 0 sent no facets"),
+    ):
+        session.open(slipping, {})
+
+
 def test_a_library_without_the_kernels_says_so(installed, endpoint):
     with CSession(installed, endpoint) as session, pytest.raises(RuntimeError, match="UNIMPLEMENTED: this client was"):
         session.open(box("quad", 10), SETTINGS)

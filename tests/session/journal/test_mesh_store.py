@@ -1,5 +1,6 @@
 """The stored mesh: bitwise, and damage is found."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,18 @@ def test_partitions_are_read_back_bitwise(tmp_path: Path, parts: int) -> None:
         assert {n: p.role for n, p in sent.patches.items()} == {n: p.role for n, p in read.patches.items()}
         for name, patch in sent.patches.items():
             np.testing.assert_array_equal(patch.nodes, read.patches[name].nodes)
+
+
+def test_facets_are_read_back(tmp_path: Path) -> None:
+    kept = {"triangle": np.empty((7, 0), dtype=np.int64)}
+    facets = {"line": np.arange(12).reshape(-1, 2), "quad": np.arange(8).reshape(-1, 4)}
+    path, mesh = tmp_path / "mesh.bin", replace(grid_mesh(3), cells=kept, facets=facets)
+    (read,) = read_mesh(path, FILES, write_mesh(path, FILES, [mesh]))
+    assert has_its_length(path, FILES)
+    assert list(read.facets) == list(facets)
+    for name, rows in facets.items():
+        np.testing.assert_array_equal(read.facets[name], rows)
+    assert len(read.cells["triangle"]) == 7
 
 
 def test_every_damaged_byte_is_found(tmp_path: Path) -> None:

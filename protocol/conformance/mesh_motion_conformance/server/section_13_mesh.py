@@ -66,6 +66,7 @@ def parts() -> Iterator[Case]:
         "global-ids-as-floats": (dtype, one.astype("<f8"), ids),
         "global-ids-of-2-columns": (shape, np.zeros((2, 2), "<i8"), ids),
         "global-ids-with-a-name": (value, one, ids | {"name": "wing"}),
+        "facets-where-the-server-has-the-cells": (value, three[:, :2], {"item": "facets", "name": "line"}),
     }
     for name, (code, rows, fields) in ways.items():
         yield Case("13.2", name, "rows, name and role are those of the item's row", run((code,), rows, fields))

@@ -56,10 +56,81 @@ def cells_with_nodes(stage: Stage) -> None:
 
 
 @suite.family
+def facets() -> Iterator[Case]:
+    """23.2"""
+    rows = _outer_facets()
+    shape, value = "INVALID_ARGUMENT.SHAPE", "INVALID_ARGUMENT.VALUE"
+    ways = {
+        "of-3D": (value, "triangle", np.zeros((2, 3), "<i8")),
+        "of-1-column": (shape, "line", rows[:, :1]),
+        "as-floats": ("INVALID_ARGUMENT.DTYPE", "line", rows.astype("<f8")),
+    }
+
+    def run(code: str, name: str, wrong: NDArray[Any]) -> Callable[[Stage], None]:
+        def broken(stage: Stage) -> None:
+            session = stage.open(boundary(), settings=WITHOUT_VOLUME, evaluation="client")
+            upload = Request("UPLOAD", session.address() | {"item": "facets", "name": name}, {"rows": wrong})
+            refused(session.ask(upload), code, state="NEW")
+            session.discard()
+
+        return broken
+
+    for name, way in ways.items():
+        yield Case("23.2", f"facets-{name}", "facets are of the mesh's dimension less one", run(*way))
+
+
+def _outer_facets() -> NDArray[np.int64]:
+    """(f, 2) edges of the square that one triangle alone has, in rows of what is uploaded."""
+    edges = np.concatenate([SQUARE.triangles[:, ends] for ends in ([0, 1], [1, 2], [2, 0])])
+    _, first, counts = np.unique(np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True)
+    return np.asarray(np.searchsorted(OUTER, edges[first[counts == 1]]), dtype="<i8")
+
+
+#: Two sides of the square slide, the one opposite the moving side is fixed.
+_SLIDING = replace(
+    boundary(),
+    sides={
+        "left": Side("moving", (0, 4, 6, 8)),
+        "right": Side("fixed", (3, 5, 7, 11)),
+        "walls": Side("slip", (1, 2, 9, 10)),
+    },
+)
+
+
+def _with_facets(stage: Stage, rows: NDArray[np.int64]) -> Session:
+    """A session with walls and the default motion, whose facets (f, 2) are uploaded."""
+    session = stage.open(_SLIDING, settings={}, evaluation="client")
+    session.upload()
+    upload = Request("UPLOAD", session.address() | {"item": "facets", "name": "line"}, {"rows": rows})
+    answered(session.ask(upload), "UPLOADED")
+    return session
+
+
+@suite("23.2")
+def facets_twice(stage: Stage) -> None:
+    """A facet that one partition has twice is refused."""
+    rows = _outer_facets()
+    session = _with_facets(stage, np.concatenate([rows, rows[:1]]))
+    refused(session.ask("BUILD"), "INVALID_ARGUMENT.PARTITION", state="OPENING")
+    session.discard()
+
+
+@suite("23.3")
+def nodes_slide(stage: Stage) -> None:
+    """With the facets of the boundary, nodes of slip patches slide along their side."""
+    session = _with_facets(stage, _outer_facets())
+    session.do("BUILD")
+    displacement = session.do("MOVE").arrays["displacement"]
+    along, across = np.abs(displacement[[1, 2, 9, 10]]).T
+    if across.max() > 0.0 or along.min() <= 0.0:
+        raise Unmet("displacements along x", str(displacement))
+
+
+@suite.family
 def boundaries() -> Iterator[Case]:
     """BUILD is refused where the boundary does not determine the motion."""
     parts = {
-        "slip": boundary(Side("slip", _REST)),
+        "slip-without-facets": boundary(Side("slip", _REST)),
         "nothing-fixed": boundary(Side("moving", _REST)),
         "node-on-no-patch": boundary(Side("fixed", _REST[:-1])),
     }
