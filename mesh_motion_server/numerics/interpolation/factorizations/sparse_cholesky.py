@@ -1,0 +1,56 @@
+"""The Cholesky factor of a sparse matrix of points on surfaces, whose nested dissection has little fill."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_server.numerics.interpolation.assembly import SparseRows
+
+__all__ = ["SparseCholesky"]
+
+
+@dataclass(frozen=True, eq=False)
+class SparseCholesky:
+    """``A = L Lᵀ`` in an order of elimination.
+
+    Attributes
+    ----------
+    order, starts, rows : (n,) int32, (n + 1,) int64, (e,) int32 arrays
+        The order, and the pattern of L below its diagonal by columns.
+    diagonal, below : (n, 1, 1), (e, 1, 1) arrays
+        L.
+    """
+
+    order: NDArray[np.int32]
+    starts: Integers
+    rows: NDArray[np.int32]
+    diagonal: Floats
+    below: Floats
+
+    @classmethod
+    def build(cls, matrix: SparseRows, points: Floats) -> SparseCholesky | None:
+        """Of a symmetric matrix of points (n, d); None if it is not positive definite."""
+        row_starts = matrix.indptr.astype(np.int64)
+        elimination = kernels.elimination(row_starts, matrix.indices, np.ascontiguousarray(points))
+        factor = np.empty((len(points), 1, 1)), np.empty((len(elimination[2]), 1, 1))
+        entries = matrix.data.reshape(-1, 1, 1)
+        if not kernels.block_cholesky(row_starts, matrix.indices, entries, *elimination, *factor):
+            return None
+        return cls(*elimination, *factor)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory it holds."""
+        return sum(part.nbytes for part in (self.order, self.starts, self.rows, self.diagonal, self.below))
+
+    def solve(self, right: Floats) -> Floats:
+        """(n, k) A⁻¹ times (n, k) right-hand sides."""
+        found = np.empty(right.shape)
+        parts = self.order, self.starts, self.rows, self.diagonal, self.below
+        kernels.block_cholesky_solve(*parts, np.ascontiguousarray(right), found)
+        return found
