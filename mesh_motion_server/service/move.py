@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 from mesh_motion_server.session.values import MoveOutcome, VelocityAsked
 
-__all__ = ["FRAMES", "check", "run"]
+__all__ = ["FRAMES", "check", "of_all", "run"]
 
 #: Displacements count from the committed state, or from the reference mesh.
 FRAMES = ("committed", "reference")
@@ -99,6 +100,13 @@ def run(session: Session, requests: Sequence[Move]) -> list[Moved]:
         )
         for request in requests
     ]
+
+
+def of_all(replies: Sequence[Moved]) -> Moved:
+    """The first partition's, with the report that any has asked for; a headroom in steps, which alerts know, first."""
+    faces = [reply.faces for reply in replies if reply.faces]
+    headroom = sorted((reply.headroom for reply in replies if reply.headroom), key=lambda one: one["along"] != "step")
+    return replace(replies[0], faces=next(iter(faces), {}), headroom=next(iter(headroom), {}))
 
 
 def _field_of(session: Session, outcome: MoveOutcome, request: Move) -> dict[str, Any]:
