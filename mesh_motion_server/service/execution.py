@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from mesh_motion_protocol.messages import Committed, ErrorReply, Message, Moved, SessionMessage
+from mesh_motion_protocol.messages import Committed, ErrorReply, Message, SessionMessage
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import DeadlineExceeded, MeshMotionError, SessionError
@@ -159,7 +159,7 @@ class Execution:
             _seal(reply)
             self._stored.store(arrival.request_id, reply, _nbytes(reply))
         failpoint("request.stored")
-        reply = move.of_all(replies) if isinstance(replies[0], Moved) else replies[0]
+        reply = move.of_all(replies)
         count_executed(reply, seconds)  # last: the stored reply exists already, even if counting fails
         self._teller.executed(reply, seconds, iteration)
         return [_answer_to(a, reply) for a, reply in zip(arrivals, replies, strict=True)]

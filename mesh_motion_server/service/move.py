@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from mesh_motion_protocol.messages import Move, Moved
+from mesh_motion_protocol.messages import Message, Move, Moved
 from numpy.typing import NDArray
 
 from mesh_motion_server.errors import InvalidInput
@@ -102,11 +102,14 @@ def run(session: Session, requests: Sequence[Move]) -> list[Moved]:
     ]
 
 
-def of_all(replies: Sequence[Moved]) -> Moved:
-    """The first partition's, with the report that any has asked for; a headroom in steps, which alerts know, first."""
-    faces = [reply.faces for reply in replies if reply.faces]
-    headroom = sorted((reply.headroom for reply in replies if reply.headroom), key=lambda one: one["along"] != "step")
-    return replace(replies[0], faces=next(iter(faces), {}), headroom=next(iter(headroom), {}))
+def of_all(replies: Sequence[Message]) -> Message:
+    """The first partition's reply; MOVED with what any has asked for, a headroom in steps, which alerts know, first."""
+    moved = [reply for reply in replies if isinstance(reply, Moved)]
+    if not moved:
+        return replies[0]
+    faces = [reply.faces for reply in moved if reply.faces]
+    headroom = sorted((reply.headroom for reply in moved if reply.headroom), key=lambda one: one["along"] != "step")
+    return replace(moved[0], faces=next(iter(faces), {}), headroom=next(iter(headroom), {}))
 
 
 def _field_of(session: Session, outcome: MoveOutcome, request: Move) -> dict[str, Any]:

@@ -36,21 +36,22 @@ class SparseCholesky:
     def build(cls, matrix: SparseRows, points: Floats) -> SparseCholesky | None:
         """Of a symmetric matrix of points (n, d); None if it is not positive definite."""
         row_starts = matrix.indptr.astype(np.int64)
-        elimination = kernels.elimination(row_starts, matrix.indices, np.ascontiguousarray(points))
-        factor = np.empty((len(points), 1, 1)), np.empty((len(elimination[2]), 1, 1))
+        order, starts, rows = kernels.elimination(row_starts, matrix.indices, np.ascontiguousarray(points))
+        made = cls(order, starts, rows, np.empty((len(points), 1, 1)), np.empty((len(rows), 1, 1)))
         entries = matrix.data.reshape(-1, 1, 1)
-        if not kernels.block_cholesky(row_starts, matrix.indices, entries, *elimination, *factor):
-            return None
-        return cls(*elimination, *factor)
+        return made if kernels.block_cholesky(row_starts, matrix.indices, entries, *made._parts) else None
 
     @property
     def nbytes(self) -> int:
         """Memory it holds."""
-        return sum(part.nbytes for part in (self.order, self.starts, self.rows, self.diagonal, self.below))
+        return sum(part.nbytes for part in self._parts)
 
     def solve(self, right: Floats) -> Floats:
         """(n, k) A⁻¹ times (n, k) right-hand sides."""
         found = np.empty(right.shape)
-        parts = self.order, self.starts, self.rows, self.diagonal, self.below
-        kernels.block_cholesky_solve(*parts, np.ascontiguousarray(right), found)
+        kernels.block_cholesky_solve(*self._parts, np.ascontiguousarray(right), found)
         return found
+
+    @property
+    def _parts(self) -> tuple[NDArray[np.int32], Integers, NDArray[np.int32], Floats, Floats]:
+        return self.order, self.starts, self.rows, self.diagonal, self.below
