@@ -1,7 +1,8 @@
 """What derivatives cost: ``python -m benchmarks.derivatives MESH FOLDER REPEAT`` prints JSON.
 
-Against a step of the same motion in the same process: small steps without a correction, and larger ones until the
-correction frees nodes. A state is prepared once, with its first vector.
+Against a step of the same motion in the same process: small steps without a correction, the same by the default
+method, whose correction finds nothing to do, and larger ones until it frees nodes. A state is prepared once, with its
+first vector.
 """
 
 from __future__ import annotations
@@ -39,8 +40,10 @@ class DerivativeCost:
         Nodes that the correction has freed.
     plain_step, plain_prepared, plain_tangent, plain_cotangent : Seconds
         Without a correction.
+    idle_step, idle_prepared, idle_tangent, idle_cotangent : Seconds
+        The same steps by the default method: no node is freed.
     step, prepared, tangent, cotangent : Seconds
-        With it.
+        With freed nodes.
     """
 
     freed: int
@@ -48,6 +51,10 @@ class DerivativeCost:
     plain_prepared: Seconds
     plain_tangent: Seconds
     plain_cotangent: Seconds
+    idle_step: Seconds
+    idle_prepared: Seconds
+    idle_tangent: Seconds
+    idle_cotangent: Seconds
     step: Seconds
     prepared: Seconds
     tangent: Seconds
@@ -61,35 +68,39 @@ class DerivativeCost:
 
 def measured(mesh: str, folder: Path, repeat: int) -> DerivativeCost:
     """The cost on one of the meshes of :mod:`.scale`."""
-    _, plain = _cost(mesh, folder, _SMALL, repeat, {"correction": "none", "displacement": "absolute"})
-    freed, smooth = _cost(mesh, folder, _LARGE, repeat, {})
-    names = "step", "prepared", "tangent", "cotangent"
-    of_plain = {f"plain_{name}": seconds for name, seconds in zip(names, plain, strict=True)}
-    return DerivativeCost(freed, **of_plain, **dict(zip(names, smooth, strict=True)))
+    plain = Method(correction="none", displacement="absolute")
+    _, of_plain = _cost(mesh, folder, repeat, "plain_", plain)
+    _, of_idle = _cost(mesh, folder, repeat, "idle_", Method())
+    freed, smooth = _cost(mesh, folder, repeat, "", Method(), freeing=True)
+    return DerivativeCost(freed, **of_plain, **of_idle, **smooth)
 
 
-def _cost(mesh: str, folder: Path, parts: int, repeat: int, choices: dict[str, str]) -> tuple[int, list[Seconds]]:
-    """Steps on and on until the correction has freed nodes; or so many as are repeated, if there is no correction."""
+def _cost(
+    mesh: str, folder: Path, repeat: int, prefix: str, method: Method, *, freeing: bool = False
+) -> tuple[int, dict[str, Seconds]]:
+    """Small steps, as many as are repeated; or large ones until the correction has freed nodes."""
+    parts = _LARGE if freeing else _SMALL
     built = load_or_build(mesh, folder)
     body = built.points[built.moving]
     displacements = MOTIONS[MESHES[mesh]].displacements(body, parts)
     task = Task(built.points, built.cells, built.moving, built.fixed, displacements)
     task = replace(task, cells={name: nodes.astype(np.int32) for name, nodes in task.cells.items()})
-    model, factors, points = model_of(task, Method(**choices)), FactorCache(_CACHE_BYTES), built.points
+    model, factors, points = model_of(task, method), FactorCache(_CACHE_BYTES), built.points
     for part in range(parts):
         targets = task.targets(part)
         step, motion = timed(lambda p=points, t=targets: model.move(p, t, factors))
         points = motion.points
-        if motion.correction.freed_nodes if not choices else part + 1 == repeat:
+        if motion.correction.freed_nodes if freeing else part + 1 == repeat:
             break
     prepared, slope = timed(lambda: model.slope(points, factors))
     numbers = np.random.default_rng(1)
     velocity, weights = numbers.standard_normal(body.shape), numbers.standard_normal(points.shape)
-    vectors = [
+    tangent, cotangent = (
         Seconds.shortest([timed(call)[0] for _ in range(repeat)])
         for call in (lambda: slope.tangent(velocity), lambda: slope.cotangent(weights))
-    ]
-    return motion.correction.freed_nodes, [step, prepared, *vectors]
+    )
+    found = {"step": step, "prepared": prepared, "tangent": tangent, "cotangent": cotangent}
+    return motion.correction.freed_nodes, {prefix + name: seconds for name, seconds in found.items()}
 
 
 def main(arguments: list[str]) -> None:

@@ -23,6 +23,12 @@ _OWNER = b"c" * 16
 _ELSEWHERE = "f" * 32
 #: Mesh length unit: so little that a mesh moved a hundred times is still valid.
 _AMPLITUDE = 0.004
+#: What a MOVE asks for in addition; each rank by itself.
+_HEADROOMS: tuple[dict[str, str], ...] = (
+    {},
+    {"report": "headroom"},
+    {"report": "headroom", "headroom_along": "displacement"},
+)
 
 
 def shared_mesh(partitions: int) -> list[PartitionMesh]:
@@ -177,7 +183,8 @@ class Ranks:
         if kind == "UPLOAD":
             return self._part(action, model.uploaded[action.partition])
         if kind == "MOVE":
-            return {"step": _step(action, model), "frame": frame, "displacement": self._displacement(action)}
+            asked = _HEADROOMS[action.value % len(_HEADROOMS)]
+            return {"step": _step(action, model), "frame": frame, "displacement": self._displacement(action)} | asked
         if kind in ("COMMIT", "ROLLBACK"):
             return {"step": _step(action, model)}
         if kind == "FETCH":

@@ -213,6 +213,8 @@ class SessionModel(SessionState):
         )
         again = self._moved.setdefault((inputs, p), reply.displacement.tobytes())
         require(again == reply.displacement.tobytes(), "the same MOVE is answered with another displacement")
+        along = asked.message.headroom_along if asked.message.report else ""
+        require(reply.headroom.get("along", "") == along, f"the headroom is that of {reply.headroom}, not {along!r}")
         self.trial[p] = base + reply.displacement
 
     def _commit(self, all_asked: Sequence[Asked], fault: str) -> list[Answer]:

@@ -125,6 +125,9 @@ def _move(request: Request, known: Known, partition: int, random: Random) -> dic
     if more["velocity"] == "tangent":
         _array(request, "boundary_velocity", np.stack([y, 1.0 - y], axis=1))
     if random.random() < 0.3:
+        ways = ("step", "displacement", "velocity")[: 3 if more["velocity"] else 2]
+        more |= {"report": "headroom", "headroom_along": random.choice(ways)}
+    elif random.random() < 0.4:
         more["report"] = "swept"
         if random.random() < 0.5:
             _array(request, "swept_faces", np.array([[0, 1], [1, 2], [2, 0]]))

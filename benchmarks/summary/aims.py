@@ -231,14 +231,19 @@ def _derivatives(evidence: Evidence) -> Iterator[Row]:
     threads = evidence.results.threads
     for mesh in ("M3", "M4"):
         cost = evidence.derivatives.get(mesh)
-        for name, prefix, asked in ((" with a correction", "", 1.0), (" without", "plain_", 0.5)):
+        kinds = (
+            ("with a correction", "", 1.0),
+            ("that needs none", "idle_", 0.5),
+            ("without", "plain_", 0.5),
+        )
+        for name, prefix, asked in kinds:
             step, prepared, one = (
                 of_threads(getattr(cost, prefix + part), threads) if cost else 1.0
                 for part in ("step", "prepared", "cotangent")
             )
             note = f" ({one / step:.2g} for each further vector)"
             share = (prepared + one) / step if cost else None
-            yield _most(f"{mesh}: Jᵀ w, of a step{name}", asked, share, "", note)
+            yield _most(f"{mesh}: Jᵀ w, of a step {name}", asked, share, "", note)
 
 
 def _start(evidence: Evidence, factor: float) -> Iterator[Row]:

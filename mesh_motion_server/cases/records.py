@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 from mesh_motion_numerics.quality.metrics import CellQuality
+from mesh_motion_protocol.headroom import headroom_in_words
 
 from mesh_motion_server.cases.faces import FACES, faces_numbers
 from mesh_motion_server.watch.observation.series import PHASES
@@ -121,9 +122,8 @@ class StepRecord:
     @property
     def ahead(self) -> str:
         """When the mesh ends if it goes on as in this step, in one line; empty if that is far away."""
-        ends = {"the quality threshold": self.headroom_threshold, "the first inverted cell": self.headroom_inversion}
-        near = [f"{steps:.1f} to {end}" for end, steps in ends.items() if steps is not None and steps <= _NEAR]
-        return "more steps like the last one: " + ", ".join(near) if near else ""
+        ends = {"threshold": self.headroom_threshold, "inversion": self.headroom_inversion}
+        return headroom_in_words({end: steps for end, steps in ends.items() if steps is not None and steps <= _NEAR})
 
     def shown(self, metric: str) -> tuple[float, float]:
         """Minimum and mean of the quality that :func:`drawn` names for a metric."""

@@ -41,10 +41,13 @@ class Collective:
         (session, request): raises if one partition's request is invalid, before it waits for the others.
     run : callable
         (session, requests by partition) → replies by partition.
+    with_ids : bool
+        Whether ``run`` takes the requests' identities, too, by partition.
     """
 
     check: Callable[[Session, Any], None]
-    run: Callable[[Session, Sequence[Any]], Sequence[Message]]
+    run: Callable[..., Sequence[Message]]
+    with_ids: bool = False
 
 
 def id_of(request: SessionMessage) -> RequestId:

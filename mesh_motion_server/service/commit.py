@@ -10,7 +10,6 @@ from mesh_motion_protocol.messages import Commit as CommitRequest
 from mesh_motion_protocol.messages import Committed
 
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.service.commands import id_of
 from mesh_motion_server.service.reports import summary_report
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.journal.replies import RequestId
@@ -29,8 +28,8 @@ def check(session: Session, request: CommitRequest) -> None:
     session.require_time_of_commit(request.time)
 
 
-def run(session: Session, requests: Sequence[CommitRequest]) -> list[Committed]:
-    """Commit; the replies are journaled with the state."""
+def run(session: Session, requests: Sequence[CommitRequest], ids: Sequence[RequestId]) -> list[Committed]:
+    """Commit; the replies are journaled with the state, each with the identity of its request."""
     content: dict[str, Any] = {}
 
     def receipt(outcome: CommitOutcome) -> bytes:
@@ -47,7 +46,7 @@ def run(session: Session, requests: Sequence[CommitRequest]) -> list[Committed]:
         packed: bytes = msgpack.packb(content | {name: value for name, value in noted.items() if value})
         return packed
 
-    session.commit([id_of(request) for request in requests], receipt, time=requests[0].time)
+    session.commit(list(ids), receipt, time=requests[0].time)
     failpoint("request.committed")
     return [Committed(client=request.client, sequence=request.sequence, **content) for request in requests]
 

@@ -17,7 +17,7 @@ _NAMES = {Built.type: "build", Moved.type: "move", Committed.type: "commit"}
 
 
 def count_executed(reply: Message, seconds: float) -> None:
-    """Count an operation by the reply to one of its partitions.
+    """Count an operation by its reply, of several partitions what :func:`.move.of_all` makes.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ COMMANDS: dict[str, Single | Collective] = {
     "COTANGENT": Collective(differentiate.check_cotangent, differentiate.cotangent),
     "JUDGE": Collective(judge.check, judge.run),
     "CORRECT": Collective(correct.check, correct.run),
-    "COMMIT": Collective(commit.check, commit.run),
+    "COMMIT": Collective(commit.check, commit.run, with_ids=True),
     "ROLLBACK": Collective(rollback.check, rollback.run),
 }
 
@@ -119,8 +119,8 @@ class Execution:
             return replies
         self._gathering = None
         arrivals = gathering.in_order()
-        requests = [a.request for a in arrivals]
-        return replies + self._answer(arrivals, lambda: command.run(self._session, requests))
+        given = [[a.request for a in arrivals]] + ([[a.request_id for a in arrivals]] if command.with_ids else [])
+        return replies + self._answer(arrivals, lambda: command.run(self._session, *given))
 
     def _overtake(self, gathering: Gathering, arrival: Arrival) -> list[Envelope]:
         """Refuse the waiting request of a partition that sends a new one."""
@@ -159,8 +159,9 @@ class Execution:
             _seal(reply)
             self._stored.store(arrival.request_id, reply, _nbytes(reply))
         failpoint("request.stored")
-        count_executed(replies[0], seconds)  # last: the stored reply exists already, even if counting fails
-        self._teller.executed(replies[0], seconds, iteration)
+        reply = move.of_all(replies)
+        count_executed(reply, seconds)  # last: the stored reply exists already, even if counting fails
+        self._teller.executed(reply, seconds, iteration)
         return [_answer_to(a, reply) for a, reply in zip(arrivals, replies, strict=True)]
 
     def _failed(self, arrivals: Sequence[Arrival], error: MeshMotionError) -> list[Envelope]:

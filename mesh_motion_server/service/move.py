@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from mesh_motion_numerics.stopwatch import time_limit
 from mesh_motion_protocol.errors import InvalidInput
-from mesh_motion_protocol.messages import Move, Moved
+from mesh_motion_protocol.messages import Message, Move, Moved
 from numpy.typing import NDArray
 
 from mesh_motion_server.failpoints import failpoint
@@ -24,7 +25,7 @@ from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 from mesh_motion_server.session.values import MoveOutcome, VelocityAsked
 
-__all__ = ["FRAMES", "check", "run"]
+__all__ = ["FRAMES", "check", "of_all", "run"]
 
 #: Displacements count from the committed state, or from the reference mesh.
 FRAMES = ("committed", "reference")
@@ -99,6 +100,16 @@ def run(session: Session, requests: Sequence[Move]) -> list[Moved]:
         )
         for request in requests
     ]
+
+
+def of_all(replies: Sequence[Message]) -> Message:
+    """The first partition's reply; MOVED with what any has asked for, a headroom in steps, which alerts know, first."""
+    moved = [reply for reply in replies if isinstance(reply, Moved)]
+    if not moved:
+        return replies[0]
+    faces = [reply.faces for reply in moved if reply.faces]
+    headroom = sorted((reply.headroom for reply in moved if reply.headroom), key=lambda one: one["along"] != "step")
+    return replace(moved[0], faces=next(iter(faces), {}), headroom=next(iter(headroom), {}))
 
 
 def _field_of(session: Session, outcome: MoveOutcome, request: Move) -> dict[str, Any]:

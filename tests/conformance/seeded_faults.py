@@ -16,6 +16,7 @@ from mesh_motion_server.service.gathering import Gathering
 from mesh_motion_server.service.holders import Holders
 from mesh_motion_server.session import motions
 from mesh_motion_server.session import session as session_module
+from mesh_motion_server.session.field_slope import FieldSlope
 from mesh_motion_server.session.journal.durability import FullKeeper, ReplayKeeper
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
@@ -243,6 +244,27 @@ def drops_the_trial_for_a_derivative(patch):
 def differentiates_whatever_there_is(patch):
     patch.setattr(Session, "require_slope", lambda self, operation, what: self.admit(operation))
     patch.setattr(Session, "_points_of", lambda self, what: self.coordinates("committed"))
+
+
+@fault("24.7-field-of-the-tangent", "24.8-counted-coefficients")
+def answers_another_field(patch):
+    honest = FieldSlope.tangent
+
+    def doubled(self, velocity):
+        found = honest(self, velocity)
+        return replace(found, coefficients=2 * found.coefficients)
+
+    patch.setattr(FieldSlope, "tangent", doubled)
+
+
+@fault("24.8-counted-coefficients")
+def leaves_out_what_other_nodes_count(patch):
+    honest = FieldSlope.cotangent
+
+    def boundary_only(self, given):
+        return honest(self, replace(given, coefficients=0 * given.coefficients))
+
+    patch.setattr(FieldSlope, "cotangent", boundary_only)
 
 
 @fault("25.1-times-grow")

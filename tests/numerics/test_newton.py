@@ -125,6 +125,11 @@ def test_the_block_factorization_solves_what_is_positive_definite_and_refuses_th
     kernels.block_cholesky_solve(order, ends, below, *factor, right, found)
     expected = np.linalg.solve(whole.reshape(n * d, n * d), right.ravel())
     np.testing.assert_allclose(found.ravel(), expected, atol=1e-12 * np.abs(expected).max())
+    if d == 1:
+        columns_of_it = np.stack([(c + 1.0) * right[:, 0] for c in range(6)], axis=1)
+        together = np.full((n, 6), np.nan)
+        kernels.block_cholesky_solve(order, ends, below, *factor, columns_of_it, together)
+        np.testing.assert_allclose(together, found * np.arange(1.0, 7.0), rtol=1e-12)
     blocks[starts[n // 2]] -= 200.0 * np.eye(d)
     assert not kernels.block_cholesky(starts, columns, blocks, order, ends, below, *factor)
 

@@ -14,6 +14,7 @@ from mesh_motion_numerics.quality.metrics import cells_at_rest
 from mesh_motion_protocol.messages import Build, Commit, Move, Status
 from real_sessions import boxed, bulge, new_session
 
+from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.history.events import read_events
 from proofs.driver import SESSION, TOKEN
@@ -139,18 +140,18 @@ def test_the_headroom_is_that_of_the_coordinates_that_were_answered(store: Any) 
     whole, cells = boxed(12), CellTable.from_arrays(boxed(12).cells)
     driver = driver_of(store, split_mesh(whole, 3))
     driver.open()
-    points = whole.points.copy()
+    points, before = whole.points.copy(), TALLY.spreads.get("move_headroom_steps", [0.0])[-1]
     for step in (1, 2):
         step_rows, replies = np.zeros_like(points), []
-        for partition, (rows, report) in enumerate(zip(bulge(driver, 0.1), ("headroom", "faces", ""), strict=True)):
+        for partition, (rows, report) in enumerate(zip(bulge(driver, 0.1), ("", "faces", "headroom"), strict=True)):
             replies += driver.send(driver.request(Move, partition, step=step, displacement=rows, report=report))
         for reply, mesh in zip(replies, driver.meshes, strict=True):
             step_rows[mesh.global_ids] = reply.displacement
         points += step_rows
         driver.all(Commit, step=step)
-    assert not replies[2].headroom
-    assert replies[0].headroom == replies[1].headroom
-    found, rest = replies[0].headroom, cells_at_rest(whole.points, cells)
+    assert not replies[0].headroom
+    assert replies[1].headroom == replies[2].headroom
+    found, rest = replies[1].headroom, cells_at_rest(whole.points, cells)
     expected = headroom(points, step_rows, cells, rest, "relative-size-skew", 0.2)
     assert found["inversion"] == pytest.approx(expected.inversion, rel=1e-9)
     assert found["threshold"] == pytest.approx(expected.threshold, rel=1e-9)
@@ -159,6 +160,10 @@ def test_the_headroom_is_that_of_the_coordinates_that_were_answered(store: Any) 
     assert set(nodes) == set(whole.cells["triangle"][expected.cell])
     events = [event for event in read_events(store.root / "sessions" / SESSION) if event.get("headroom")]
     assert events[-1]["headroom"] == found
+    assert events[-1]["faces"]["after"] == {
+        name: replies[1].faces["after"][name] for name in events[-1]["faces"]["after"]
+    }
+    assert TALLY.spreads["move_headroom_steps"][-1] - before > 0.0
     driver.host.close()
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mesh_motion_protocol import messages
 from mesh_motion_protocol.errors import InvalidInput
+from mesh_motion_protocol.headroom import headroom_in_words
 from numpy.typing import ArrayLike, NDArray
 
 from mesh_motion_client.display import Described, draw
@@ -22,11 +23,6 @@ __all__ = ["Moved"]
 
 #: How many faces a cell of each type has, in the order in which their swept volumes come.
 FACES_OF = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 6, "wedge": 5, "pyramid": 5}
-
-#: What ends after the steps of each name in the headroom.
-_ENDS = {"threshold": "the quality threshold", "inversion": "the first cell inverts"}
-#: What is counted along each way on.
-_MORE = {"step": "more such steps", "displacement": "times the displacement further", "velocity": "more seconds"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -65,11 +61,7 @@ class Moved(Described, messages.Moved):
             f"Moved: step {self.step}, iteration {self.iteration}, {self.seconds.get('total', 0.0):.3g} s",
             f"{quality['metric']}: minimum {kept:.3f}{corrected}; threshold {quality['threshold']:g}",
             f"{len(self.displacement)} nodes, the farthest moves by {farthest:.4g}",
-            *(
-                f"{self.headroom[name]:.3g} {_MORE[self.headroom.get('along', 'step')]} until {end}"
-                for name, end in _ENDS.items()
-                if name in self.headroom
-            ),
+            *filter(None, [headroom_in_words(self.headroom)]),
             *(f"warning: {text}" for text in self.warnings),
         ]
 

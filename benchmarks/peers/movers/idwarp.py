@@ -65,6 +65,12 @@ class IDWarpMover:
         moved: NDArray[np.float64] = np.asarray(self.mesh.getWarpGrid()).reshape(-1, 3)
         return moved
 
+    def cotangent(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(k, 3) Jᵀ w: what the moving nodes' positions count for (n, 3) weights of all nodes, at the last step."""
+        self.mesh.warpDeriv(np.ascontiguousarray(weights).ravel(), solverVec=False)
+        counted: NDArray[np.float64] = np.asarray(self.mesh.getdXs()).reshape(-1, 3)
+        return counted[np.searchsorted(self.nodes, self.task.moving)]
+
 
 def _boundary(cells: Ints, facets: tuple[tuple[int, ...], ...], nodes: Ints) -> list[Ints]:
     """The facets (f, k) that belong to one cell only and have all their nodes among those of the boundary."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats
+from mesh_motion_protocol.headroom import headroom_in_words
 
 from mesh_motion_server.watch.observation.series import Series
 
@@ -52,7 +53,7 @@ class Followed:
             "corrected": moved["quality"]["corrected"].get("metric", {}) if moved else {},
             "actual": self._committed["quality"].get("metric", {}) if self._committed else {},
             "faces": moved.get("faces", {}),
-            "headroom": moved.get("headroom", {}),
+            "ahead": headroom_in_words(moved.get("headroom", {})),
             "worst": self._worst(),
             "notable": list(reversed(self._notable)),
             "told": self._counted,

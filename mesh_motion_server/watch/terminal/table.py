@@ -20,12 +20,6 @@ _TONES = {"good": "green", "warn": "bold yellow", "bad": "bold red", "": ""}
 _KINDS = {"warning": "yellow", "refused": "bold magenta", "failed": "bold red"}
 _WORST = 3
 _MESSAGES = 10
-#: What the headroom counts, by the way on that was asked for.
-_MORE = {
-    "step": "more steps like the last one",
-    "displacement": "times the displacement further",
-    "velocity": "seconds of this velocity",
-}
 
 
 @dataclass(frozen=True)
@@ -118,9 +112,7 @@ def _details(entry: Mapping[str, Any], details: Mapping[str, Any]) -> list[Rende
         lowest = number(details["corrected"].get("min"))
         rows.append(inert(f"step {moved['step']}, iteration {moved['iteration']}: minimum {lowest} predicted"))
     rows += _quality(entry, details)
-    ends = {"threshold": "the threshold", "inversion": "the first inverted cell"}
-    ahead = [f"{details['headroom'][name]:.2g} to {end}" for name, end in ends.items() if name in details["headroom"]]
-    rows += [inert(f"{_MORE[details['headroom'].get('along', 'step')]}: {', '.join(ahead)}")] if ahead else []
+    rows += [inert(details["ahead"])] if details["ahead"] else []
     rows += [inert(f"worst  {_cell_words(cell)}") for cell in details["worst"]["cells"][:_WORST]]
     for told in reversed(details["notable"][:_MESSAGES]):
         clock = time.strftime("%H:%M:%S", time.localtime(told["at"]))

@@ -3,7 +3,7 @@
 It leads to the values at given places, or to the coefficients where another program evaluates the interpolant. The map
 is the one that a motion applies: the same coarse points, levels, grid and polynomials. The transpose runs
 through the same operations backwards, so ``⟨w, A v⟩ = ⟨Aᵀ w, v⟩`` holds to rounding, as an adjoint needs it. In two
-scales the compact levels are solved more accurately than for a motion, where a residual is left to the next level.
+scales the compact levels are solved exactly, where a motion leaves a residual to the next level.
 """
 
 from __future__ import annotations
@@ -32,9 +32,6 @@ from mesh_motion_numerics.interpolation.two_scale.near_operator import NearOpera
 from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
 
 __all__ = ["FieldMap", "InterpolationMap", "interpolation_map"]
-
-#: Of the largest value: the residual at which a compact level is solved.
-_TOLERANCE = 1e-13
 
 
 class InterpolationMap(Protocol):
@@ -247,7 +244,7 @@ class _Levels:
         alone = TwoScaleInterpolant(found, (), made.basis, 0)
         left, levels = mean[made.plan.distinct] - evaluation.displacement(alone, self.distinct), []
         for system, here in self._systems:
-            levels.append(_solved(system, left[system.level.members]))
+            levels.append(system.exactly(left[system.level.members]))
             if here is not None:
                 left -= _applied(here, levels[-1], len(left))
         return found, levels
@@ -260,8 +257,8 @@ class _Levels:
         made = self.made
         left = np.zeros((len(self.distinct), components))  # what the residual before a level counts
         for (system, here), rows in reversed([*zip(self._systems, levels, strict=True)]):
-            of_level = rows if here is None else rows - _transposed(here, left, len(system.points))
-            left[system.level.members] += _solved(system, of_level)
+            of_level = rows if here is None else rows - here.transpose(left, len(system.points))
+            left[system.level.members] += system.exactly(of_level)
         mean = np.zeros((len(made.control_points), left.shape[1]))
         mean[made.plan.distinct] = left
         mean[made.plan.coarse] += made.coarse.solve(of_coarse(-left)).weights  # of a compact basis: a symmetric matrix
@@ -311,7 +308,7 @@ class _TwoScales:
 
     def transpose(self, weights: Floats) -> Floats:
         counts = [len(system.points) for system in self.levels.made.systems]
-        rows = [_transposed(there, weights, count) for there, count in zip(self._there, counts, strict=True)]
+        rows = [there.transpose(weights, count) for there, count in zip(self._there, counts, strict=True)]
         return self.levels.transpose(rows, lambda left: self._of_coarse(weights, left), weights.shape[1])
 
     def _of_coarse(self, weights: Floats, of_controls: Floats) -> Floats:
@@ -337,13 +334,3 @@ def _applied(operator: NearOperator, weights: Floats, n: int) -> Floats:
     out = np.zeros((n, weights.shape[1]))
     operator.add(weights, out)
     return out
-
-
-def _transposed(operator: NearOperator, weights: Floats, centres: int) -> Floats:
-    """(nc, k) the transpose of an operator times (n, k) weights."""
-    return np.asarray(operator.matrix.matrix(centres).T @ weights[operator.rows])
-
-
-def _solved(system: CompactSystem, right: Floats) -> Floats:
-    scale = float(np.abs(right).max(initial=0.0))
-    return system.weights(np.ascontiguousarray(right), scale, _TOLERANCE)[0]

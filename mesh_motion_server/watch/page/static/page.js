@@ -140,7 +140,7 @@ class Page {
     byId("quality-metric").textContent = detail.built.settings?.quality_metric ?? "";
     const threshold = session.threshold ?? detail.built.settings?.quality_threshold ?? null;
     showWorst(detail.worst, threshold);
-    showFaces(detail.faces, detail.headroom, detail.moved.step);
+    showFaces(detail.faces, detail.ahead, detail.moved.step);
     this.events.show(session.session, detail.notable, detail.told);
     this.mesh.follow(session);
     const { read } = detail;

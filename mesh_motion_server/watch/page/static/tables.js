@@ -35,22 +35,12 @@ const FACES = [
   ["smallest face, of that at rest", "smallest_face", quality],
 ];
 
-/** What the headroom counts, by the way on that was asked for. */
-const MORE = { step: "more", displacement: "times the displacement further", velocity: "seconds" };
-
-/** Where it leads. */
-const ENDS = [
-  ["threshold", "the threshold"],
-  ["inversion", "the first inverted cell"],
-];
-
-/** For the mesh of the last Move, if it requested faces; otherwise unknown. */
-export function showFaces(faces, headroom, step) {
+/** For the mesh of the last Move, if it requested faces; otherwise unknown. `ahead` says how far it goes on. */
+export function showFaces(faces, ahead, step) {
   const { before, after } = faces ?? {};
   byId("faces-panel").hidden = !after;
   if (!after) return;
-  const ends = ENDS.filter(([key]) => headroom?.[key] !== undefined).map(([key, end]) => `${headroom[key].toPrecision(2)} ${MORE[headroom.along ?? "step"]} to ${end}`);
-  byId("faces-of").textContent = [`step ${step}`, ...ends].join("; ");
+  byId("faces-of").textContent = [`step ${step}`, ahead].filter(Boolean).join("; ");
   const heads = ["as uploaded", "now"];
   const row = ([name, key, told]) =>
     element("tr", {}, element("th", { scope: "row", text: name }), element("td", { text: told(before?.[key]) }), element("td", { text: told(after[key]) }));

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "quad.h"
+
 namespace mesh_motion {
 namespace {
 
@@ -159,12 +161,13 @@ struct Factor {
         return true;
     }
 
-    /// y becomes x of L Lᵀ x = y, both (f, d) in the order of elimination.
-    void solve(std::vector<double>& y) const {
+    /// y becomes x of L Lᵀ x = y, both (f, d) in the order of elimination; of numbers or of Quads, one system a lane.
+    template <class T>
+    void solve(std::vector<T>& y) const {
         const Index n = starts.size() - 1;
         for (Index j = 0; j < n; ++j) {
             const double* pivot = &diagonal[j * size];
-            double* here = &y[j * d];
+            T* here = &y[j * d];
             for (int i = 0; i < d; ++i) {
                 for (int k = 0; k < i; ++k) here[i] -= pivot[i * d + k] * here[k];
                 here[i] /= pivot[i * d + i];
@@ -175,7 +178,7 @@ struct Factor {
         }
         for (Index j = n - 1; j >= 0; --j) {
             const double* pivot = &diagonal[j * size];
-            double* here = &y[j * d];
+            T* here = &y[j * d];
             for (Index e = starts[j]; e < starts[j + 1]; ++e)
                 for (int i = 0; i < d; ++i)
                     for (int k = 0; k < d; ++k) here[k] -= below[e * size + i * d + k] * y[rows[e] * d + i];
@@ -262,10 +265,24 @@ bool block_cholesky(Vector<const Index> row_starts, Vector<const std::int32_t> c
 
 void block_cholesky_solve(Vector<const std::int32_t> order, Vector<const Index> starts, Vector<const std::int32_t> rows,
                           Cube<double> diagonal, Cube<double> below, Matrix<const double> right, Matrix<double> x) {
-    const Index n = right.shape(0), d = right.shape(1);
+    const Index n = right.shape(0), d = diagonal.shape(1), k = right.shape(1);
     require(order.size() == n, "order: expected one for each row of right");
     require(x.shape() == right.shape(), "x: expected right's shape");
+    require(d == 1 || d == k, "diagonal: expected blocks of numbers, or as large as a row of right");
     require_factor(order, starts, rows, diagonal, below, d);
+    if (d == 1) {
+        const Factor<1> factor{starts, rows, diagonal.data(), below.data()};
+        std::vector<Quad> y(n);
+        for (Index first = 0; first < k; first += 4) {
+            const Index count = std::min<Index>(4, k - first);
+            for (Index i = 0; i < n; ++i)
+                for (Index c = 0; c < count; ++c) y[i][c] = right(order[i], first + c);
+            factor.solve(y);
+            for (Index i = 0; i < n; ++i)
+                for (Index c = 0; c < count; ++c) x(order[i], first + c) = y[i][c];
+        }
+        return;
+    }
     with_dimension(d, [&](auto dimension) {
         std::vector<double> y(n * d);
         for (Index i = 0; i < n; ++i)

@@ -21,7 +21,7 @@ bool block_cholesky(Vector<const Index> row_starts, Vector<const std::int32_t> c
                     Vector<const std::int32_t> order, Vector<const Index> starts, Vector<const std::int32_t> rows,
                     Cube<double> diagonal, Cube<double> below);
 
-/// x (f, d) of H x = right (f, d) with H's factor.
+/// x (f, d) of H x = right (f, d) with H's factor; of numbers, d = 1, as many columns of both as there are.
 void block_cholesky_solve(Vector<const std::int32_t> order, Vector<const Index> starts, Vector<const std::int32_t> rows,
                           Cube<double> diagonal, Cube<double> below, Matrix<const double> right, Matrix<double> x);
 

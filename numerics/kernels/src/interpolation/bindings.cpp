@@ -36,6 +36,7 @@ void bind_interpolation(nanobind::module_& m) {
     bind(m, "count_near", count_near);
     bind(m, "near_rows", near_rows);
     bind(m, "add_product", add_product);
+    bind(m, "transposed_product", transposed_product);
     bind(m, "solve_sparse", solve_sparse);
     bind(m, "column_products", column_products);
     bind(m, "advance_columns", advance_columns);

@@ -45,6 +45,11 @@ class SparseRows {
         sum = even + odd;
     }
 
+    /// vectors[columns[e]] += entries[e] weight of row i, of one group.
+    void count(Index i, const Quad& weight, Index groups, Quad* __restrict vectors) const {
+        for (Index e = pointers_[i]; e < pointers_[i + 1]; ++e) vectors[columns_[e] * groups] += entries_[e] * weight;
+    }
+
   private:
     const std::int32_t *pointers_, *columns_;
     const double* entries_;
@@ -111,6 +116,25 @@ void add_product(Vector<const Index> rows, Vector<const std::int32_t> pointers, 
             }
         }
     });
+}
+
+void transposed_product(Vector<const Index> rows, Vector<const std::int32_t> pointers,
+                        Vector<const std::int32_t> columns, Vector<const double> entries, Matrix<const double> weights,
+                        Matrix<double> out) {
+    const Index n = rows.size(), k = weights.shape(1), groups = groups_of(k);
+    require(out.shape(1) == k, "out: expected as many columns as in weights");
+    const SparseRows matrix(pointers, columns, entries, n, out.shape(0));
+    require_below(rows, weights.shape(0), "rows: expected numbers of rows of weights");
+    Quads sums(out.shape(0) * groups);
+    for (Index i = 0; i < n; ++i) {
+        if (i + ahead < n) __builtin_prefetch(&weights(rows[i + ahead], 0));
+        for (Index g = 0; g < groups; ++g) {
+            Quad weight{};
+            for (Index c = 4 * g; c < std::min(4 * g + 4, k); ++c) weight[c - 4 * g] = weights(rows[i], c);
+            matrix.count(i, weight, groups, sums.data() + g);
+        }
+    }
+    from_quads(sums, out);
 }
 
 Index solve_sparse(Vector<const std::int32_t> pointers, Vector<const std::int32_t> columns,

@@ -11,6 +11,11 @@ namespace mesh_motion {
 void add_product(Vector<const Index> rows, Vector<const std::int32_t> pointers, Vector<const std::int32_t> columns,
                  Vector<const double> entries, Matrix<const double> weights, Matrix<double> out);
 
+/// The transpose: out (nc, k) is what add_product's weights count for weights (n, k) of its out.
+void transposed_product(Vector<const Index> rows, Vector<const std::int32_t> pointers,
+                        Vector<const std::int32_t> columns, Vector<const double> entries, Matrix<const double> weights,
+                        Matrix<double> out);
+
 /// Conjugate gradients for right-hand sides (n, k) that advance together, until none of the residual's numbers is larger
 /// than the limit; how many iterations that took, `most` at most.
 ///

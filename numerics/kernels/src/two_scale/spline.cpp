@@ -362,6 +362,8 @@ void add_spline_coefficients(Matrix<const double> points, Matrix<const double> o
         const auto boxes = boxes_of<A>(origin, inverse, cells, start, out.shape(0));
         const Matrix<const double> coefficients(out.data(), {out.shape(0), k});
         Slabs(points, boxes).for_points([&](Index b, Index i) {
+            const auto row = values[i];
+            if (std::all_of(row.begin(), row.end(), [](double value) { return value == 0.0; })) return;
             std::array<double, A> x;
             for (int axis = 0; axis < A; ++axis) x[axis] = points(i, axis);
             const Stencil<A, false> at(x, boxes[b], coefficients);

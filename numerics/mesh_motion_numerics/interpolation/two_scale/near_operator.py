@@ -56,3 +56,11 @@ class NearOperator:
             kernels.add_product(
                 self.rows, matrix.indptr, matrix.indices, matrix.data, np.ascontiguousarray(weights), out
             )
+
+    def transpose(self, weights: Floats, centres: int) -> Floats:
+        """(nc, k) what the weights of the ``centres`` count for (n, k) ones of the values."""
+        out, matrix = np.empty((centres, weights.shape[1])), self.matrix
+        kernels.transposed_product(
+            self.rows, matrix.indptr, matrix.indices, matrix.data, np.ascontiguousarray(weights), out
+        )
+        return out

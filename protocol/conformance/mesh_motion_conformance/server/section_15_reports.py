@@ -151,9 +151,10 @@ def _headroom(stage: Stage) -> None:
     _check(ahead["cell"], _CELL, "headroom.cell")
     if not 0.0 <= ahead["threshold"] <= ahead["inversion"] <= 100.0:
         raise Unmet("headroom: 0 ≤ threshold ≤ inversion ≤ 100", str(ahead))
-    for wanted in ("step", "displacement"):
-        asked = session.request("MOVE").having(report="headroom", headroom_along=wanted)
-        along = session.do(asked).fields["headroom"]["along"]
+    asked = session.request("MOVE").having(report="headroom")
+    on = asked.having(velocity="tangent").carrying(boundary_velocity=session.rows())
+    for wanted, request in (("step", asked), ("displacement", asked), ("velocity", on)):
+        along = session.do(request.having(headroom_along=wanted)).fields["headroom"]["along"]
         if along != wanted:
             raise Unmet(f"headroom.along: {wanted}", along)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +19,7 @@ from mesh_motion_conformance.server.stage import Stage
 from mesh_motion_conformance.show import show
 from mesh_motion_conformance.wire import Message
 
-__all__ = ["suite"]
+__all__ = ["functions", "suite"]
 
 suite = Suite()
 
@@ -163,21 +163,22 @@ def moves() -> Iterator[Case]:
     yield Case("23.4", "faces", "MOVE's report is empty", run(report="faces"))
 
 
-def _value(moved: Message) -> NDArray[np.float64]:
-    """The field of a few nodes, one sum, where they are."""
+def functions(moved: Message, nodes: Sequence[int]) -> NDArray[np.float64]:
+    """Those of MOVED's coefficients at nodes of the square; the field of a few nodes is one sum."""
     (total,) = moved.fields["sums"]
-    points, centres = SQUARE.points[list(OUTER)], moved.arrays["centres"]
+    points, centres = SQUARE.points[list(nodes)], moved.arrays["centres"]
     if total["basis"] != "wendland-c2" or total["centres"] != len(centres) or len(moved.arrays["boxes"]):
         raise Unmet("one sum of the basis asked for, without a spline", show(moved))
     xi = np.linalg.norm(points[:, None] - centres[None], axis=2) / total["radius"]
-    return np.asarray((np.maximum(1.0 - xi, 0.0) ** 4 * (4.0 * xi + 1.0)) @ moved.arrays["coefficients"])
+    return np.asarray(np.maximum(1.0 - xi, 0.0) ** 4 * (4.0 * xi + 1.0))
 
 
 @suite("23.4")
 def field_meets_the_boundary(stage: Stage) -> None:
     """The sum of MOVED's field is, at the nodes with a role, their displacement."""
     moved = stage.judging("READY").do("MOVE")
-    error = float(np.abs(_value(moved) - moved.arrays["displacement"]).max())
+    field = functions(moved, OUTER) @ moved.arrays["coefficients"]
+    error = float(np.abs(field - moved.arrays["displacement"]).max())
     if not error < 1e-9:
         raise Unmet("the displacement of the boundary", f"another one by {error:.2g}")
 

@@ -6,7 +6,9 @@ import numpy as np
 
 from mesh_motion_conformance.case import Suite, Unmet
 from mesh_motion_conformance.checks import answered, refused
+from mesh_motion_conformance.server.mesh import OUTER
 from mesh_motion_conformance.server.requests import Request
+from mesh_motion_conformance.server.section_23_client_evaluation import functions
 from mesh_motion_conformance.server.session import Session
 from mesh_motion_conformance.server.stage import Stage
 from mesh_motion_conformance.show import show
@@ -71,6 +73,38 @@ def nothing_changes(stage: Stage) -> None:
         raise Unmet("the same arrays", show(after))
     _asked(session, "COTANGENT", "weights", session.parts[0].points.astype("<f8"), "trial")
     session.do("COMMIT")
+
+
+@suite("24.7")
+def field_of_the_tangent(stage: Stage) -> None:
+    """With evaluation by the client the velocities of the boundary are those of the field of TANGENT_FOUND."""
+    session = stage.judging("READY")
+    moved, v = session.do("MOVE"), session.rows(size=1.0)
+    found = answered(session.ask(_at_trial(session, "TANGENT", velocity=v)), "TANGENT_FOUND")
+    error = np.abs(functions(moved, OUTER) @ found.arrays["coefficients"] - found.arrays["velocity"]).max()
+    if not error < 1e-9 or np.abs(found.arrays["velocity"][session.parts[0].moving] - v).max() > 1e-12:
+        raise Unmet("the velocities of the boundary", f"others by {error:.2g}")
+
+
+@suite("24.8")
+def counted_coefficients(stage: Stage) -> None:
+    """There COTANGENT is the transpose: the weights of the other nodes are what they count for the coefficients."""
+    session = stage.judging("READY")
+    moved, v = session.do("MOVE"), session.rows(size=1.0)
+    inner = functions(moved, sorted(set(range(16)) - set(OUTER)))
+    numbers = np.random.default_rng(248)
+    weights, others = numbers.standard_normal((len(OUTER), 2)), numbers.standard_normal((len(inner), 2))
+    found = answered(session.ask(_at_trial(session, "TANGENT", velocity=v)), "TANGENT_FOUND").arrays
+    one = np.sum(weights * found["velocity"]) + np.sum(others * (inner @ found["coefficients"]))
+    ask = _at_trial(session, "COTANGENT", weights=weights, coefficients=inner.T @ others)
+    other = np.sum(answered(session.ask(ask), "COTANGENT_FOUND").arrays["weights"] * v)
+    if not abs(one - other) < 1e-9 * (1.0 + abs(one)):
+        raise Unmet("the same sum from both sides", f"{one} and {other}")
+    refused(session.ask(_at_trial(session, "COTANGENT", weights=weights)), "INVALID_ARGUMENT.VALUE", state="TRIAL")
+
+
+def _at_trial(session: Session, kind: str, **arrays: np.ndarray) -> Request:
+    return Request(kind, session.address() | {"what": "trial"}, arrays)
 
 
 @suite("24.2")

@@ -1,0 +1,20 @@
+"""MOVED's headroom in words: the same in the client, ``play``, the terminal and the page (SPEC.md, section 15)."""
+
+from collections.abc import Mapping
+from typing import Any
+
+__all__ = ["headroom_in_words"]
+
+#: What is counted along each way on.
+_COUNTED = {
+    "step": "more steps like the last one",
+    "displacement": "times the displacement further",
+    "velocity": "seconds of this velocity",
+}
+_ENDS = {"threshold": "the quality threshold", "inversion": "the first inverted cell"}
+
+
+def headroom_in_words(headroom: Mapping[str, Any]) -> str:
+    """What is counted, and how much of it leads to which end; empty if no end is near."""
+    ahead = [f"{headroom[name]:.2g} to {end}" for name, end in _ENDS.items() if name in headroom]
+    return f"{_COUNTED[headroom.get('along', 'step')]}: {', '.join(ahead)}" if ahead else ""
