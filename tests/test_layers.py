@@ -26,7 +26,7 @@ SESSION_ROOMS = ["partitions", "journal", "history"]
 LAYERS = ["numerics", "distributed", "session", "service", "transport"]
 ENGINE = ("dask", "distributed")
 #: Folders of the checkout that are in no wheel.
-APART_FROM_ALL = ("proofs", "benchmarks", "docs", "tools", "tests")
+APART_FROM_ALL = ("benchmarks", "docs", "tools", "tests")
 #: Packages that stand without the server, and what else they may not import.
 APART = {
     "mesh_motion_protocol": ("zmq", "mesh_motion_client", "mesh_motion_conformance"),
@@ -126,7 +126,7 @@ def test_imports_point_to_the_left() -> None:
         ("mesh_motion_server.numerics.seeded", "def f():\n    import zmq"),
         ("mesh_motion_server.numerics.mesh.seeded", "from mesh_motion_server.numerics.quality import metrics"),
         ("mesh_motion_server.numerics.seeded", "from mesh_motion_server.numerics.mesh import cells"),
-        ("mesh_motion_server.session.seeded", "from proofs import wire"),
+        ("mesh_motion_server.session.seeded", "from tests.faults import wire"),
         ("mesh_motion_server.session.journal.seeded", "from mesh_motion_server.session.state import State"),
         ("mesh_motion_server.session.partitions.seeded", "from mesh_motion_server.session.journal import records"),
         ("mesh_motion_server.numerics.seeded", "from mesh_motion_server.distributed import rank"),

@@ -22,7 +22,7 @@ version = release = __version__
 root_doc = index.INDEX
 include_patterns = list(index.PAGES)
 # folders that Sphinx need not walk through
-exclude_patterns = [".*", "out", "dist", "build", "tests", "mesh_motion_server", "proofs", "docs/studies", "docs/site"]
+exclude_patterns = [".*", "out", "dist", "build", "tests", "mesh_motion_server", "docs/studies", "docs/site"]
 
 extensions = ["myst_parser", "sphinx_copybutton"]
 nitpicky = True

@@ -28,7 +28,7 @@ from own_ranks import CORRECTED, ROLES, SETTINGS, assert_same_quality, bend, box
 from worker_processes import workers
 
 from mesh_motion_server.files.partitions import write_partitions
-from proofs.server_process import ServerProcess
+from tests.faults.server_process import ServerProcess
 
 MESHES = {"plane": ("quad", 20), "space": ("hexahedron", 10), "mixed": ("quad + triangle", 20)}
 #: How far the body goes in each step: cells are bad.

@@ -16,7 +16,7 @@ from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from mesh_motion_server.session.store import SessionStore
-from proofs.stand_in import split_mesh
+from tests.faults.stand_in import split_mesh
 
 
 def moved(folder: Path, mesh: Any, settings: Mapping[str, Any], goal: np.ndarray) -> np.ndarray:

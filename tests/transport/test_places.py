@@ -12,7 +12,7 @@ from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.places import check_place, gives_way
 from mesh_motion_server.transport.registry import Live, Registry
-from proofs.waiting import wait_until
+from tests.faults.waiting import wait_until
 
 SHORTAGE = ResourceError("no memory", code="RESOURCE_EXHAUSTED.SESSIONS")
 
