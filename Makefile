@@ -12,7 +12,7 @@
 # make prove-full the same with the counts of a night
 # make mutants changes journal, session, codec and judging in small ways and shows that the tests notice (tests/mutation), ten minutes
 # make sanitize runs the tests of the numerics on kernels that check every index, address, operation and race, an hour
-# make nightly runs what takes hours and rarely fails: sanitizers, mutants, the demo without a compiler, proofs with the counts of a night
+# make nightly runs what takes hours and rarely fails: sanitizers, mutants, the demo without a compiler, prove-full
 # make peers  compares with OpenFOAM, Kratos and textbook RBF, as far as they are installed (benchmarks/README.md)
 # make bench  measures growth to five million nodes, the correction and every system installed: one page, twenty minutes
 # make bench-quick the most telling of it in three minutes
@@ -114,11 +114,11 @@ format: $(VENV)/.development
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-prove: $(VENV)/.runtime drivers
-	PATH=$(CURDIR)/$(DRIVERS):$$PATH $(BIN)/python -m proofs --out out/prove
+prove: $(VENV)/.development drivers
+	PATH=$(CURDIR)/$(DRIVERS):$$PATH $(BIN)/python -m tests.faults --out out/prove
 
-prove-full: $(VENV)/.runtime drivers
-	PATH=$(CURDIR)/$(DRIVERS):$$PATH $(BIN)/python -m proofs --full --out out/prove-full
+prove-full: $(VENV)/.development drivers
+	PATH=$(CURDIR)/$(DRIVERS):$$PATH $(BIN)/python -m tests.faults --full --out out/prove-full
 
 # The row of conformance drives the clients in C, C++ and Fortran too, where their tools are installed.
 drivers:
@@ -135,7 +135,7 @@ mutants: $(VENV)/.development
 
 # The sanitizer's library must be loaded before Python; Python's own arenas and leaks at its end are not our matter. Without
 # -S the editable install would find its own kernels first, whatever PYTHONPATH says. OpenBLAS is not instrumented: none of its threads.
-# No second runs here nor in the proofs: a race, or a broken promise, that shows itself once is a fault.
+# No second runs here nor in `make prove`: a race, or a broken promise, that shows itself once is a fault.
 SANITIZED = cmake -S numerics/kernels -B out/sanitize/$(1) -DMESH_MOTION_LEVELS=v3 -DMESH_MOTION_SANITIZE=$(2) \
     -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python --log-level=WARNING && cmake --build out/sanitize/$(1) -j $(JOBS) \
   && LD_PRELOAD="$$($(CXX) -print-file-name=$(3)) $$($(CXX) -print-file-name=libstdc++.so)" PYTHONPATH=$(CURDIR)/out/sanitize/$(1):$(CURDIR):$(CURDIR)/$(CLIENT):$(CURDIR)/numerics:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \

@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 from mesh_motion_client import Mesh, Patch, connect
 
-from proofs.processes import children_of, name_of
-from proofs.server_process import ServerProcess
-from proofs.stand_in import grid_mesh
+from tests.faults.processes import children_of, name_of
+from tests.faults.server_process import ServerProcess
+from tests.faults.stand_in import grid_mesh
 
 __all__ = ["main"]
 

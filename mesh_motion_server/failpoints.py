@@ -1,9 +1,9 @@
-"""Named points where a proof makes the server fail: by a kill, an error or a delay.
+"""Named points where a test makes the server fail: by a kill, an error or a delay.
 
 ``failpoint("journal.commit.slot-synced")`` stands where a crash, an error or a delay would hurt most; without
 :data:`VARIABLE` in the environment of the process it does nothing. The variable names a folder of the operator's own
 (0700) with a plan of what happens where; nothing that comes over a socket reaches it. What happens at a point is not
-part of the package: ``proofs/failpoint_plan.py`` of a checkout does it.
+part of the package: ``tests/faults/failpoint_plan.py`` of a checkout does it.
 """
 
 import os
@@ -17,7 +17,7 @@ __all__ = ["VARIABLE", "activate", "deactivate", "failpoint"]
 
 #: Environment variable with the folder of plan and counts.
 VARIABLE = "MESH_MOTION_FAILPOINTS"
-_PLAN = "proofs.failpoint_plan"
+_PLAN = "tests.faults.failpoint_plan"
 
 #: What is called at each point, if anything.
 _PASSED: list[Callable[[str], None]] = []
@@ -43,7 +43,7 @@ def activate(environment: Mapping[str, str] = os.environ) -> Path | None:
     try:
         plan = import_module(_PLAN)
     except ModuleNotFoundError:
-        raise InvalidInput(f"{VARIABLE}: only a checkout, with its proofs, has failpoints") from None
+        raise InvalidInput(f"{VARIABLE}: only a checkout, with its tests, has failpoints") from None
     folder = Path(named)
     _PASSED[:] = [plan.of_folder(folder)]
     return folder

@@ -12,7 +12,7 @@ from hypothesis import settings
 
 from mesh_motion_server import failpoints
 from mesh_motion_server.transport.processes import repeatable_libraries
-from proofs.failpoint_plan import PLAN
+from tests.faults.failpoint_plan import PLAN
 
 #: Examples that hypothesis draws for a test: `make test` takes the first, `make test-all` the second.
 settings.register_profile("few", max_examples=25, deadline=None)
@@ -29,8 +29,13 @@ _COMPILE = {"foam_environment", "flap", "tools", "zmq_flags", "prefix", "sdist",
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m chooses among them
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Without slow tests there are no nightly ones either; what compiles has one limit, that of its test."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Rows of `make prove` run where they are asked for. Without slow tests there are no nightly ones either; what
+    compiles has one limit, that of its test.
+    """
+    if "faults" not in config.option.markexpr:
+        config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("faults")])
+        items[:] = [item for item in items if not item.get_closest_marker("faults")]
     for item in items:
         if item.get_closest_marker("nightly"):
             item.add_marker("slow")

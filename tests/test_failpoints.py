@@ -16,8 +16,8 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_server import failpoints
 from mesh_motion_server.failpoints import VARIABLE, activate, failpoint
 from mesh_motion_server.transport.serve import EXIT_CONFIGURATION
-from proofs.failpoint_plan import PLAN, Fault, read_plan
-from proofs.failpoint_table import POINTS
+from tests.faults.failpoint_plan import PLAN, Fault, read_plan
+from tests.faults.failpoint_table import POINTS
 
 ROOT = Path(failpoints.__file__).parent
 POINT, OTHER = "journal.commit.start", "worker.sent"

@@ -27,7 +27,7 @@ SESSION_ROOMS = ["partitions", "journal", "history"]
 LAYERS = ["session", "service", "transport"]
 ENGINE = ("dask", "distributed")
 #: Folders of the checkout that are in no wheel.
-APART_FROM_ALL = ("proofs", "benchmarks", "docs", "tools", "tests")
+APART_FROM_ALL = ("benchmarks", "docs", "tools", "tests")
 #: Packages that stand without the server, and what else they may not import.
 APART = {
     "mesh_motion_protocol": ("zmq", "mesh_motion_client", "mesh_motion_conformance"),
@@ -136,7 +136,7 @@ def test_imports_point_to_the_left() -> None:
         ("mesh_motion_numerics.seeded", "def f():\n    import zmq"),
         ("mesh_motion_numerics.mesh.seeded", "from mesh_motion_numerics.quality import metrics"),
         ("mesh_motion_numerics.seeded", "from mesh_motion_numerics.mesh import cells"),
-        ("mesh_motion_server.session.seeded", "from proofs import wire"),
+        ("mesh_motion_server.session.seeded", "from tests.faults import wire"),
         ("mesh_motion_server.session.journal.seeded", "from mesh_motion_server.session.state import State"),
         ("mesh_motion_server.session.partitions.seeded", "from mesh_motion_server.session.journal import records"),
         ("mesh_motion_numerics.motion.seeded", "from mesh_motion_numerics.distributed import rank"),

@@ -18,8 +18,8 @@ import pytest
 from histories import write_history
 
 from mesh_motion_server.session.store import SessionStore
-from proofs.driver import make_driver
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import make_driver
+from tests.faults.stand_in import grid_mesh
 
 _PATIENCE = 90.0
 NASTY = "wing \x1b[31mred\x07"

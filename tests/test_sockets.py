@@ -1,4 +1,4 @@
-"""No socket of a proof, a test or a client waits for ever: each has limits for sends, receives and its end."""
+"""No socket of a test or a client waits for ever: each has limits for sends, receives and its end."""
 
 import ast
 import re
@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 import zmq
 
-from proofs.limited_context import limited_context
+from tests.faults.limited_context import limited_context
 
 ROOT = Path(__file__).parents[1]
 LIMITS = {"LINGER", "SNDTIMEO", "RCVTIMEO"}
 #: Here a context sets them for every socket.
-FROM_CONTEXTS = [ROOT / "proofs", ROOT / "tests"]
+FROM_CONTEXTS = [ROOT / "tests"]
 #: Here each function that makes a socket sets them.
 BY_THEMSELVES = [ROOT / "adapters", ROOT / "protocol", ROOT / "examples"]
-HERE, THE_PLACE = Path(__file__), ROOT / "proofs" / "limited_context.py"
+HERE, THE_PLACE = Path(__file__), ROOT / "tests" / "faults" / "limited_context.py"
 
 
 def sources(folders: list[Path], *endings: str) -> list[Path]:
@@ -53,7 +53,7 @@ def connections_without_time(text: str) -> Iterator[str]:
             )
 
 
-def test_proofs_and_tests_take_their_sockets_from_limited_contexts() -> None:
+def test_tests_take_their_sockets_from_limited_contexts() -> None:
     found = {path: list(contexts_without_limits(path.read_text("utf-8"))) for path in sources(FROM_CONTEXTS, ".py")}
     assert {path: lines for path, lines in found.items() if lines} == {}
 

@@ -19,8 +19,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from proofs.server_process import ServerProcess
-from proofs.waiting import wait_until
+from tests.faults.server_process import ServerProcess
+from tests.faults.waiting import wait_until
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURE = ROOT / "docs" / "images" / "monitor.png"

@@ -30,7 +30,6 @@ exclude_patterns = [
     "tests",
     "mesh_motion_server",
     "numerics/mesh_motion_numerics",
-    "proofs",
     "docs/studies",
     "docs/site",
 ]

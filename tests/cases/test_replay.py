@@ -30,8 +30,8 @@ from mesh_motion_server.session.replay import maker
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 from mesh_motion_server.watch.pictures.meshes import read_pair
-from proofs.driver import SESSION, Driver, make_spec
-from proofs.stand_in import split_mesh
+from tests.faults.driver import SESSION, Driver, make_spec
+from tests.faults.stand_in import split_mesh
 
 STEPS = 6
 SETTINGS = {"quality_metric": "size-skew", "support_radius": 0.8, "quality_threshold": 0.45, "correction": "optimised"}

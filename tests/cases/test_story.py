@@ -12,8 +12,8 @@ from mesh_motion_server.cases.inspect import inspect_folder, inspect_step
 from mesh_motion_server.cases.story import tell_step
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.watch.observation.steps import digest_of_history
-from proofs.driver import make_driver
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import make_driver
+from tests.faults.stand_in import grid_mesh
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ import pytest
 from mesh_motion_client import Keys, Mesh, Patch, connect
 
 from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
-from proofs.server_process import ServerProcess
-from proofs.waiting import PATIENCE
+from tests.faults.server_process import ServerProcess
+from tests.faults.waiting import PATIENCE
 
 HERE = Path(__file__).parent
 #: A checkout on the path of the tests is that of the server too.

@@ -8,8 +8,8 @@ import pytest
 from mesh_motion_client import InvalidInput, StepsLost, connect
 
 from mesh_motion_server.failpoints import VARIABLE
-from proofs.failpoint_plan import PLAN
-from proofs.waiting import wait_until
+from tests.faults.failpoint_plan import PLAN
+from tests.faults.waiting import wait_until
 
 UP = np.array([[0.0, 1 / 64]] * 4)
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from mesh_motion_client import Unavailable, connect
 
-from proofs.processes import alive
-from proofs.waiting import wait_until
+from tests.faults.processes import alive
+from tests.faults.waiting import wait_until
 
 CLIENT = """
 import time

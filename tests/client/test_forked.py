@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from mesh_motion_client import SessionError, connect
 
-from proofs.processes import alive
-from proofs.waiting import wait_until
+from tests.faults.processes import alive
+from tests.faults.waiting import wait_until
 
 UP = np.array([[0.0, 0.25]] * 4)
 

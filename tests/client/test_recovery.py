@@ -14,7 +14,7 @@ from mesh_motion_client.control import Control
 from mesh_motion_protocol.digests import request_digest
 from mesh_motion_protocol.messages import Hello
 
-from proofs.waiting import wait_until
+from tests.faults.waiting import wait_until
 
 UP = np.array([[0.0, 0.25]] * 4)
 

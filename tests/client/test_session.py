@@ -8,7 +8,7 @@ import pytest
 from mesh_motion_client import InvalidInput, Mesh, Patch, QualityRefused, Timeout, connect
 from mesh_motion_protocol.digests import state_digest
 
-from proofs.waiting import wait_until
+from tests.faults.waiting import wait_until
 
 UP = np.array([[0.0, 0.25]] * 4)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from proofs.server_process import ServerProcess
+from tests.faults.server_process import ServerProcess
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Short enough that their end is part of the suite.

@@ -26,7 +26,7 @@ from mesh_motion_server.transport.gateway import Gateway
 from mesh_motion_server.transport.protection import Protection, Rights
 from mesh_motion_server.transport.registry import Registry
 from mesh_motion_server.transport.worker import Worker
-from proofs.limited_context import limited_context
+from tests.faults.limited_context import limited_context
 
 
 class Line:

@@ -21,7 +21,7 @@ from mesh_motion_conformance.server import server_cases
 from mesh_motion_conformance.show import show_frames
 from mesh_motion_conformance.spec_tables import TABLES, read_spec, rendered
 
-from proofs.limited_context import limited_context
+from tests.faults.limited_context import limited_context
 
 ROOT = Path(__file__).resolve().parents[2]
 SPEC = ROOT / "protocol" / "SPEC.md"

@@ -14,8 +14,8 @@ from own_ranks import CORRECTED, SETTINGS, assert_same_quality, bend, on_ranks, 
 from mesh_motion_server.cases.recorded import read_recorded
 from mesh_motion_server.session.inspection import inspect_session
 from mesh_motion_server.watch.pictures.meshes import read_pair
-from proofs.server_process import ServerProcess
-from proofs.waiting import PATIENCE
+from tests.faults.server_process import ServerProcess
+from tests.faults.waiting import PATIENCE
 
 #: Two with one dense matrix, two in two scales.
 MESHES = {

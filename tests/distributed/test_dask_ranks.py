@@ -30,7 +30,7 @@ from periodic_meshes import sector
 from worker_processes import workers
 
 from mesh_motion_server.files.partitions import write_partitions
-from proofs.server_process import ServerProcess
+from tests.faults.server_process import ServerProcess
 
 MESHES = {"plane": ("quad", 20), "space": ("hexahedron", 10), "mixed": ("quad + triangle", 20)}
 #: How far the body goes in each step: cells are bad.

@@ -18,8 +18,8 @@ from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings
-from proofs.driver import Driver, make_spec
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import Driver, make_spec
+from tests.faults.stand_in import grid_mesh
 
 PAGE = (Path(__file__).parents[2] / "docs" / "operations.md").read_text(encoding="utf-8")
 

@@ -1,9 +1,9 @@
-"""docs/reliability.md names every row of the table of proofs, and only rows, tests and files that exist."""
+"""docs/reliability.md names every row of the table of tests/faults, and only rows, tests and files that exist."""
 
 import re
 from pathlib import Path
 
-from proofs.table import CHECKS
+from tests.faults.table import CHECKS
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "reliability.md").read_text(encoding="utf-8")

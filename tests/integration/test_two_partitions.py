@@ -18,7 +18,7 @@ from real_sessions import new_session
 from docs.studies.aerofoil_grids import o_grid
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from mesh_motion_server.session.store import SessionStore
-from proofs.stand_in import split_mesh
+from tests.faults.stand_in import split_mesh
 
 
 def moved(folder: Path, mesh: Any, settings: Mapping[str, Any], goal: np.ndarray) -> np.ndarray:

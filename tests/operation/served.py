@@ -7,8 +7,8 @@ import status_page
 from mesh_motion_client import Mesh, Patch
 from prometheus_client.parser import text_string_to_metric_families
 
-from proofs.server_process import ServerProcess
-from proofs.stand_in_server import StandInServer
+from tests.faults.server_process import ServerProcess
+from tests.faults.stand_in_server import StandInServer
 
 
 def small_mesh(cells=4):

@@ -15,10 +15,10 @@ from served import small_mesh
 
 from mesh_motion_server.session.journal import journal, next_manifest
 from mesh_motion_server.session.store import SessionStore
-from proofs.driver import Driver, make_driver, resume_driver
-from proofs.model_files import ModelFiles
-from proofs.stand_in import grid_mesh
-from proofs.waiting import wait_until
+from tests.faults.driver import Driver, make_driver, resume_driver
+from tests.faults.model_files import ModelFiles
+from tests.faults.stand_in import grid_mesh
+from tests.faults.waiting import wait_until
 
 _MIB = 1 << 20
 

@@ -7,7 +7,7 @@ import pytest
 from mesh_motion_client import Mesh, MeshMotionError, Patch, connect
 from served import small_mesh
 
-from proofs.waiting import wait_until
+from tests.faults.waiting import wait_until
 
 
 def strip(nodes: int) -> Mesh:

@@ -12,7 +12,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from served import small_mesh
 
 from mesh_motion_server.operation.metrics import METRICS, PREFIX
-from proofs.waiting import wait_until
+from tests.faults.waiting import wait_until
 
 #: prometheus.io/docs/practices/naming: base units, and what promtool check metrics objects to.
 _OTHER_UNITS = re.compile(r"_(ms|milliseconds|minutes|hours|kb|kilobytes|mb|megabytes|percent)(_|$)")

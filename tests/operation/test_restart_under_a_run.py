@@ -15,7 +15,7 @@ from mesh_motion_client.session import Session
 from mesh_motion_protocol.messages import Uploaded
 from served import Served, small_mesh
 
-from proofs.waiting import PATIENCE, wait_until
+from tests.faults.waiting import PATIENCE, wait_until
 
 FSI = Path(__file__).parents[2] / "examples" / "mock_fsi"
 STEPS = 7

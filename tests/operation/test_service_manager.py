@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from mesh_motion_server.operation.service_manager import ServiceManager
-from proofs.waiting import wait_until
+from tests.faults.waiting import wait_until
 
 UNIT = Path(__file__).parents[2] / "docs" / "mesh-motion.service"
 

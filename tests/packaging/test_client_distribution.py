@@ -13,7 +13,7 @@ import pytest
 from bare_environment import ROOT, build, names_in, tracked
 
 from mesh_motion_server import __version__
-from proofs.server_process import ServerProcess
+from tests.faults.server_process import ServerProcess
 from tools.wheel import client_example
 
 FOLDER = Path("adapters/python")

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from mesh_motion_server.session.store import SessionStore
-from proofs.driver import make_driver
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import make_driver
+from tests.faults.stand_in import grid_mesh
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ from mesh_motion_protocol.messages import Build, Close, Commit, Move, Status, Up
 from mesh_motion_server.session.history.events import read_events
 from mesh_motion_server.session.state import State
 from mesh_motion_server.settings import ServerSettings
-from proofs.driver import SESSION, TOKEN, make_driver, resume_driver
-from proofs.stand_in import grid_mesh, split_mesh
+from tests.faults.driver import SESSION, TOKEN, make_driver, resume_driver
+from tests.faults.stand_in import grid_mesh, split_mesh
 
 
 class Clock:

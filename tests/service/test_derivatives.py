@@ -8,8 +8,8 @@ from mesh_motion_protocol.messages import Commit, Cotangent, Move, Tangent
 from real_sessions import boxed, bulge, new_session
 
 from mesh_motion_server.service.dispatch import SessionHost
-from proofs.driver import SESSION, TOKEN
-from proofs.stand_in import split_mesh
+from tests.faults.driver import SESSION, TOKEN
+from tests.faults.stand_in import split_mesh
 
 
 def asked(driver: Any, kind: Any, name: str, rows: list[np.ndarray], what: str = "trial") -> list[Any]:

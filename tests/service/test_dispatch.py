@@ -14,9 +14,9 @@ from raising import raising
 from mesh_motion_server.service.dispatch import Envelope
 from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore
-from proofs.driver import TOKEN, make_driver, resume
-from proofs.model_files import FailingFiles, ModelFiles
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import TOKEN, make_driver, resume
+from tests.faults.model_files import FailingFiles, ModelFiles
+from tests.faults.stand_in import grid_mesh
 
 
 def test_a_life(driver: Any, store: Any) -> None:

@@ -9,8 +9,8 @@ from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.messages import Commit, Move, Upload
 from raising import raising
 
-from proofs.driver import make_driver, resume_driver
-from proofs.stand_in import grid_mesh, split_mesh
+from tests.faults.driver import make_driver, resume_driver
+from tests.faults.stand_in import grid_mesh, split_mesh
 
 
 def same(a: Any, b: Any) -> bool:

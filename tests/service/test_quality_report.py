@@ -6,8 +6,8 @@ import numpy as np
 from mesh_motion_protocol.messages import Commit, Move, Rollback
 from real_sessions import new_session
 
-from proofs.driver import SESSION
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import SESSION
+from tests.faults.stand_in import grid_mesh
 
 SUMMARY = {"size", "skew", "size_skew", "metric", "inverted", "cells", "worst"}
 

@@ -17,8 +17,8 @@ from real_sessions import boxed, bulge, new_session
 from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.history.events import read_events
-from proofs.driver import SESSION, TOKEN
-from proofs.stand_in import grid_mesh, split_mesh
+from tests.faults.driver import SESSION, TOKEN
+from tests.faults.stand_in import grid_mesh, split_mesh
 
 
 def driver_of(store: Any, meshes: list[Any], session: str = SESSION, **settings: Any) -> Any:

@@ -15,8 +15,8 @@ from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from mesh_motion_server.settings import ServerSettings
-from proofs.driver import SESSION, TOKEN, Driver, SessionSpec
-from proofs.stand_in import split_mesh
+from tests.faults.driver import SESSION, TOKEN, Driver, SessionSpec
+from tests.faults.stand_in import split_mesh
 
 LIMITS = ServerSettings(reserve_disk_bytes=0)
 #: Uneven steps from 0.5 s on.

@@ -10,8 +10,8 @@ from mesh_motion_server.session.partitions.uploads import Part
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings
-from proofs.driver import make_spec
-from proofs.stand_in import StandIn, grid_mesh
+from tests.faults.driver import make_spec
+from tests.faults.stand_in import StandIn, grid_mesh
 
 
 def built(folder: Path, shift: float) -> tuple[Session, list[Any]]:

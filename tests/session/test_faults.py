@@ -1,4 +1,4 @@
-"""A disk that fails at any operation: the campaign of `python -m proofs`, and seeded bugs that it must find."""
+"""A disk that fails at any operation: the campaign of `python -m tests.faults`, and seeded bugs that it must find."""
 
 import errno
 from collections import Counter
@@ -10,8 +10,8 @@ from mesh_motion_protocol.errors import DataLoss, MeshMotionError
 
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
-from proofs.check import BrokenPromise, Budget
-from proofs.io_faults import CHECK, fail_each_call, short_writes
+from tests.faults.check import BrokenPromise, Budget
+from tests.faults.io_faults import CHECK, fail_each_call, short_writes
 
 
 @pytest.mark.parametrize(("error", "for_ever"), [(errno.ENOSPC, False), (errno.EIO, True)])
@@ -52,7 +52,7 @@ def test_short_writes_are_continued(most: int, level: str) -> None:
 
 def test_the_whole_row(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "proofs.io_faults.fail_each_call", lambda error, for_ever, level: Counter({"whole": 1, "FROZEN": 3})
+        "tests.faults.io_faults.fail_each_call", lambda error, for_ever, level: Counter({"whole": 1, "FROZEN": 3})
     )
     result = CHECK.run(1, Budget(2))
     assert result.passed
@@ -82,7 +82,7 @@ def test_an_error_that_is_swallowed_is_found(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_failure_in_the_background_that_is_not_reported_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("proofs.io_faults._PATIENCE", 0.5)
+    monkeypatch.setattr("tests.faults.io_faults._PATIENCE", 0.5)
     monkeypatch.setattr(RelaxedKeeper, "frozen", False)
     with pytest.raises(BrokenPromise, match="step 1 does not become durable"):
         fail_each_call(errno.EIO, for_ever=False, level="relaxed")

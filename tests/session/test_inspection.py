@@ -10,8 +10,8 @@ from mesh_motion_protocol.errors import DataLoss
 from mesh_motion_server.session.inspection import inspect_session
 from mesh_motion_server.session.journal.records import PAGE
 from mesh_motion_server.session.store import SessionStore
-from proofs.driver import SESSION, TOKEN, make_driver
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import SESSION, TOKEN, make_driver
+from tests.faults.stand_in import grid_mesh
 
 
 @pytest.fixture

@@ -1,13 +1,13 @@
-"""kill -9 of a process that commits: the campaign of `python -m proofs` with a few kills; one process a session."""
+"""Kills of a process that commits, with SIGKILL: the row `kill-9` with a few; one process a session."""
 
 from pathlib import Path
 from random import Random
 
 import pytest
 
-from proofs import kill_nine
-from proofs.check import BrokenPromise, Budget
-from proofs.kill_nine import CHECK, Witness, kill_again_and_again, require_undisturbed
+from tests.faults import kill_nine
+from tests.faults.check import BrokenPromise, Budget
+from tests.faults.kill_nine import CHECK, Witness, kill_again_and_again, require_undisturbed
 
 
 def test_a_few_kills() -> None:

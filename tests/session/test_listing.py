@@ -14,9 +14,9 @@ from mesh_motion_server.session.journal.mesh_store import verifies
 from mesh_motion_server.session.journal.recovery import read_chain, sum_up
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.transport import registry
-from proofs.driver import SESSION, make_driver, resume_driver
-from proofs.model_files import ModelFiles
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import SESSION, make_driver, resume_driver
+from tests.faults.model_files import ModelFiles
+from tests.faults.stand_in import grid_mesh
 
 
 class CountingFiles(ModelFiles):

@@ -18,8 +18,8 @@ from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.session.unbuilt import UNBUILT
 from mesh_motion_server.settings import ServerSettings
-from proofs.driver import SESSION, TOKEN, make_driver, make_spec, resume
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import SESSION, TOKEN, make_driver, make_spec, resume
+from tests.faults.stand_in import grid_mesh
 
 OTHER = "f" * 32
 

@@ -26,9 +26,9 @@ from mesh_motion_server.session.state import Operation, State
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.session.values import Built
 from mesh_motion_server.settings import MethodSettings, ServerSettings
-from proofs.driver import SESSION, TOKEN, make_driver, make_spec
-from proofs.model_files import FailingFiles, ModelFiles
-from proofs.stand_in import StandIn, grid_mesh
+from tests.faults.driver import SESSION, TOKEN, make_driver, make_spec
+from tests.faults.model_files import FailingFiles, ModelFiles
+from tests.faults.stand_in import StandIn, grid_mesh
 
 if TYPE_CHECKING:
     from mesh_motion_server.session.journal.keeper import Keeper

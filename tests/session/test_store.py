@@ -14,9 +14,9 @@ from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore, StoredSession
 from mesh_motion_server.settings import ServerSettings
-from proofs.driver import SESSION, TOKEN, make_driver, make_spec, resume
-from proofs.model_files import ModelFiles
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import SESSION, TOKEN, make_driver, make_spec, resume
+from tests.faults.model_files import ModelFiles
+from tests.faults.stand_in import grid_mesh
 
 OTHER = "f" * 32
 

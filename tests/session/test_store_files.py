@@ -15,9 +15,9 @@ from mesh_motion_server.session import store as store_module
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore, StoredSession
-from proofs.driver import SESSION, TOKEN, make_spec
-from proofs.model_files import FailingFiles, ModelFiles
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import SESSION, TOKEN, make_spec
+from tests.faults.model_files import FailingFiles, ModelFiles
+from tests.faults.stand_in import grid_mesh
 
 OTHER = "f" * 32
 NODES = len(grid_mesh().points)

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from proofs.waiting import wait_until
+from tests.faults.waiting import wait_until
 
 #: Seconds; the page waits for every process that computes, here the other tests.
 _PATIENCE = 200.0

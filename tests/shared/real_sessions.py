@@ -12,8 +12,8 @@ from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import MethodSettings, ServerSettings
-from proofs.driver import SESSION, Driver, make_spec
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import SESSION, Driver, make_spec
+from tests.faults.stand_in import grid_mesh
 
 
 def boxed(count: int) -> PartitionMesh:

@@ -10,9 +10,9 @@ from chromium import Browser
 from histories import write_history
 
 from mesh_motion_server.session.store import SessionStore
-from proofs.driver import make_driver
-from proofs.server_process import ServerProcess
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import make_driver
+from tests.faults.server_process import ServerProcess
+from tests.faults.stand_in import grid_mesh
 
 
 def stored(folder: Path, session: str, label: str, history: int, **options: Any) -> None:

@@ -3,7 +3,7 @@
 import urllib.error
 import urllib.request
 
-from proofs.waiting import wait_until
+from tests.faults.waiting import wait_until
 
 
 def address_of(server):

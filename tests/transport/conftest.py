@@ -12,8 +12,8 @@ from mesh_motion_protocol.key_files import PublicKey, SecretKey
 from mesh_motion_protocol.messages import Join, Open
 
 from mesh_motion_server.security.key_folder import make_client_keys
-from proofs.limited_context import limited_context
-from proofs.server_process import ServerProcess
+from tests.faults.limited_context import limited_context
+from tests.faults.server_process import ServerProcess
 
 HERE = Path(__file__).parent
 PATIENCE = 30.0

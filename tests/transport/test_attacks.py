@@ -16,9 +16,9 @@ from mesh_motion_protocol.messages import Commit, Hello, Join, Move, Open, Ping,
 from mesh_motion_server.security.key_folder import admit, make_server_keys
 from mesh_motion_server.transport.protection import Protection, user_of
 from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
-from proofs.attacks import ended, endless_message, forged_user, half_open, oversized_hello, ready, storm
-from proofs.limited_context import limited_context
-from proofs.waiting import wait_until
+from tests.faults.attacks import ended, endless_message, forged_user, half_open, oversized_hello, ready, storm
+from tests.faults.limited_context import limited_context
+from tests.faults.waiting import wait_until
 
 MIB = 1 << 20
 ONES = np.ones((2, 2))

@@ -8,7 +8,7 @@ import pytest
 import zmq
 
 from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, bind_first, lock_folder
-from proofs.limited_context import limited_context
+from tests.faults.limited_context import limited_context
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from mesh_motion_protocol.messages import Ping
 
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport import template, worker
-from proofs.limited_context import limited_context
+from tests.faults.limited_context import limited_context
 
 
 class Line:

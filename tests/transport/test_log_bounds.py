@@ -10,7 +10,7 @@ from mesh_motion_protocol.messages import Hello, Ping
 from mesh_motion_server.transport import telemetry
 from mesh_motion_server.transport.log_bounds import Throttle, places_of_exception, shortened
 from mesh_motion_server.transport.telemetry import configure, log, tell_suppressed
-from proofs.waiting import wait_until
+from tests.faults.waiting import wait_until
 
 
 def test_a_burst_then_a_rate_then_a_count():

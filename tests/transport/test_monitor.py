@@ -16,7 +16,7 @@ from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport import monitor
 from mesh_motion_server.transport.monitor import Pages
 from mesh_motion_server.transport.opening import check_room
-from proofs.waiting import PATIENCE, wait_until
+from tests.faults.waiting import PATIENCE, wait_until
 
 
 def start_watched(start, **settings):

@@ -14,7 +14,7 @@ from mesh_motion_protocol.limits import FRAME_BYTES
 from mesh_motion_protocol.messages import Join, List, Move, Open, Ping, Resume, Status
 
 from mesh_motion_server.security.key_folder import admit, make_server_keys
-from proofs.waiting import PATIENCE, wait_until
+from tests.faults.waiting import PATIENCE, wait_until
 
 REFUSALS = (zmq.EVENT_HANDSHAKE_FAILED_AUTH, zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, zmq.EVENT_DISCONNECTED)
 

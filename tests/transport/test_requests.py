@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mesh_motion_protocol.messages import Commit, Move, Ping, Probe, Status
 
-from proofs.waiting import wait_until
+from tests.faults.waiting import wait_until
 
 ONES = np.ones((2, 2))
 

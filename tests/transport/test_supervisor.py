@@ -12,9 +12,9 @@ import psutil
 import pytest
 from mesh_motion_protocol.messages import Close, Commit, Hello, List, Move, Open, Ping, Probe, Resume, Status
 
-from proofs.attacks import endless_message
-from proofs.processes import alive
-from proofs.waiting import PATIENCE, wait_until
+from tests.faults.attacks import endless_message
+from tests.faults.processes import alive
+from tests.faults.waiting import PATIENCE, wait_until
 
 ONES = np.ones((2, 2))
 

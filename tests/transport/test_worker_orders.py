@@ -9,7 +9,7 @@ import zmq
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.template import _host, _tell_progress
 from mesh_motion_server.transport.worker import Worker
-from proofs.limited_context import limited_context
+from tests.faults.limited_context import limited_context
 
 
 class Line:

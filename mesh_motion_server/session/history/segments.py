@@ -1,7 +1,7 @@
 """Append-only files; when one is full, the next one is started.
 
 They belong to the one process that holds the session; any process may read them. This module calls the operating
-system directly, not through the journal's ``FileSystem``: the proofs of the journal simulate losses of power and
+system directly, not through the journal's ``FileSystem``: the journal's tests simulate losses of power and
 failing disks, and must not include files that nothing depends on.
 """
 

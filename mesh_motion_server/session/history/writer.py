@@ -44,7 +44,7 @@ class History:
     Parameters
     ----------
     folder : Path
-        The session's folder. If it does not exist, as in the proofs' file system models, there is no history.
+        The session's folder. If it does not exist, as in file system models of tests, there is no history.
     total_bytes : int
         0: no history.
     reserve_bytes : int

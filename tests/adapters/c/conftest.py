@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mesh_motion_client import Mesh, Patch, connect
 
-from proofs.server_process import ServerProcess
+from tests.faults.server_process import ServerProcess
 
 ROOT = Path(__file__).resolve().parents[3]
 sys.path.insert(0, str(ROOT / "tests" / "numerics"))  # box_meshes

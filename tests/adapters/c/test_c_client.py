@@ -16,7 +16,7 @@ from mesh_motion_client import Credentials, Mesh, Patch, connect
 from mesh_motion_conformance.command import Subject, conform
 
 from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
-from proofs.server_process import ServerProcess
+from tests.faults.server_process import ServerProcess
 
 
 def failed(driver, *only):

@@ -11,7 +11,7 @@ from mesh_motion_client import Mesh, Patch, connect
 from own_ranks import CORRECTED, SETTINGS, bend
 from own_ranks import whole as box
 
-from proofs.server_process import ServerProcess
+from tests.faults.server_process import ServerProcess
 
 pytestmark = pytest.mark.nightly
 

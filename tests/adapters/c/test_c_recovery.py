@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from mesh_motion_conformance.client.scripted_server import Disturbance, ScriptedServer
 
-from proofs.server_process import ServerProcess
+from tests.faults.server_process import ServerProcess
 
 N, STEPS, ITERATIONS = 6, 3, 2
 DEADLINE_EXCEEDED, FAILED_PRECONDITION, INTERNAL, UNAVAILABLE = 4, 9, 13, 14

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mesh_motion_client import Credentials, connect
 
-from proofs.waiting import wait_until
+from tests.faults.waiting import wait_until
 
 HEADER = "FoamFile {{ version 2.0; format ascii; class dictionary; object {}; }}\n"
 

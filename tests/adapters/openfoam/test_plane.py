@@ -17,7 +17,7 @@ from mesh_motion_client import Mesh, Patch, connect
 from scipy.spatial import cKDTree
 
 from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
-from proofs.server_process import ServerProcess
+from tests.faults.server_process import ServerProcess
 
 PATIENCE = 240.0
 STEP, AMPLITUDE, ORIGIN = 0.05, 0.7, np.array([0.85, 0.5])

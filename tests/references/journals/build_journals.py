@@ -36,8 +36,8 @@ from mesh_motion_server.session.journal.records import PAGE
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import MethodSettings, ServerSettings
-from proofs.driver import SESSION, TOKEN, Driver
-from proofs.stand_in import StandIn, grid_mesh
+from tests.faults.driver import SESSION, TOKEN, Driver
+from tests.faults.stand_in import StandIn, grid_mesh
 
 HERE = Path(__file__).parent
 #: Level → the format that this version writes.

@@ -31,11 +31,11 @@ from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
 from mesh_motion_server.watch.observation.fold import StepFold
 from mesh_motion_server.watch.observation.followed import Followed
 from mesh_motion_server.watch.observation.steps import digest_of_history
-from proofs import kill_nine
-from proofs.check import Budget
-from proofs.driver import SESSION, TOKEN, make_driver, resume_driver
-from proofs.kill_nine import kill_again_and_again
-from proofs.stand_in import grid_mesh, split_mesh
+from tests.faults import kill_nine
+from tests.faults.check import Budget
+from tests.faults.driver import SESSION, TOKEN, make_driver, resume_driver
+from tests.faults.kill_nine import kill_again_and_again
+from tests.faults.stand_in import grid_mesh, split_mesh
 
 LIMITS = ServerSettings(reserve_disk_bytes=0)
 

@@ -21,9 +21,9 @@ from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings
-from proofs.check import BrokenPromise, require
-from proofs.driver import SESSION, TOKEN, make_driver, resume_driver
-from proofs.stand_in import StandIn, grid_mesh, split_mesh
+from tests.faults.check import BrokenPromise, require
+from tests.faults.driver import SESSION, TOKEN, make_driver, resume_driver
+from tests.faults.stand_in import StandIn, grid_mesh, split_mesh
 
 LIMITS = ServerSettings(snapshot_steps=4)
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileSystem, write_all
-from proofs.model_files import ModelFiles, ShortFiles
+from tests.faults.model_files import ModelFiles, ShortFiles
 
 
 @pytest.fixture(params=["posix", "model"])

@@ -22,8 +22,8 @@ from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.journal.records import FORMATS, pack_record, unpack_record
 from mesh_motion_server.session.store import SessionStore
-from proofs.driver import SESSION, TOKEN, Driver
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import SESSION, TOKEN, Driver
+from tests.faults.stand_in import grid_mesh
 
 GOLDEN = Path(__file__).parents[2] / "references" / "journals"
 STORED = sorted(str(path.relative_to(GOLDEN).with_suffix("")) for path in GOLDEN.glob("*/*.zip"))

@@ -18,8 +18,8 @@ from mesh_motion_server.session.journal.journal import Journal, record_area
 from mesh_motion_server.session.journal.ledger import Commit, Foundation
 from mesh_motion_server.session.journal.records import PAGE
 from mesh_motion_server.session.journal.replies import RequestId
-from proofs.journal_damage import read_back
-from proofs.model_files import ModelFiles
+from tests.faults.journal_damage import read_back
+from tests.faults.model_files import ModelFiles
 
 NODES = 40
 FOUNDATION = Foundation("0" * 32, b"s" * 32, b"m" * 32, NODES, 2, 4096)

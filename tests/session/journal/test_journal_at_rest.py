@@ -11,8 +11,8 @@ from mesh_motion_server.session.journal.files import read_journal
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.journal.records import PAGE
-from proofs.model_files import FailingFiles, ModelFiles
-from proofs.power_loss import FOLDER, boundary_of, entry_of, foundation_of, state_of
+from tests.faults.model_files import FailingFiles, ModelFiles
+from tests.faults.power_loss import FOLDER, boundary_of, entry_of, foundation_of, state_of
 
 
 def lived(level: str, steps: int = 2, pages: int = 6) -> tuple[Journal, FailingFiles]:

@@ -12,8 +12,8 @@ from mesh_motion_server.session.journal.files import read_journal, read_ledger, 
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.records import PAGE, pack_record
-from proofs.model_files import ModelFiles
-from proofs.power_loss import FOLDER, FOUNDATION, entry_of, state_of
+from tests.faults.model_files import ModelFiles
+from tests.faults.power_loss import FOLDER, FOUNDATION, entry_of, state_of
 
 CAPACITY = 64 * PAGE
 

@@ -9,7 +9,7 @@ from mesh_motion_protocol.errors import DataLoss
 
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal.mesh_store import has_its_length, read_mesh, write_mesh
-from proofs.stand_in import grid_mesh, split_mesh
+from tests.faults.stand_in import grid_mesh, split_mesh
 
 FILES = PosixFileSystem()
 

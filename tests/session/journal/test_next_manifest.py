@@ -10,9 +10,9 @@ from mesh_motion_protocol.messages import Commit, Move
 
 from mesh_motion_server.session.journal import next_manifest
 from mesh_motion_server.session.store import SessionStore
-from proofs.driver import SESSION, make_driver, resume_driver
-from proofs.model_files import ModelFiles
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import SESSION, make_driver, resume_driver
+from tests.faults.model_files import ModelFiles
+from tests.faults.stand_in import grid_mesh
 
 FOLDER = Path("/state/sessions") / SESSION
 RESERVE = FOLDER / "manifest.new"

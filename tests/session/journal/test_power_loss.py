@@ -1,4 +1,4 @@
-"""The real journal on a file system that loses power between any two operations: the campaign of `python -m proofs`.
+"""The real journal on a file system that loses power between any two operations: the row `power-loss`.
 
 The tests of the test at the end seed a bug and demand that the same campaign finds it.
 """
@@ -16,8 +16,8 @@ from mesh_motion_server.session.journal import journal as journal_module
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.ledger import Commit, Ledger
 from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
-from proofs.check import BrokenPromise
-from proofs.power_loss import explore, fail_each
+from tests.faults.check import BrokenPromise
+from tests.faults.power_loss import explore, fail_each
 
 SCRIPT = "cceccccccoec"
 #: With the further commands of the other levels: "f" catches up, stores what was logged.

@@ -12,7 +12,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_server.session.partitions.merging import merge
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from mesh_motion_server.session.partitions.numbering import in_senders_numbers, text_in_senders_numbers, upload_view
-from proofs.stand_in import grid_mesh, split_mesh
+from tests.faults.stand_in import grid_mesh, split_mesh
 
 
 def assert_same(a: Any, b: Any) -> None:

@@ -14,8 +14,8 @@ from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.watch.observation.overview import Overview
 from mesh_motion_server.watch.observation.sessions import Sessions
-from proofs.driver import Driver, make_driver, resume_driver
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import Driver, make_driver, resume_driver
+from tests.faults.stand_in import grid_mesh
 
 
 @pytest.fixture

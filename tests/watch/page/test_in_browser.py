@@ -13,7 +13,7 @@ from chromium import Browser
 from histories import largest_angle, refused
 from shown_page import await_session, serving, show, stored
 
-from proofs.server_process import ServerProcess
+from tests.faults.server_process import ServerProcess
 
 pytest.importorskip("uvicorn", reason="the extra monitor is not installed")
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(chromium.missing()), reason=chromium.missing())]

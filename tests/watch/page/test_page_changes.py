@@ -17,7 +17,7 @@ from shown_page import await_session, serving, show, stored
 
 pytest.importorskip("uvicorn", reason="the extra monitor is not installed")
 
-from proofs.server_process import ServerProcess
+from tests.faults.server_process import ServerProcess
 
 pytestmark = [pytest.mark.nightly, pytest.mark.skipif(bool(chromium.missing()), reason=chromium.missing())]
 

@@ -20,9 +20,9 @@ import pytest
 pytest.importorskip("uvicorn", reason="the extra monitor is not installed")
 
 from mesh_motion_server.watch.page import connections
-from proofs.processes import alive, children_of, name_of
-from proofs.server_process import ServerProcess
-from proofs.waiting import wait_until
+from tests.faults.processes import alive, children_of, name_of
+from tests.faults.server_process import ServerProcess
+from tests.faults.waiting import wait_until
 
 
 @pytest.fixture(scope="module")

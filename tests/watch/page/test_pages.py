@@ -24,8 +24,8 @@ from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.watch.observation.followed import plain_column
 from mesh_motion_server.watch.page.app import STATIC, Page
 from mesh_motion_server.watch.page.archive import as_json
-from proofs.driver import SESSION, make_driver
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import SESSION, make_driver
+from tests.faults.stand_in import grid_mesh
 
 testclient = pytest.importorskip("starlette.testclient", reason="the extra monitor is not installed")
 BUILD = {"version": "1", "protocol": "1.0", "python": "3"}

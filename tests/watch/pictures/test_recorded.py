@@ -13,8 +13,8 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.watch.pictures.meshes import read_pair
 from mesh_motion_server.watch.pictures.runs import read_runs
-from proofs.driver import Driver, make_driver
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import Driver, make_driver
+from tests.faults.stand_in import grid_mesh
 
 
 @pytest.fixture

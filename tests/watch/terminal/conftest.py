@@ -11,8 +11,8 @@ import pytest
 from histories import write_history
 
 from mesh_motion_server.session.store import SessionStore
-from proofs.driver import Driver, make_driver
-from proofs.stand_in import grid_mesh
+from tests.faults.driver import Driver, make_driver
+from tests.faults.stand_in import grid_mesh
 
 MakeSession = Callable[..., Path]
 

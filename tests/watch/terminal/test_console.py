@@ -21,7 +21,7 @@ EVIL = [*_MARKUP, "\x1b]8;;u\x07", "\x9b31m", "a\u202eb"]
 DOOR = ROOT / "mesh_motion_server" / "watch" / "terminal" / "console.py"
 SOURCES = [
     path
-    for name in ("mesh_motion_server", "proofs", "adapters", "protocol", "tools", "benchmarks", "docs", "examples")
+    for name in ("mesh_motion_server", "adapters", "protocol", "tools", "benchmarks", "docs", "examples")
     for path in (ROOT / name).rglob("*.py")
     if path != DOOR
 ]

@@ -1,0 +1,219 @@
+"""A whole server under attack, with and without keys: no process ends, and nothing is kept of those who attacked.
+
+Storms of broken connections go to the control and the data endpoints of two servers that hold a session each. Then
+come silent connections, a CURVE HELLO of 300 MB, a message that never ends and a peer who names himself a user, where
+there are keys to stop them. Afterwards the processes must be the same ones, with as many open files as at the start and
+hardly more memory, and both sessions must take their next step.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+from mesh_motion_client import Keys, connect
+from mesh_motion_client.control import Control
+from mesh_motion_client.embedded import EmbeddedServer
+from mesh_motion_client.session import Session
+from mesh_motion_protocol.codec import encode
+from mesh_motion_protocol.messages import List, Probe, Probed
+
+from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
+from tests.faults.attacks import (
+    ended,
+    endless_message,
+    forged_user,
+    half_open,
+    oversized_hello,
+    storm,
+)
+from tests.faults.check import Budget, Check, Result, require
+from tests.faults.client_mesh import client_mesh
+from tests.faults.processes import Usage, descendants, usage_of
+from tests.faults.stand_in import grid_mesh
+from tests.faults.waiting import wait_until
+
+__all__ = ["CHECK", "Target", "attack", "target"]
+
+_MIB = 1 << 20
+#: Connections of one storm; between storms it is looked whether all processes live.
+_STORM = 100
+#: Silent connections to each endpoint.
+_SILENT = 100
+_SETTINGS = "handshake_seconds = 0.5\n"
+#: Seconds until a server has given everything back.
+_PATIENCE = 30.0
+#: What fits into the kernel's buffers before a server ends a connection.
+_MOST_TAKEN = 16 * _MIB
+#: What a process may grow by.
+_MOST_GROWTH = 16 * _MIB
+
+
+class Target:
+    """A server with a session, seen from outside.
+
+    Attributes
+    ----------
+    name : str
+        "with keys" or "without keys".
+    keys : Keys or None
+    endpoints : dict
+        "control" and "data".
+    """
+
+    def __init__(self, name: str, process: int, endpoint: str, keys: Keys | None) -> None:
+        self.name, self.keys, self._process = name, keys, process
+        self._server = connect(endpoint, keys=keys)
+        self._session = self._open()
+        self._control = Control(endpoint, keys)
+        credentials = self._session.credentials
+        probed = self._control.ask(Probe, Probed, _PATIENCE, session=credentials.session, token=credentials.token)
+        self.endpoints = {"control": endpoint, "data": probed.endpoint}
+        self.step()
+        self._settle()
+        self._calm = self.usage()
+
+    def _open(self) -> Session:
+        return self._server.open(client_mesh(grid_mesh()), {"support_radius": 2.0})
+
+    def _settle(self) -> None:
+        """Wait until the worker has loaded what it loads in the background: its memory is the same for two seconds."""
+        memory: deque[int] = deque(maxlen=10)
+        deadline = time.monotonic() + _PATIENCE
+        while len(memory) < 10 or max(memory) - min(memory) > _MIB // 4:
+            require(time.monotonic() < deadline, f"the memory of the server {self.name} does not come to rest")
+            time.sleep(0.2)
+            memory.append(sum(usage.resident_bytes for usage in self.usage().values()))
+
+    def usage(self) -> dict[int, Usage]:
+        """Open files and memory of each of its processes."""
+        return {pid: usage_of(pid) for pid in descendants(self._process)}
+
+    def step(self) -> None:
+        """Move and commit."""
+        rows = np.full((len(self._session.moving_nodes), 2), 1e-3 * (-1) ** self._session.step)
+        self._session.move(rows, frame="committed")
+        self._session.commit()
+
+    def require_alive(self) -> None:
+        """Raise unless the processes are those of the start."""
+        now = descendants(self._process)
+        gone = self._calm.keys() - now
+        require(not gone, f"{len(gone)} processes of the server {self.name} have ended")
+
+    def require_calm(self) -> int:
+        """Raise unless files are given back; the bytes that the process which grew most has grown by."""
+        wait_until(
+            lambda: all(usage_of(pid).files <= calm.files for pid, calm in self._calm.items()),
+            f"the server {self.name} gives its descriptors back",
+            _PATIENCE,
+        )
+        return max(usage_of(pid).resident_bytes - calm.resident_bytes for pid, calm in self._calm.items())
+
+    def remember(self) -> None:
+        """Take the memory of now for that of a calm server: what is made once has been made."""
+        now = self.usage()
+        self._calm = {pid: Usage(calm.files, now[pid].resident_bytes) for pid, calm in self._calm.items()}
+
+    def close(self) -> None:
+        """End the session and what is connected."""
+        self._session.close("discard")
+        self._control.close()
+        self._server.close()
+
+
+@contextmanager
+def target(name: str) -> Iterator[Target]:
+    """A server of its own on this machine."""
+    with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-") as folder, ExitStack() as stack:
+        settings, keys = Path(folder) / "settings.toml", None
+        settings.write_text(_SETTINGS, encoding="utf-8")
+        options = ["--endpoint", "tcp://127.0.0.1:0", "--settings", str(settings), "--threads", "1"]
+        if name == "with keys":
+            keys = _make_keys(Path(folder))
+            options += ["--keys", str(Path(folder) / "keys")]
+        embedded = EmbeddedServer(None, 2 * _PATIENCE, options)
+        stack.callback(embedded.stop)
+        made = Target(name, embedded.process.pid, embedded.endpoint, keys)
+        stack.callback(made.close)
+        yield made
+
+
+def _make_keys(folder: Path) -> Keys:
+    make_server_keys(folder / "keys")
+    public = make_client_keys("prover", folder / "client")
+    admit(public.key, folder / "keys", name="prover")
+    return Keys.load(folder / "client" / "prover.secret", folder / "keys" / "server.public")
+
+
+def attack(targets: Sequence[Target], seed: int, budget: Budget) -> tuple[Counter[str], int]:
+    """Everything, to all of them.
+
+    Returns
+    -------
+    made : Counter
+        Connections of the storms by kind.
+    growth : int
+        Bytes of the process that grew most.
+
+    Raises
+    ------
+    BrokenPromise
+        If a process ends, or keeps or takes what it must not.
+    """
+    places = [(target, endpoint) for target in targets for endpoint in target.endpoints.values()]
+    for number, (target, endpoint) in enumerate(places):
+        storm(endpoint, seed=1_000_000 * (seed + 1) - number, count=_STORM)
+        target.require_calm()
+        target.remember()
+    made: Counter[str] = Counter()
+    while budget.admits(made.total()):
+        target, endpoint = places[made.total() // _STORM % len(places)]
+        made += storm(endpoint, seed=1_000_000 * seed + made.total(), count=_STORM)
+        target.require_alive()
+        require(not made["not connected"], f"the server {target.name} takes no connections")
+    for target, endpoint in places:
+        _single_attacks(target, endpoint, seed)
+    growths = [target.require_calm() for target in targets]
+    for target in targets:
+        target.require_alive()
+        target.step()
+        connect(target.endpoints["control"], keys=target.keys).close()
+    return made, max(growths)
+
+
+def _single_attacks(target: Target, endpoint: str, seed: int) -> None:
+    """Those that need not be made often."""
+    with half_open(endpoint, seed=seed, count=_SILENT) as held:
+        require(all(ended(raw) for raw in held), f"the server {target.name} keeps silent connections")
+    taken = oversized_hello(endpoint, 300 * _MIB)
+    require(taken < _MOST_TAKEN, f"the server {target.name} takes {taken} bytes of a HELLO")
+    if target.keys is not None:
+        taken = endless_message(endpoint, 64 << 10, 100 * _MIB)
+        require(taken < _MOST_TAKEN, f"{taken} bytes of a message without end are taken from a stranger")
+        back = forged_user(endpoint, b"root", bytes(encode(List(client=b"c" * 16, sequence=1))[0]))
+        require(b"LISTED" not in back, "a peer has named himself a user, and was believed")
+
+
+def run(seed: int, budget: Budget) -> Result:
+    """Storms of so many connections, to two servers, and the single attacks."""
+    with target("without keys") as bare, target("with keys") as protected:
+        made, growth = attack([bare, protected], seed, budget)
+    details = {"connections": made.total(), "kinds": dict(made), "growth_bytes": growth, "exits": 0}
+    got = f"{made.total()} connections, 0 exits, files back, {growth / _MIB:+.1f} MB"
+    return Result(got, growth < _MOST_GROWTH, details)
+
+
+CHECK = Check(
+    "attacks",
+    "{count} broken connections: no exit, files back, < +16 MB",
+    short=2000,
+    full=100_000,
+    seconds=45,
+    run=run,
+)

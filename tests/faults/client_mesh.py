@@ -1,0 +1,16 @@
+"""The rows' meshes of triangles, as the Python client takes them."""
+
+from __future__ import annotations
+
+import numpy as np
+from mesh_motion_client import Mesh, Patch
+
+from mesh_motion_server.session.partitions.meshes import PartitionMesh
+
+__all__ = ["client_mesh"]
+
+
+def client_mesh(mesh: PartitionMesh) -> Mesh:
+    """The same mesh for the client, as a whole: without global ids."""
+    patches = {name: Patch(patch.role, patch.nodes) for name, patch in mesh.patches.items()}
+    return Mesh(mesh.points, {"triangle": np.asarray(mesh.cells["triangle"])}, patches)

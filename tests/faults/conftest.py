@@ -1,0 +1,98 @@
+"""Rows under pytest: their options, the table that they print, and servers with faults in their processes."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mesh_motion_server.watch.terminal.console import working
+from tests.faults import table
+from tests.faults.check import Check
+from tests.faults.proof import Plan, Proof
+
+SEEDED = Path(__file__).parent / "seeded"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    rows = parser.getgroup("rows", "rows that show the server's promises (-m faults)")
+    rows.addoption("--only", action="append", default=[], metavar="NAME", help="a row; may be given several times")
+    rows.addoption("--list", action="store_true", help="list the rows with their targets and do nothing")
+    rows.addoption("--full", action="store_true", help="the counts of a night instead of some minutes")
+    rows.addoption("--seed", type=int, default=1, metavar="N", help="the same one does the same")
+    rows.addoption("--minutes", type=float, metavar="M", help="as many as fit in this time, instead of counts")
+    rows.addoption("--out", type=Path, default=Path("out/prove"), metavar="DIR", help="receives proof.json")
+
+
+def pytest_cmdline_main(config: pytest.Config) -> int | None:
+    """The list, if it is asked for; a run needs names that exist and a time that is one."""
+    known = [check.name for check in table.CHECKS]
+    for name in config.getoption("--only"):
+        if name not in known:
+            raise pytest.UsageError(f"there is no row {name!r}; the rows are {', '.join(known)}")
+    minutes = config.getoption("--minutes")
+    if minutes is not None and minutes <= 0:
+        raise pytest.UsageError(f"--minutes {minutes:g}: more than 0 is expected")
+    if not config.getoption("--list"):
+        return None
+    plan = _plan(config)
+    for check in table.CHECKS:
+        sys.stdout.write(f"{check.name:<15} {check.target_of(check.count(plan.scale))}\n")
+    return 0
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    only = config.getoption("--only", [])
+    left_out = [item for item in items if only and (row := _row(item)) and row.name not in only]
+    if left_out:
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if item not in left_out]
+
+
+def pytest_report_teststatus(report: pytest.TestReport) -> tuple[str, str, str] | None:
+    """A row has a line of its own, and no dot."""
+    return (report.outcome, "", "") if report.when == "call" and "faults" in report.keywords else None
+
+
+@pytest.fixture(scope="session")
+def proof(request: pytest.FixtureRequest) -> Iterator[Proof]:
+    """The table of this run."""
+    config = request.config
+    terminal: Any = config.pluginmanager.get_plugin("terminalreporter")
+
+    def report(line: str) -> None:
+        terminal.write_line(line)
+        terminal.flush()
+
+    rows = [row for row in map(_row, request.session.items) if row]
+    with ExitStack() as shown:
+        progress = shown.enter_context(working("")) if sys.stderr.isatty() else lambda _: None
+        yield Proof(_plan(config), rows, config.getoption("--out", Path("out/prove")), report=report, progress=progress)
+
+
+def _plan(config: pytest.Config) -> Plan:
+    """Of the options, which are known where this folder is named on the command line."""
+    scale = "full" if config.getoption("--full", False) else "short"
+    return Plan(scale, config.getoption("--seed", 1), config.getoption("--minutes", None))
+
+
+def _row(item: Any) -> Check | None:
+    row: Check | None = item.callspec.params["row"] if item.get_closest_marker("faults") else None
+    return row
+
+
+@pytest.fixture
+def seed(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Faults by name (tests/faults/seeded/sitecustomize.py) for all servers that are started from now on."""
+
+    def seed(*names: str) -> None:
+        paths = [str(SEEDED), *filter(None, [os.environ.get("PYTHONPATH")])]
+        monkeypatch.setenv("PYTHONPATH", os.pathsep.join(paths))
+        monkeypatch.setenv("SEEDED_FAULTS", ",".join(names))
+
+    return seed

@@ -1,0 +1,111 @@
+"""Requests as their senders know them, the replies that are due to them, and the comparison with those that came."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from mesh_motion_protocol.codec import decode, encode
+from mesh_motion_protocol.errors import ERROR_CODES
+from numpy.typing import NDArray
+
+from tests.faults.check import require
+from tests.faults.in_process_parts import Replies
+
+__all__ = ["Answer", "Asked", "Codes", "Share", "compare", "compare_all"]
+
+Codes = tuple[str, ...]
+#: What a request may have otherwise when it is repeated (section 10).
+_NO_CONTENT = ("client", "sequence", "epoch")
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """A request as its sender knows it.
+
+    Attributes
+    ----------
+    kind : str
+    user, peer : str, bytes
+        Whose key, and which connection.
+    message : Message
+    wrong : tuple of str
+        Codes of which one is due because of the content, whatever the state.
+    far : bool
+        A MOVE that no valid mesh follows.
+    """
+
+    kind: str
+    user: str
+    peer: bytes
+    message: Any
+    wrong: Codes = ()
+    far: bool = False
+
+    @property
+    def content(self) -> Any:
+        """What a repeat must have in common."""
+        values = {
+            name: value for name, value in vars(self.message).items() if name not in ("client", "sequence", "epoch")
+        }
+        rows = [value.tobytes() if isinstance(value, np.ndarray) else value for value in values.values()]
+        return self.kind, rows
+
+
+@dataclass
+class Answer:
+    """A reply that is due: its type, for an error the codes of which it has one, and fields; ``effect`` takes it in."""
+
+    to: Asked
+    type: str
+    codes: Codes = ()
+    fields: dict[str, Any] = field(default_factory=dict)
+    same: Any = None
+    effect: Callable[[Any], None] = lambda _: None
+
+    @property
+    def is_harmless(self) -> bool:
+        """Whether it is a refusal after which nothing may stand otherwise; failing disks and defects may freeze."""
+        return self.type == "ERROR" and not {"INTERNAL", "RESOURCE_EXHAUSTED.DISK"} & set(self.codes)
+
+
+@dataclass(frozen=True)
+class Share:
+    """A partition's part: global ids (n,), local indices of its moving nodes, coordinates (n, d), how many uploads."""
+
+    ids: NDArray[np.int64]
+    moving: NDArray[np.int64]
+    points: NDArray[np.float64]
+    parts: int
+
+
+def compare_all(answers: Sequence[Answer], replies: Replies) -> None:
+    """Replies to whom they are due, whatever their order."""
+    got = {(peer, m.client, m.sequence): m for peer, m in ((peer, decode(frames)) for peer, frames in replies)}
+    due = {(a.to.peer, a.to.message.client, a.to.message.sequence): a for a in answers}
+    require(len(got) == len(replies), "a request has two replies")
+    came = [f"{m.type} {getattr(m, 'code', '')}" for m in got.values()]
+    require(got.keys() == due.keys(), f"due are {[(a.type, a.codes) for a in answers]}, came {came}")
+    for key, answer in due.items():
+        compare(answer, got[key])
+
+
+def compare(answer: Answer, reply: Any) -> None:
+    """Type, code, whether it is worth a retry, and all fields that the model knows."""
+    kind = answer.to.kind
+    if reply.type == "ERROR":
+        good = any(reply.code == code or reply.code.startswith(code + ".") for code in answer.codes)
+        due = f"{answer.type} {' or '.join(answer.codes)}"
+        require(good, f"{kind} was refused by {reply.code} ({reply.message}), due was {due}")
+        require(reply.retryable == ERROR_CODES[reply.code].retryable, f"{reply.code} says retryable {reply.retryable}")
+    else:
+        require(reply.type == answer.type, f"{kind} was answered {reply.type}, due was {answer.type} {answer.codes}")
+    for name, value in answer.fields.items() if reply.type == answer.type else ():
+        same = np.array_equal(getattr(reply, name), value)
+        require(same, f"{name} of the {reply.type} to {kind} is {getattr(reply, name)!r}, not {value!r}")
+    if answer.same is not None:
+        again = [list(map(bytes, encode(m))) for m in (answer.same, reply)]
+        require(again[0] == again[1], f"a repeated {kind} has another {reply.type}")
+    answer.effect(reply)

@@ -1,0 +1,377 @@
+"""A whole server in one process: gateway, control and workers as they are, joined by calls instead of sockets.
+
+Frames go in at an endpoint and frames come out, through the same code that serves a network: decoding, rights, control,
+registry, host, encoding. Only sockets, processes and the disk are replaced, so that tens of thousands of requests a
+minute can be made, a worker can be killed and a disk can fail between any two of them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from mesh_motion_protocol.errors import DataLoss
+from mesh_motion_protocol.limits import default_limits
+
+from mesh_motion_server.operation.disk_watch import DiskWatch
+from mesh_motion_server.security.allow_list import Entry, write_entries
+from mesh_motion_server.service.dispatch import SessionHost
+from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
+from mesh_motion_server.session.model import build_motion_model
+from mesh_motion_server.session.replay import silent
+from mesh_motion_server.session.store import SessionStore
+from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
+from mesh_motion_server.transport import template
+from mesh_motion_server.transport import worker as workers
+from mesh_motion_server.transport.control import Control
+from mesh_motion_server.transport.gateway import Gateway
+from mesh_motion_server.transport.protection import Protection, Rights
+from mesh_motion_server.transport.registry import Live, Registry
+from tests.faults.in_process_parts import Child, Frame, Held, Line, Replies, Socket
+from tests.faults.model_files import ModelFiles
+
+__all__ = ["ROOT", "USERS", "InProcessServer", "allow_everybody_listed", "quiet", "standing_of"]
+
+ROOT = Path("/model")
+#: Name → public key of those on the allow-list; "unlisted" is not.
+USERS = {name: letter * 40 for name, letter in
+         {"owner": "0", "stranger": "1", "monitor": "2", "admin": "3", "unlisted": "4"}.items()}  # fmt: skip
+_ROLES = {"owner": "owner", "stranger": "owner", "monitor": "monitor", "admin": "admin"}
+
+
+def allow_everybody_listed(folder: Path) -> Protection:
+    """Write an allow-list with all users but the unlisted one."""
+    path = folder / "allow.toml"
+    write_entries(path, {USERS[name]: Entry(name, (role,)) for name, role in _ROLES.items()})
+    hour_ago = time.time() - 3600  # else it counts as being written, and is read at every request
+    os.utime(path, (hour_ago, hour_ago))
+    return Protection("", str(path))
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[deque[str]]:
+    """No logs; instead the last exceptions that ended requests are kept, without those that a row has injected."""
+    found: deque[str] = deque(maxlen=10)
+    logger, handler = logging.getLogger("mesh_motion_server"), _Collecting(found)
+    propagate, logger.propagate = logger.propagate, False
+    logger.addHandler(handler)
+    try:
+        yield found
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = propagate
+
+
+class _Collecting(logging.Handler):
+    """Keeps the text of logged exceptions; the exception itself would keep the whole server in memory."""
+
+    def __init__(self, found: deque[str]) -> None:
+        super().__init__()
+        self._found = found
+
+    def emit(self, record: logging.LogRecord) -> None:
+        error = record.exc_info[1] if record.exc_info else None
+        if error is not None and str(error) != "injected":
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            self._found.append(f"{type(error).__name__}: {error}, in {place.name}, {Path(place.filename).name}")
+
+
+class _Store(SessionStore):
+    """A store that looks for sessions where the model has them."""
+
+    def __init__(self, files: Any) -> None:
+        super().__init__(ROOT, files=files)
+
+    def _folders(self) -> Iterator[Path]:
+        found = [path for path in self._files.folders if path.parent == self._sessions]  # type: ignore[attr-defined]
+        yield from sorted(path for path in found if not path.suffix)
+
+
+class _Worker(workers.Worker):
+    """A worker that serves what it is given, with a lease that ends on call."""
+
+    wire: Socket
+    line: Line
+    host: Any
+    held: Held
+
+    def serve(self, frames: list[Frame]) -> None:
+        """One request."""
+        self.wire.incoming.append(frames)
+        self._receive()
+        self._report()
+
+    def wake(self) -> None:
+        """As when it has waited for some seconds: it reports the session's state."""
+        self._report()
+
+    def obey(self, order: dict[str, Any]) -> None:
+        """One order."""
+        self.line.order = order
+        self._obey()
+
+    def end_lease(self) -> None:
+        """As when no client was connected for the lease's time."""
+        self._suspended = True
+        self._send(self.host.suspend())
+        self._report()
+
+    def expire(self, now: float) -> None:
+        """As when this time has come."""
+        self._send(self.host.expire(now))
+
+
+class _Control(Control):
+    """Control that does not wait before it says NOT_FOUND."""
+
+    def hurry(self) -> None:
+        """Say now what was to be said later."""
+        while self._later.waiting:
+            _, peer, frame = self._later.waiting.popleft()
+            self._send(peer, frame)
+
+
+class _Hosts:
+    """Makes hosts whose time stands still unless it is moved."""
+
+    def __init__(self, clock: Callable[[], float], build_model: Any) -> None:
+        self._options: dict[str, Any] = {"clock": clock, "build_model": build_model or build_motion_model}
+
+    def create(self, spec: Any, store: Any, *, limits: ServerSettings) -> SessionHost:
+        """A new session's."""
+        return SessionHost.create(spec, store, limits=limits, **self._options)
+
+    def resume(self, session: str, token: bytes, store: Any, *, limits: ServerSettings, progress: Any) -> SessionHost:
+        """A stored session's."""
+        return SessionHost.resume(session, token, store, limits=limits, progress=progress, **self._options)
+
+
+class InProcessServer:
+    """A server with keys and its disk.
+
+    Parameters
+    ----------
+    protection : Protection
+        Its allow-list.
+    build_model : callable or None
+        None: the numerics themselves.
+    settings : ServerSettings
+
+    Attributes
+    ----------
+    files : ModelFiles
+    now : float
+        What the hosts take for the time, seconds.
+    ended : dict
+        By session, the host of the last worker that ended as it should: asked once more, it refuses.
+    """
+
+    def __init__(self, protection: Protection, build_model: Any, settings: ServerSettings) -> None:
+        self.files = ModelFiles()
+        self.now = 0.0
+        self.ended: dict[str, Any] = {}
+        self._protection = protection
+        self._settings = settings
+        self._hosts = _Hosts(lambda: self.now, build_model)
+        self._children: dict[Child, _Worker] = {}
+        self._todo: deque[tuple[Child, dict[str, Any] | None]] = deque()
+        self.start()
+
+    # --- its life ----------------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """A new supervisor and gateway, over whatever is on the disk."""
+        self._wire = Socket()
+        access = Protection.access(self._protection)
+        registry = Registry(_Store(self.files))
+        disk = DiskWatch(self._settings.state_folder)
+        self._control = _Control(registry, self._settings, self._start_worker, self._to_peer, access, disk)
+        welcome = {
+            "server": "in-process",
+            "boot": bytes(16),
+            "limits": default_limits() | self._settings.limits(),
+            "durability": list(DURABILITY_LEVELS),
+        }
+        line = Line(lambda m: self._control.request(m["peer"], m["user"], m["frame"]))
+        self._gateway = Gateway(line, self._wire, welcome, protection=self._protection)  # type: ignore[arg-type]
+
+    def stop(self) -> None:
+        """SIGTERM, and another start: every worker closes its journal."""
+        for worker in list(self._children.values()):
+            worker.host.close()
+            self.ended[worker.host.session] = worker.host
+            worker.held.end()
+        self._children.clear()
+        self.start()
+
+    def crash(self) -> None:
+        """All processes are gone at once, and others start."""
+        self.halt()
+        self.files.handles.clear()
+        self._children.clear()
+        self.start()
+
+    def halt(self) -> None:
+        """Nothing runs any more but the caller."""
+        for worker in self._children.values():
+            _end_thread(worker.host)
+
+    def kill(self, session: str) -> None:
+        """SIGKILL for one worker."""
+        self._todo.append((self._child(session), None))
+        self._work()
+
+    # --- its endpoints -----------------------------------------------------------------------------------------------
+
+    def control(self, user: str, peer: bytes, frames: list[bytes]) -> Replies:
+        """A message at the control endpoint, and all replies that are due."""
+        self._gateway._take(peer, USERS[user], frames)
+        self._work()
+        return self._wire.take_sent()
+
+    def data(self, session: str, user: str, peer: bytes, frames: list[bytes]) -> Replies:
+        """A message at a session's data endpoint, and all replies that are due; KeyError without a worker."""
+        child = self._child(session)
+        worker = self._children[child]
+        worker.serve([Frame(frame, USERS[user]) for frame in (peer, *frames)])
+        if worker.host.closed:
+            self._over(child)
+        self._work()
+        return worker.wire.take_sent()
+
+    def settle(self, session: str) -> None:
+        """Wait until a session of level "relaxed" has stored its steps, or the disk has failed; all get a report."""
+        keeper = _keeper(self.host(session))
+        if keeper is not None:
+            with contextlib.suppress(DataLoss):
+                keeper.catch_up()
+            self._children[self._child(session)].wake()
+
+    def host(self, session: str) -> Any:
+        """The host of a session whose worker lives, else None."""
+        child = self._control.registry.live.get(session)
+        worker = self._children.get(child.child) if child else None  # type: ignore[call-overload]
+        return worker.host if worker else None
+
+    def end_lease(self, session: str) -> Replies:
+        """The lease of a session ends."""
+        child = self._child(session)
+        worker = self._children[child]
+        worker.end_lease()
+        if worker.host.closed:
+            self._over(child)
+        self._work()
+        return worker.wire.take_sent()
+
+    def wait(self, session: str, seconds: float) -> Replies:
+        """Time passes for a session."""
+        self.now += seconds
+        worker = self._children[self._child(session)]
+        worker.expire(self.now)
+        return worker.wire.take_sent()
+
+    # --- inside ------------------------------------------------------------------------------------------------------
+
+    def _child(self, session: str) -> Child:
+        child: Any = self._control.registry.live[session].child
+        if child not in self._children:
+            raise KeyError(session)
+        return child  # type: ignore[no-any-return]
+
+    def _to_peer(self, peer: bytes, frame: bytes) -> None:
+        self._wire.send_multipart([peer, frame])
+
+    def _start_worker(self, order: dict[str, Any]) -> Any:
+        child = Child(lambda child, order: self._todo.append((child, order)))
+        self._todo.append((child, order))
+        return child
+
+    def _work(self) -> None:
+        """Orders, deaths and what follows from them, until all is quiet; then what NOT_FOUND was delayed for."""
+        while self._todo:
+            child, order = self._todo.popleft()
+            if order is None:
+                self._killed(child)
+            elif order["order"] == "reclaim":
+                self._children[child].obey(order)
+            else:
+                self._begin(child, order)
+        self._control.hurry()
+
+    def _begin(self, child: Child, order: dict[str, Any]) -> None:
+        """What a worker's process does with its order."""
+        held, wire = Held(self.files), Socket()
+        try:
+            host = template._host(order, self._hosts, _Store(held), self._settings, silent)
+        except Exception as error:
+            held.end()
+            self._heard(child, {"event": "failed"} | template._failure(error))
+            self._gone(child, 1)
+            return
+        line = Line(lambda event: self._heard(child, event))
+        rights = Rights(self._protection, order["owner"])
+        worker = _Worker(line, wire, host, self._settings, rights)  # type: ignore[arg-type]
+        worker.wire, worker.line, worker.host, worker.held = wire, line, host, held
+        self._children[child] = worker
+        serving = {"event": "serving", "endpoint": "inproc://" + host.session, "label": host.label}
+        about = {"partitions": host.partitions, "epoch": host.epoch, "state": str(host.state), "step": host.step}
+        self._heard(child, serving | about)
+
+    def _over(self, child: Child) -> None:
+        worker = self._children.pop(child)
+        self._heard(child, {"event": "over", "closed": True})
+        self.ended[worker.host.session] = worker.host
+        worker.held.end()
+        self._gone(child, 0)
+
+    def _killed(self, child: Child) -> None:
+        worker = self._children.pop(child, None)
+        if worker is not None:
+            _end_thread(worker.host)
+            worker.held.end()
+            self._gone(child, -9)
+
+    def _live(self, child: Child) -> Live | None:
+        return self._control.registry.of(child)  # type: ignore[arg-type]
+
+    def _heard(self, child: Child, event: dict[str, Any]) -> None:
+        live = self._live(child)
+        if live is not None:
+            self._control.heard(live, event)
+
+    def _gone(self, child: Child, code: int) -> None:
+        live = self._live(child)
+        if live is not None:
+            self._control.gone(live, code)
+
+
+def _keeper(host: Any) -> RelaxedKeeper | None:
+    """Of a built session of level "relaxed"."""
+    built = host._session._built if host is not None else None
+    return built.keeper if built is not None and isinstance(built.keeper, RelaxedKeeper) else None
+
+
+def _end_thread(host: Any) -> None:
+    """A process that is killed has no threads any more."""
+    keeper = _keeper(host)
+    if keeper is not None and keeper._thread is not None:
+        with keeper._news:
+            keeper._over = True
+            keeper._news.notify_all()
+        keeper._thread.join()
+
+
+def standing_of(host: Any) -> tuple[Any, ...]:
+    """All that a refused request must leave as it was, but for who waits and which replies are kept."""
+    session = host._session
+    now = session._now
+    points = [None if x is None else (x.step, x.points.tobytes()) for x in (now.committed, now.trial)]
+    return (now.state, session.epoch, session.iteration, now.trial_lost, session.upload.nbytes, *points,
+            tuple(sorted(host._holders._peers.items())), host._discard, host.closed)  # fmt: skip

@@ -1,0 +1,116 @@
+"""What takes the place of sockets, channels and processes where a whole server runs in one: see :mod:`.in_process`."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import zmq
+
+from tests.faults.model_files import ModelFiles
+
+__all__ = ["Child", "Frame", "Held", "Line", "Replies", "Socket"]
+
+Bytes = bytes
+Replies = list[tuple[bytes, list[bytes]]]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A received frame, and the key that it came under."""
+
+    bytes: Bytes
+    user: str
+
+    @property
+    def buffer(self) -> Bytes:
+        return self.bytes
+
+    def __len__(self) -> int:
+        return len(self.bytes)
+
+    def get(self, name: str | int) -> str | int:
+        """A property of the message: there is no connection that it came by."""
+        properties: dict[str | int, str | int] = {"User-Id": self.user, zmq.SRCFD: -1}
+        return properties[name]
+
+
+class Socket:
+    """What takes a socket's and its monitor's place."""
+
+    def __init__(self) -> None:
+        self.incoming: deque[list[Frame]] = deque()
+        self.sent: Replies = []
+
+    def send_multipart(self, frames: Sequence[Any], **_: Any) -> None:
+        self.sent.append((bytes(frames[0]), [bytes(frame) for frame in frames[1:]]))
+
+    def recv_multipart(self, **_: Any) -> list[Frame]:
+        return self.incoming.popleft()
+
+    def get_monitor_socket(self, *_: Any) -> Socket:
+        return self
+
+    def poll(self, *_: Any) -> int:
+        return 0
+
+    def take_sent(self) -> Replies:
+        sent, self.sent = self.sent, []
+        return sent
+
+
+class Line:
+    """What takes a channel's place: hands on what is sent, and gives one order at a time."""
+
+    def __init__(self, deliver: Callable[[dict[str, Any]], None]) -> None:
+        self._deliver = deliver
+        self.order: dict[str, Any] | None = None
+
+    def send(self, message: dict[str, Any]) -> bool:
+        self._deliver(message)
+        return True
+
+    offer = send
+
+    def receive(self) -> dict[str, Any] | None:
+        return self.order
+
+
+class Held:
+    """The disk as one process sees it: what it holds open ends with it."""
+
+    def __init__(self, files: ModelFiles) -> None:
+        self._files = files
+        self._handles: set[int] = set()
+
+    def __getattr__(self, name: str) -> Any:
+        target = getattr(self._files, name)
+        if name not in ("create", "open", "lock"):
+            return target
+
+        def opening(*arguments: Any, **options: Any) -> int:
+            handle: int = target(*arguments, **options)
+            self._handles.add(handle)
+            return handle
+
+        return opening
+
+    def end(self) -> None:
+        """The process is gone."""
+        for handle in self._handles:
+            self._files.handles.pop(handle, None)
+
+
+class Child:
+    """What control knows of a worker: a line, and how to kill it."""
+
+    pid = 0
+
+    def __init__(self, do: Callable[[Child, dict[str, Any] | None], None]) -> None:
+        self._do = do
+        self.channel = Line(lambda order: do(self, order))
+
+    def kill(self) -> None:
+        self._do(self, None)

@@ -1,0 +1,57 @@
+"""The form of a row of the tables of bad and extreme inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from tests.faults.inputs.drafts import Draft, Part
+
+__all__ = ["BadInput", "Names", "Rng", "Where"]
+
+Rng = np.random.Generator
+#: What an error's details must hold; a callable judges a value whose last digits are of no interest.
+Names = Mapping[str, Any]
+Where = Literal["open", "upload", "build", "move"]
+#: Spoils a draft, or returns the part to be sent as well; a case draws at random which node, row or axis it spoils.
+Spoiler = Callable[[Draft, Rng], "Names | tuple[Part, Names]"]
+
+
+@dataclass(frozen=True)
+class BadInput:
+    """One bad input and its due answer.
+
+    Attributes
+    ----------
+    name : str
+    where : {"open", "upload", "build", "move"}
+        The request that has to be refused; those before it are answered as those of a good session.
+    spoil : callable
+        Changes the good draft, and returns what the error's details have to name. For an upload it returns the bad part
+        too, which is sent behind the good ones.
+    code : str
+        On the wire.
+    says : tuple of str
+        What the message has to have in it.
+    draft : str
+        Which good session.
+    retryable : bool
+        What the reply has to say about it.
+    mended : bool
+        For "build": something was left out; once it is uploaded, the mesh is that of the good session.
+    settings : dict
+        Of the good session too.
+    """
+
+    name: str
+    where: Where
+    spoil: Spoiler
+    code: str
+    says: tuple[str, ...] = ()
+    draft: str = "square"
+    retryable: bool = False
+    mended: bool = False
+    settings: Mapping[str, Any] | None = None

@@ -1,0 +1,220 @@
+"""SIGKILL of a process that commits, at random moments of opening, recovering and committing.
+
+The lives are shared out among sessions of the three levels of durability. Every reply that came out, also those asked
+for once more after a kill, and the coordinates at the end must be bitwise those of an undisturbed process,
+which commits the same steps on the model file system. With "relaxed" a session may resume before what it acknowledged,
+but not before the durable step that it gave, and the steps done again must be bitwise the same. The kernel survives, so
+this does not show that anything was synced: that is what the power-loss check is for.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+
+import numpy as np
+
+from mesh_motion_server.session.store import SessionStore
+from mesh_motion_server.settings import DURABILITY_LEVELS
+from tests.faults.check import BrokenPromise, Budget, Check, Result, require
+from tests.faults.driver import undisturbed_driver
+from tests.faults.killed_process import final_points, open_session, run_to
+from tests.faults.stand_in import grid_mesh
+
+__all__ = ["CHECK", "Witness", "kill_again_and_again"]
+
+#: A life lasts up to so many seconds: some tens of commits, or not even its recovery. On a machine so busy that no step
+#: is reached, each life may last as much longer than the one before.
+_LONGEST = 0.2
+#: Lives in a row that commit nothing, each longer than the last: the last of them may take eight seconds.
+_MOST_IDLE = 40
+#: One thread each: what a fork leaves behind of others' is none of this proof's matter.
+_FORKABLE = {"MESH_MOTION_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+#: What a recovery may take at the 95th percentile.
+_RECOVERY_SECONDS = 2.0
+
+
+@dataclass
+class Witness:
+    """What the killed processes said.
+
+    Attributes
+    ----------
+    replies : dict
+        The COMMITTED frame of each acknowledged step.
+    recoveries : list of float
+        Seconds from fork to an open session.
+    repeats : int
+        Replies that came again after a kill.
+    lives : int
+    level : str
+        Of durability.
+    last, durable : int
+        The last acknowledged step, and the last one that a reply called durable.
+    lost : int
+        Acknowledged steps that were not durable and did not survive.
+    """
+
+    replies: dict[int, bytes] = field(default_factory=dict)
+    recoveries: list[float] = field(default_factory=list)
+    repeats: int = 0
+    lives: int = 0
+    level: str = "full"
+    last: int = 0
+    durable: int = 0
+    lost: int = 0
+
+    def check(self, lines: Iterable[str]) -> None:
+        """The lines of one life.
+
+        Raises
+        ------
+        BrokenPromise
+            If an acknowledged step is lost or a repeated reply differs.
+        """
+        self.lives += 1
+        for line in lines:
+            word, _, rest = line.partition(" ")
+            if word == "resumed":
+                self._resumed(rest)
+            elif word == "reply":
+                self._replied(rest)
+            else:
+                raise BrokenPromise(f"life {self.lives}: {line}")
+
+    def _resumed(self, rest: str) -> None:
+        step, seconds = rest.split()
+        relaxed = self.level == "relaxed"
+        require(
+            (self.durable if relaxed else self.last) <= int(step) <= self.last + 1,
+            f"life {self.lives} resumes at step {step}, {self.last} was acknowledged, {self.durable} was durable",
+        )
+        self.lost += max(0, self.last - int(step))
+        self.last = self.durable = int(step)
+        if self.lives > 1:
+            self.recoveries.append(float(seconds))
+
+    def _replied(self, rest: str) -> None:
+        step, durable = (int(word) for word in rest.split()[:2])
+        frame = bytes.fromhex(rest.split()[2])
+        require(durable == step or self.level == "relaxed", f"step {step} was acknowledged, {durable} was durable")
+        asked_again = step == self.last
+        self.last, self.durable = step, max(self.durable, durable)
+        known = self.replies.setdefault(step, frame)
+        require(known == frame, f"the repeated reply of step {step} differs in life {self.lives}")
+        self.repeats += asked_again
+
+
+def kill_again_and_again(folder: Path, random: Random, budget: Budget, level: str = "full") -> Witness:
+    """So many lives of a session in a folder, at a level of durability; more until one has resumed and committed.
+
+    Raises
+    ------
+    BrokenPromise
+        As :meth:`Witness.check`, or if a process ended by itself.
+    """
+    witness = Witness(level=level)
+    command = [sys.executable, "-m", "tests.faults.killed_process", str(folder), level]
+    environment = os.environ | _FORKABLE
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, env=environment) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        idle = 0
+        while budget.admits(witness.lives) or not (witness.recoveries and witness.replies):
+            process.stdin.write(f"{random.uniform(0, _LONGEST * (1 + idle)):.6f}\n")
+            process.stdin.flush()
+            former = len(witness.replies)
+            witness.check(_one_life(process.stdout))
+            idle = idle + 1 if len(witness.replies) == former else 0
+            require(
+                idle < _MOST_IDLE, f"after step {witness.last}, {idle} lives in a row have committed nothing ({level})"
+            )
+        process.stdin.close()
+    return witness
+
+
+def _one_life(output: Iterable[str]) -> list[str]:
+    """Lines up to the kill."""
+    lines: list[str] = []
+    for line in output:
+        if line == "killed\n":
+            return lines
+        lines.append(line.rstrip("\n"))
+        if line.startswith("ended"):
+            break
+    raise BrokenPromise(f"a life was not ended by a kill; its last words: {lines[-2:]}")
+
+
+def require_undisturbed(folder: Path, witness: Witness) -> None:
+    """Compare all replies and the last coordinates with those of an undisturbed process.
+
+    Raises
+    ------
+    BrokenPromise
+        If a bit differs.
+    """
+    survivor = open_session(SessionStore(folder), witness.lives)
+    last = survivor.host.step
+    promised = witness.durable if witness.level == "relaxed" else witness.last
+    require(promised <= last <= witness.last + 1, f"step {last} at the end, {witness.last} was acknowledged")
+    undisturbed = undisturbed_driver([grid_mesh()])
+    expected = run_to(undisturbed, last)
+    require(np.array_equal(final_points(survivor), final_points(undisturbed)), f"the coordinates of step {last} differ")
+    expected |= run_to(undisturbed, max(witness.replies, default=0))
+    for step, frame in witness.replies.items():
+        require(frame == expected[step][1], f"the reply of step {step} differs from an undisturbed run")
+    survivor.host.close()
+    undisturbed.host.close()
+
+
+def run(seed: int, budget: Budget) -> Result:
+    """Kill and compare, at each level in turn."""
+    witnesses, lives = [], 0
+    for number, level in enumerate(DURABILITY_LEVELS, start=1):
+        with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-") as folder:
+            share = _share(budget, lives, number / len(DURABILITY_LEVELS))
+            witness = kill_again_and_again(Path(folder), Random(f"kill -9 {seed} {level}"), share, level)
+            require_undisturbed(Path(folder), witness)
+        steps = len(witness.replies)
+        require(steps >= witness.lives / 20, f"only {steps} steps in {witness.lives} lives ({level})")
+        witnesses.append(witness)
+        lives += witness.lives
+    recoveries = [seconds for witness in witnesses for seconds in witness.recoveries]
+    p50, p95 = (float(value) for value in np.percentile(recoveries, (50, 95)))
+    acknowledged = sum(len(witness.replies) for witness in witnesses)
+    details = {
+        "kills": lives,
+        "acknowledged": acknowledged,
+        "asked_again": sum(witness.repeats for witness in witnesses),
+        "recovered": len(recoveries),
+        "relaxed_steps_done_again": witnesses[-1].lost,
+        "recovery_p50_seconds": p50,
+        "recovery_p95_seconds": p95,
+        "recovery_target_seconds": _RECOVERY_SECONDS,
+    }
+    got = f"{lives} kills, {acknowledged} steps, 0 promised ones lost, recovery p95 {1000 * p95:.0f} ms"
+    return Result(got, p95 <= _RECOVERY_SECONDS, details)
+
+
+def _share(budget: Budget, done: int, part: float) -> Budget:
+    """What of a budget is left for one level, so many lives being done."""
+    if budget.seconds is not None:
+        return Budget(0, budget.seconds / len(DURABILITY_LEVELS), lambda more: budget.report(done + more))
+    return Budget(round(budget.count * part) - done, None, lambda more: budget.report(done + more))
+
+
+CHECK = Check(
+    "kill-9",
+    "{count} kills, 3 levels: no promised step lost, bitwise, p95 ≤ 2 s",
+    short=120,
+    full=3000,
+    seconds=24,
+    run=run,
+)

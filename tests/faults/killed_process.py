@@ -1,0 +1,142 @@
+"""Commits for ever and is killed, again and again: ``python -m tests.faults.killed_process FOLDER LEVEL``.
+
+For each line of standard input, a number of seconds, a process is forked that resumes the session in FOLDER (or opens
+it) and commits step after step, until it is killed by SIGKILL that long after the fork. What it was answered goes to
+standard output, a line each, as soon as it is known::
+
+    resumed STEP SECONDS     the session is there, so long after the fork
+    reply STEP DURABLE HEX   the COMMITTED frame of a step, and its durable step, which in the frame is the step; for
+                             the step resumed at it is asked for once more
+    killed
+    failed WHY               instead of any of these, and then
+    ended STATUS             it was not killed, but ended by itself
+
+Forking keeps the time for imports out of each life; the process is killed as any other would be.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from mesh_motion_protocol.codec import encode
+from mesh_motion_protocol.errors import SessionError
+from mesh_motion_protocol.messages import Commit, Fetch, Move
+
+from mesh_motion_server.session.store import SessionStore
+from mesh_motion_server.settings import ServerSettings
+from tests.faults.check import require
+from tests.faults.driver import Driver, make_driver, resume, undisturbed_driver
+from tests.faults.stand_in import grid_mesh
+
+__all__ = ["Reply", "commit_of", "final_points", "open_session", "run_to"]
+
+#: Durable step and frame of a COMMITTED.
+Reply = tuple[int, bytes]
+
+#: The client whose sequence numbers are the steps, so that the same commit is the same request in every life.
+COMMITTER = b"the committer..."
+#: States are stored so often that many lives end on either side of one.
+_LIMITS = ServerSettings(snapshot_steps=8)
+
+
+def open_session(store: SessionStore, life: int, level: str = "full") -> Driver:
+    """The stored session, or a new one of this level of durability where none was built yet."""
+    store.sweep()
+    try:
+        driver = Driver(resume(store, limits=_LIMITS), [grid_mesh()])
+    except SessionError as error:
+        if error.code != "NOT_FOUND":
+            raise
+        driver = make_driver(store, [grid_mesh()], spec={"durability": level}, limits=_LIMITS)
+        driver.open()
+        return driver
+    driver.sequences = [1_000_000_000 * (life + 1)]
+    driver.join()
+    return driver
+
+
+def commit_of(driver: Driver, step: int) -> Reply:
+    """Ask for the commit of a step, which may be committed already.
+
+    How far the disk has got when a commit is answered is another matter in each life: the frame is that of a reply
+    which says that the step itself is durable.
+    """
+    request = driver.request(Commit, client=COMMITTER, sequence=step, step=step)
+    (reply,) = driver.send(request)
+    require(reply.type == "COMMITTED", f"COMMIT of step {step} was answered {reply}")
+    frames = encode(replace(reply, durable_step=reply.step))
+    return reply.durable_step, b"".join(bytes(frame) for frame in frames)
+
+
+def run_to(driver: Driver, last: int) -> dict[int, Reply]:
+    """Move and commit up to a step; the replies."""
+    replies = {}
+    while driver.host.step < last:
+        step = driver.host.step + 1
+        (moved,) = driver.all(Move, _to_and_fro(driver, step), step=step)
+        require(moved.type == "MOVED", f"MOVE of step {step} was answered {moved}")
+        replies[step] = commit_of(driver, step)
+    return replies
+
+
+def _to_and_fro(driver: Driver, step: int) -> list[Any]:
+    """So small that the mesh is as good after ten thousand steps; each step's own, and back in the next."""
+    sign = 1 if step % 2 else -1
+    return [0.01 * sign * rows for rows in driver.displacement((step + 1) // 2)]
+
+
+def final_points(driver: Driver) -> Any:
+    """The committed coordinates (n, d)."""
+    return np.asarray(driver.ask(Fetch).points)
+
+
+def live(folder: str, life: int, level: str) -> None:
+    """One life, until it is killed."""
+    start = time.monotonic()
+    driver = open_session(SessionStore(folder), life, level)
+    step = driver.host.step
+    _say(f"resumed {step} {time.monotonic() - start:.6f}")
+    if step:
+        _say(_line(step, commit_of(driver, step)))
+    while True:
+        for done, reply in run_to(driver, driver.host.step + 1).items():
+            _say(_line(done, reply))
+
+
+def _line(step: int, reply: Reply) -> str:
+    return f"reply {step} {reply[0]} {reply[1].hex()}"
+
+
+def _say(line: str) -> None:
+    """Whole at once: a killed process leaves a part of a line at most if the pipe is full."""
+    os.write(1, line.encode() + b"\n")
+
+
+def main(folder: str, level: str) -> None:
+    """Fork, wait, kill; whatever a life would load first has been loaded by then."""
+    rehearsal = undisturbed_driver([grid_mesh()])
+    run_to(rehearsal, 3)
+    rehearsal.host.close()
+    for life, seconds in enumerate(sys.stdin):
+        child = os.fork()
+        if not child:
+            try:
+                live(folder, life, level)
+            except Exception as error:
+                _say(f"failed {type(error).__name__}: {error}")
+            finally:
+                os._exit(1)
+        time.sleep(float(seconds))
+        os.kill(child, signal.SIGKILL)
+        _, status = os.waitpid(child, 0)
+        _say("killed" if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL else f"ended {status}")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

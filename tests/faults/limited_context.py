@@ -1,0 +1,33 @@
+"""The one place where tests get their ZeroMQ sockets from: no send and no receive lasts for ever."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import zmq
+
+from tests.faults.waiting import PATIENCE
+
+__all__ = ["limited_context", "shared_context"]
+
+
+def limited_context(seconds: float = 2 * PATIENCE) -> zmq.Context[zmq.Socket[bytes]]:
+    """A context whose sockets raise ``zmq.Again`` from a send or receive that takes longer, and close at once.
+
+    By default libzmq waits for ever: in a send when the only peer has refused the connection, in the end of a process
+    for messages that no peer takes.
+    """
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    for option, value in (
+        (zmq.SNDTIMEO, round(1000 * seconds)),
+        (zmq.RCVTIMEO, round(1000 * seconds)),
+        (zmq.LINGER, 0),
+    ):
+        context.setsockopt(option, value)  # of each socket that it makes
+    return context
+
+
+@cache
+def shared_context() -> zmq.Context[zmq.Socket[bytes]]:
+    """One for a whole process."""
+    return limited_context()

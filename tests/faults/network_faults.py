@@ -1,0 +1,302 @@
+"""A network that breaks between clients and a real server, which itself is killed and started again at times.
+
+Each seed chooses faults (:mod:`.faulty_network`) that strike while a session goes on, is resumed or is opened. Every
+call of the client must return its result or a typed error by its deadline; the session then goes on or is resumed at
+the step that was acknowledged last; all arrays and digests are, bit for bit, those of an undisturbed session;
+and no request is executed twice (:mod:`.network_driver`).
+
+Half of the clients have keys. Bytes that were changed on the way are found by CURVE, so these clients get ``flip`` and
+``truncate`` among their faults and lose nothing of the promise. Without keys the protocol has only TCP's
+checksum; there it is promised only that each call ends in time with a result or a typed error, and how many changed
+arrays were taken for good is counted and reported.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random, SystemRandom
+
+from mesh_motion_client import Keys
+
+from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
+from tests.faults.check import Budget, Check, Result, require
+from tests.faults.faulty_network import CORRUPTING, KINDS, Fault, Network
+from tests.faults.network_driver import Driver
+from tests.faults.stand_in_server import SERVICE, StandInServer
+
+__all__ = ["CHECK", "Lane", "faults_of", "lanes", "run_seeds"]
+
+#: Clients at work at the same time, every other one with keys.
+_LANES = 4
+#: Steps of each seed while faults strike.
+_STEPS = 2
+_PORTS = range(20000, 20032)
+_SETTINGS = {
+    "advertised_host": "0.0.0.0",
+    "data_ports": f"{_PORTS[0]}-{_PORTS[-1]}",
+    "max_sessions": len(_PORTS) - 2,
+    "handshake_seconds": 1.0,
+    "lease_seconds": 2.0,
+    "idle_seconds": 5.0,
+}
+#: How a seed begins, and how often.
+_BEGINNINGS = {"go on": 12, "resume": 6, "open": 2}
+#: How often each kind is chosen; a restart takes seconds, and all clients see it.
+_WEIGHTS = {"restart": 0.3, "drop": 0.7, "half-open": 0.7}
+#: One of so many seeds without keys is for bytes that are changed.
+_CORRUPTED = 6
+
+
+def loopback() -> str:
+    """A loopback address that no other program uses: all its ports are free."""
+    rng = SystemRandom()
+    return f"127.{rng.randrange(16, 255)}.{rng.randrange(256)}.{rng.randrange(1, 255)}"
+
+
+@dataclass
+class Found:
+    """What lanes have seen.
+
+    Attributes
+    ----------
+    struck : Counter
+        Faults by kind.
+    errors : Counter
+        Errors of calls by code.
+    quiet : int
+        Seeds in which no fault struck: too few units came where it waited.
+    changed, unnoticed : int
+        Without keys: seeds with changed bytes, and those in which the client was given a wrong result.
+    """
+
+    struck: Counter[str] = field(default_factory=Counter)
+    errors: Counter[str] = field(default_factory=Counter)
+    quiet: int = 0
+    changed: int = 0
+    unnoticed: int = 0
+
+    def __add__(self, other: Found) -> Found:
+        return Found(
+            self.struck + other.struck,
+            self.errors + other.errors,
+            self.quiet + other.quiet,
+            self.changed + other.changed,
+            self.unnoticed + other.unnoticed,
+        )
+
+
+class Lane:
+    """One client behind its own network.
+
+    Parameters
+    ----------
+    server : StandInServer
+    keys : Keys or None
+    crossing : set of int
+        Shared by the lanes of a server.
+    restart : callable
+    """
+
+    def __init__(
+        self, server: StandInServer, keys: Keys | None, crossing: set[int], restart: Callable[[], None]
+    ) -> None:
+        host, _, port = server.endpoint.removeprefix("tcp://").rpartition(":")
+        self.network = Network(loopback(), (host, int(port)), _PORTS, crossing=crossing, restart=restart)
+        self.server = server
+        self.driver = Driver(self.network.endpoint, keys)
+        self.found = Found(errors=self.driver.errors)
+        self.failure: Exception | None = None
+
+    def open(self) -> None:
+        """Undisturbed: what the seeds go on with."""
+        self.network.heal()
+        self.driver.open()
+
+    def run(self, seed: int) -> None:
+        """One seed; then the network is healed, and the session takes one more step."""
+        rng = Random(f"network {seed}")
+        begin = rng.choices(list(_BEGINNINGS), list(_BEGINNINGS.values()))[0]
+        if self.driver.keys is None and seed // _LANES % _CORRUPTED == 0:
+            self._run_corrupted(rng)
+            return
+        self.network.arm(faults_of(rng, begin, corrupting=self.driver.keys is not None))
+        if begin == "resume":
+            self.driver.resume()
+        elif begin == "open":
+            self.driver.open()
+        for _ in range(_STEPS):
+            self.driver.step()
+        self.driver.check_points()
+        self._count()
+        self.network.heal()
+        self.driver.step()
+        self.driver.check_points()
+
+    def _count(self) -> None:
+        self.found.struck.update(self.network.struck)
+        self.found.quiet += not self.network.struck
+
+    def _run_corrupted(self, rng: Random) -> None:
+        """Without keys: a session that is given up afterwards, for its inputs are unknown."""
+        faults = [_fault(rng, rng.choice(CORRUPTING), "go on") for _ in range(2)]
+        self.network.arm(faults)
+        mistaken = self.driver.step_of_doubt()
+        self.found.struck.update(f"{kind} (no keys)" for kind in self.network.struck)
+        self.found.changed += bool(self.network.struck)
+        self.found.unnoticed += mistaken
+        self.open()
+
+
+def faults_of(rng: Random, begin: str, *, corrupting: bool) -> list[Fault]:
+    """One to three faults for a seed that begins so."""
+    kinds = [*KINDS, *(CORRUPTING if corrupting else ())]
+    weights = [_WEIGHTS.get(kind, 1.0) for kind in kinds]
+    chosen = rng.choices(kinds, weights, k=rng.choice((1, 1, 2, 3)))
+    return [_fault(rng, kind, begin) for kind in chosen]
+
+
+def _fault(rng: Random, kind: str, begin: str) -> Fault:
+    """Somewhere: on the data connection, or the control connection where one is made."""
+    place = "data" if begin == "go on" or rng.random() < 0.6 else "control"
+    most = 12 if begin == "open" and place == "data" else 6
+    return Fault(kind, place, rng.choice(("in", "out")), rng.randrange(most), rng.random())
+
+
+@contextmanager
+def lanes(folder: Path, numbers: Sequence[int], service: str = SERVICE) -> Iterator[list[Lane]]:
+    """Clients, each with an open session, and their servers; odd numbers have keys."""
+    with ExitStack() as stack, ThreadPoolExecutor(_LANES) as pool:
+        sides = sorted({bool(number % 2) for number in numbers})
+        servers = {side: _server(folder / f"keys {side}", with_keys=side, service=service) for side in sides}
+        for server, _ in servers.values():
+            stack.callback(server.stop)
+        list(pool.map(lambda pair: pair[0].start(), servers.values()))
+        crossings: dict[bool, set[int]] = {side: set() for side in sides}
+        restarts = {side: _restarter(servers[side][0]) for side in sides}
+        made = []
+        for number in numbers:
+            side = bool(number % 2)
+            made.append(Lane(*servers[side], crossings[side], restarts[side]))
+            stack.callback(made[-1].network.close)
+        list(pool.map(Lane.open, made))
+        yield made
+        for lane in made:
+            lane.network.heal()
+            lane.driver.close()
+
+
+def _server(folder: Path, *, with_keys: bool, service: str) -> tuple[StandInServer, Keys | None]:
+    """A server that listens on an address of its own, and its client's keys."""
+    settings = _SETTINGS | {"endpoint": f"tcp://{loopback()}:{_PORTS[0] - 1}"}
+    if not with_keys:
+        return StandInServer(folder, service=service, **settings), None
+    make_server_keys(folder / "keys")
+    public = make_client_keys("prover", folder / "client")
+    admit(public.key, folder / "keys", name="prover")
+    keys = Keys.load(folder / "client" / "prover.secret", folder / "keys" / "server.public")
+    return StandInServer(folder, service=service, **settings | {"keys_folder": str(folder / "keys")}), keys
+
+
+def _restarter(server: StandInServer) -> Callable[[], None]:
+    """Kills and starts a server, one at a time."""
+    lock = threading.Lock()
+
+    def restart() -> None:
+        with lock:
+            server.kill()
+            server.start()
+
+    return restart
+
+
+def run_seeds(lanes: Sequence[Lane], seed: int, budget: Budget) -> int:
+    """Hand seeds out to the lanes until the budget is used up or a promise is broken; how many.
+
+    Raises
+    ------
+    BrokenPromise
+        With the seed that shows it.
+    """
+    lock, done, over = threading.Lock(), 0, threading.Event()
+
+    def admitted() -> bool:
+        nonlocal done
+        with lock:
+            more = not over.is_set() and budget.admits(done)
+            done += more
+            return more
+
+    def work(lane: Lane, number: int) -> None:
+        while admitted():
+            try:
+                lane.run(number)
+            except Exception as error:
+                error.add_note(f"(seed {number})")
+                lane.failure = error
+                over.set()
+            number += len(lanes)
+
+    threads = [
+        threading.Thread(target=work, args=(lane, seed + index), name=f"seeds of {index}", daemon=True)
+        for index, lane in enumerate(lanes)
+    ]
+    for thread in threads:
+        thread.start()
+    try:
+        _watch(lanes, threads)
+    finally:
+        over.set()
+    return done
+
+
+def _watch(lanes: Sequence[Lane], threads: Sequence[threading.Thread]) -> None:
+    """Wait for the lanes; a call that does not return is found here."""
+    while True:
+        alive = any(thread.is_alive() for thread in threads)
+        for lane in lanes:
+            if lane.failure is not None:
+                raise lane.failure
+            what, deadline = lane.driver.under_way or ("", float("inf"))
+            require(time.monotonic() < deadline, f"{what} has not returned long after its deadline")
+        if not alive:
+            return
+        time.sleep(0.05)
+
+
+def run(seed: int, budget: Budget) -> Result:
+    """So many seeds, to all lanes at once."""
+    with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-") as folder, lanes(Path(folder), range(_LANES)) as made:
+        done = run_seeds(made, 1_000_000 * seed, budget)
+        found = sum((lane.found for lane in made), start=Found())
+    changed = sum(found.struck[kind] for kind in CORRUPTING)
+    details = {
+        "seeds": done,
+        "seeds_without_a_fault": found.quiet,
+        "faults": dict(found.struck),
+        "errors": dict(found.errors),
+        "changed_with_keys": changed,
+        "changed_without_keys": found.changed,
+        "wrong_without_keys": found.unnoticed,
+    }
+    got = (
+        f"{done} seeds, {found.struck.total()} faults; without keys {found.unnoticed} of {found.changed} changes unseen"
+    )
+    return Result(got, passed=True, details=details)
+
+
+CHECK = Check(
+    "network-faults",
+    "{count} seeds: result or typed error in time, all bitwise",
+    short=50,
+    full=1000,
+    seconds=40,
+    run=run,
+)

@@ -1,0 +1,147 @@
+"""A coupled solver of two partitions that gets through whatever breaks, and must not notice it in any number.
+
+Every MOVE and COMMIT is asked for twice; each reply must be that of a run that nothing disturbs, COMMITTED to the bit.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from mesh_motion_protocol.messages import (
+    Build,
+    Close,
+    Commit,
+    Fetch,
+    Hello,
+    List,
+    Move,
+    Open,
+    Ping,
+    Rollback,
+    SessionMessage,
+    Status,
+    Upload,
+)
+
+from tests.faults.check import require
+from tests.faults.driver import parts_of
+from tests.faults.failing_server import FailingServer
+from tests.faults.persistent_holder import PARTITIONS, SILENCE, PersistentHolder, SessionLost, TrialLost
+from tests.faults.undisturbed import Undisturbed, committer, frames_of
+
+__all__ = ["PersistentUser"]
+
+
+class PersistentUser(PersistentHolder):
+    """One session's user.
+
+    Parameters
+    ----------
+    server : FailingServer
+    undisturbed : Undisturbed
+        The run that this one must equal.
+    """
+
+    def __init__(self, server: FailingServer, undisturbed: Undisturbed) -> None:
+        super().__init__(server)
+        self._undisturbed = undisturbed
+
+    def open(self) -> None:
+        """From OPEN to READY; what is lost before it was durable is begun again."""
+        while True:
+            try:
+                opened = self.ask(Open, dimension=2, partitions=PARTITIONS)
+                self.session, self._token = opened.session, opened.token
+                self._endpoint, self._epoch = opened.endpoint, opened.epoch
+                self.join()
+                self._upload()
+                self.deliver([self.new(Build, p) for p in range(PARTITIONS)])
+            except SessionLost:
+                continue
+            self.built = True
+            return
+
+    def advance(self) -> None:
+        """MOVE and COMMIT of the next step, each asked for twice."""
+        number = self.step + 1
+        expected = self._undisturbed.step(number)
+        commits = [self.new(Commit, p, client=committer(p), sequence=number, step=number) for p in range(PARTITIONS)]
+        while True:
+            self._move(expected.given[0], expected.displacements[0])
+            try:
+                self.committing = True
+                self._require_same(commits, expected.replies)
+                break
+            except TrialLost:
+                continue
+        self.step, self.committing = number, False
+        self._require_same(commits, expected.replies)
+
+    def change_its_mind(self) -> None:
+        """A MOVE that is rolled back, then the right one."""
+        self._move([-0.5 * rows for rows in self._undisturbed.step(self.step + 1).given[0]], None)
+        self.deliver([self.new(Rollback, p, step=self.step + 1) for p in range(PARTITIONS)])
+        self.advance()
+
+    def look(self) -> None:
+        """Everything that changes nothing; the session must be where the undisturbed run is."""
+        self.ask(Hello)
+        self.ask(Ping)
+        listed = [entry["session"] for entry in self.ask(List).sessions]
+        require(self.session in listed, f"the session {self.session} is not in the list of {len(listed)}")
+        for status in self.deliver([self.new(Status, p) for p in range(PARTITIONS)]):
+            require(status.step == self.step, f"STATUS gives step {status.step}, {self.step} was acknowledged")
+        fetched = self.deliver([self.new(Fetch, p) for p in range(PARTITIONS)])
+        points = self._undisturbed.points(self.step)
+        same = all(np.array_equal(one.points, other) for one, other in zip(fetched, points, strict=True))
+        require(same, f"the coordinates of step {self.step} differ from the undisturbed run's")
+
+    def leave(self, outcome: str = "keep") -> None:
+        """CLOSE of both partitions."""
+        self.leaving = outcome == "discard"
+        try:
+            self.deliver([self.new(Close, p, outcome=outcome) for p in range(PARTITIONS)])
+        except SessionLost:
+            require(self.leaving, f"the session {self.session} is lost")
+        self.disconnect()
+
+    def take_over(self) -> None:
+        """RESUME while the old holder is there, who must be fenced."""
+        self.connect()
+        old, epoch = self._lines, self._epoch
+        self._lines = []
+        with ExitStack() as closing:
+            for line in old:
+                closing.enter_context(line)
+            self.resume()
+            self.connect()
+            intruder = replace(self.new(Status, 0), epoch=epoch)
+            old[0].send(intruder)
+            reply = old[0].receive(intruder, SILENCE)
+            require(reply is None or reply.type == "ERROR", f"the old holder was answered {reply}")
+
+    def _move(self, given: list[Any], expected: list[Any] | None) -> None:
+        """One iteration; the stored replies are asked for as well."""
+        moves = [
+            self.new(Move, p, step=self.step + 1, frame="committed", displacement=given[p]) for p in range(PARTITIONS)
+        ]
+        for _ in range(2):
+            moved = self.deliver(moves)
+            for reply, rows in zip(moved, expected or [reply.displacement for reply in moved], strict=True):
+                same = np.array_equal(reply.displacement, rows)
+                require(same, f"MOVE of step {self.step + 1} is answered otherwise than in the undisturbed run")
+
+    def _require_same(self, commits: list[SessionMessage], expected: list[bytes]) -> None:
+        """Deliver; the replies' frames must be those of the undisturbed run."""
+        replies = self.deliver(commits)
+        same = [frames_of(reply) for reply in replies] == expected
+        require(same, f"COMMIT of step {commits[0].sequence} is answered otherwise than in the undisturbed run")
+
+    def _upload(self) -> None:
+        """Part by part, both partitions in turn."""
+        for p, mesh in enumerate(self._undisturbed.meshes):
+            for item, name, role, rows in parts_of(mesh):
+                self.deliver([self.new(Upload, p, item=item, name=name, role=role, rows=rows)])

@@ -1,0 +1,347 @@
+"""Power is lost between any two operations of the real journal: nothing that was promised may vanish.
+
+A journal of one of the levels of durability lives by a random script on the model file system: it is built, commits,
+leaves nothing undone, raises its epoch, fills its manifest and is opened again. Promised are every acknowledged step,
+reply and epoch; with "relaxed" the steps up to the durable step that a reply gave. Before each of its operations the
+world is copied and power is lost in the copies; of the disks that are possible then, several are drawn, and some lose
+power again while they recover. Each must open, hold what was promised (and of what was only asked for all or nothing),
+and take the next step.
+
+The second part lets each operation fail instead, has another process read what the page cache shows and acknowledge it,
+and only then loses power: what fsync refused may not be believed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+from mesh_motion_protocol.digests import state_digest
+from mesh_motion_protocol.errors import DataLoss
+from numpy.typing import NDArray
+
+from mesh_motion_server.session.journal import files as journal_files
+from mesh_motion_server.session.journal.durability import ReplayKeeper
+from mesh_motion_server.session.journal.files import KEPT_COMMITS
+from mesh_motion_server.session.journal.journal import Journal
+from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit, Foundation
+from mesh_motion_server.session.journal.records import PAGE
+from mesh_motion_server.session.journal.relaxed import Backlog, RelaxedKeeper
+from mesh_motion_server.session.journal.replies import RequestId
+from mesh_motion_server.settings import DURABILITY_LEVELS
+from tests.faults.check import Budget, Check, Result, require
+from tests.faults.model_files import FailingFiles, ModelFiles, PowerLoss
+
+__all__ = ["CHECK", "Life", "boundary_of", "explore", "fail_each", "foundation_of", "random_script"]
+
+FOLDER = Path("/session")
+#: A state of ten sectors.
+NODES, DIMENSION = 300, 2
+FOUNDATION = Foundation("0" * 32, b"s" * 32, b"m" * 32, NODES, DIMENSION, 2 * PAGE)
+#: Disks that are drawn for each operation.
+DISKS = 6
+#: Pages of a manifest, chosen for each script: full after a few records.
+_PAGES = (4, 5, 6, 8)
+
+Wrap = Callable[[Any], Any]
+
+
+def _bare(files: Any) -> Any:
+    return files
+
+
+@cache
+def state_of(step: int) -> NDArray[np.float64]:
+    """The coordinates (n, d) of a step."""
+    return np.random.default_rng(step).random((NODES, DIMENSION))
+
+
+@cache
+def entry_of(step: int) -> Commit:
+    """What is committed with a step."""
+    request = RequestId(b"c" * 16, step, bytes([step % 256]) * 32)
+    return Commit(step, state_digest(step, state_of(step)), (request,), f"receipt {step}".encode())
+
+
+@cache
+def boundary_of(step: int) -> BoundaryInput:
+    """What a step is computed from, where it is logged."""
+    return BoundaryInput("committed", state_of(step)[:4].tobytes(), "the model")
+
+
+def foundation_of(level: str) -> Foundation:
+    """Of a journal of this level; with "replay" every third state is stored."""
+    return replace(FOUNDATION, durability=level, snapshot_steps=3 * (level == "replay"), log_bytes=1 << 20)
+
+
+def random_script(random: Random) -> str:
+    """A life: ``c`` commits, ``f`` leaves nothing undone, ``e`` raises the epoch, ``o`` opens it again."""
+    return "".join(random.choices("cfeo", (8, 3, 2, 1), k=random.randrange(4, 16)))
+
+
+@dataclass
+class Life:
+    """One journal's life, and what it acknowledged.
+
+    Attributes
+    ----------
+    files : FileSystem
+    pages : int
+        Of a manifest.
+    built : bool
+    step, epoch : int
+        The last ones that were acknowledged.
+    asked : int
+        The last step that was asked for.
+    level : str
+    promised_step : int
+        With "relaxed": the last durable step that a reply gave.
+    """
+
+    files: Any
+    pages: int = 6
+    built: bool = False
+    step: int = 0
+    epoch: int = 0
+    asked: int = 0
+    level: str = "full"
+    promised_step: int = 0
+
+    def run(self, script: str) -> None:
+        """Build or open the journal and check it, then live by the script."""
+        writer = _WRITERS[self.level](self._begin())
+        for command in script:
+            if command == "c":
+                self.asked = self.step + 1
+                self.promised_step = writer.commit(self.asked)
+                self.step = self.asked
+            elif command == "f":
+                writer.rest(self.step)
+                self.promised_step = self.step
+            elif command == "e":
+                writer.catch_up()
+                self.promised_step = self.step
+                self.epoch = writer.journal.raise_epoch()
+            else:
+                writer.journal.close()
+                writer = _WRITERS[self.level](self._begin())
+        writer.journal.close()
+
+    def _begin(self) -> Journal:
+        if not self.built and not self.files.exists(FOLDER / journal_files.MANIFEST):
+            journal = Journal.create(FOLDER, self.files, foundation_of(self.level), capacity=self.pages * PAGE)
+            self.built, self.epoch = True, 1
+            return journal
+        journal = Journal.open(FOLDER, self.files)
+        self.built = True
+        self._check(journal)
+        return journal
+
+    def _check(self, journal: Journal) -> None:
+        """Nothing promised is lost, nothing is wrong, and what was only asked for is there or not."""
+        found, commits = journal.ledger.step, journal.ledger.commits
+        promised = self.promised_step if self.level == "relaxed" else self.step
+        require(promised <= found <= self.asked, f"step {found}; {promised} was promised, {self.asked} asked for")
+        snapshot, logged = journal.ledger.snapshot, journal.ledger.logged
+        stored = snapshot.step if snapshot else 0
+        require(not stored or np.array_equal(journal.read_state(), state_of(stored)), f"step {stored} is a wrong array")
+        require([commit.step for commit in logged] == list(range(stored + 1, found + 1)), f"a gap before step {found}")
+        require(all(commit.boundary == boundary_of(commit.step) for commit in logged), f"a wrong input in {logged}")
+        replies = [replace(commit, boundary=None) for commit in commits]
+        require(all(commit == entry_of(commit.step) for commit in replies), f"a wrong reply in {commits}")
+        kept = max(len(logged), min(found, KEPT_COMMITS))
+        require(len(commits) == kept, f"{len(commits)} replies are kept at step {found}")
+        self.step = self.asked = self.promised_step = found
+        epoch = journal.raise_epoch()
+        require(epoch > self.epoch, f"epoch {epoch} after {self.epoch} was acknowledged")
+        self.epoch = epoch
+
+
+class _Full:
+    """Commits as the level "full" does; its journal may be asked for everything else."""
+
+    def __init__(self, journal: Journal) -> None:
+        self.journal = journal
+
+    def commit(self, step: int) -> int:
+        """The durable step that the reply gives."""
+        state = state_of(step)
+        if step % 3:
+            self.journal.write_ahead(state)
+        if step % 3 == 2:
+            state = state.copy()  # another one than was expected
+        self.journal.store(entry_of(step), state)
+        return step
+
+    def catch_up(self) -> None:
+        """All that was committed is durable."""
+
+    def rest(self, step: int) -> None:
+        """As before closing."""
+        del step
+        self.catch_up()
+
+
+class _Replay(_Full):
+    """As "replay" does."""
+
+    def __init__(self, journal: Journal) -> None:
+        super().__init__(journal)
+        self._keeper = ReplayKeeper(journal)
+
+    def commit(self, step: int) -> int:
+        self._keeper.commit(entry_of(step), state_of(step), lambda: boundary_of(step))
+        return step
+
+    def rest(self, step: int) -> None:
+        self._keeper.rest(lambda: state_of(step))
+
+
+class _Relaxed(_Full):
+    """As "relaxed" does, with the thread's work done on call."""
+
+    def __init__(self, journal: Journal) -> None:
+        super().__init__(journal)
+        self._keeper, self._backlog = RelaxedKeeper(journal), Backlog(journal)
+
+    def commit(self, step: int) -> int:
+        self._backlog.accept(entry_of(step), state_of(step))
+        return self._keeper.durable_after(step)
+
+    def catch_up(self) -> None:
+        if self._backlog:
+            self._backlog.take()()
+
+
+_WRITERS = {"full": _Full, "replay": _Replay, "relaxed": _Relaxed}
+
+
+def explore(script: str, random: Random, *, wrap: Wrap = _bare, disks: int = DISKS, level: str = "full") -> int:
+    """Lose power before every operation of a life.
+
+    Parameters
+    ----------
+    script : str
+    random : Random
+        Draws the disks.
+    wrap : callable
+        Puts something between the journal and the model: a bug that must be found.
+    disks : int
+        For each operation.
+    level : str
+        Of durability.
+
+    Returns
+    -------
+    int
+        How many disks were looked at.
+
+    Raises
+    ------
+    BrokenPromise, DataLoss, OSError
+        What was acknowledged is lost, or a disk cannot be opened; notes say where.
+    """
+    raw, looked_at = ModelFiles(), 0
+    life = Life(wrap(raw), random.choice(_PAGES), level=level)
+
+    def lose_power(operation: str) -> None:
+        nonlocal looked_at
+        for disk in range(disks):
+            try:
+                looked_at += _recover(raw.copy(), life, random, wrap, interrupted=bool(disk % 2))
+            except Exception as error:
+                error.add_note(f"(power lost before operation {len(raw.operations)}, {operation}, disk {disk})")
+                raise
+
+    raw.before = lose_power
+    life.run(script)
+    return looked_at
+
+
+def _recover(copy: ModelFiles, life: Life, random: Random, wrap: Wrap, *, interrupted: bool) -> int:
+    """Lose power, once or again during the recovery, and live on; how many disks that were."""
+    copy.lose_power(random)
+    again = replace(life, files=wrap(copy))
+    if interrupted:
+        copy.arm(random.randrange(16))
+        try:
+            again.run("ccf")
+        except PowerLoss:
+            pass
+        finally:
+            copy.arm(None)
+        copy.lose_power(random)
+    again.run("cf")
+    return 2 if interrupted else 1
+
+
+def fail_each(script: str, random: Random, level: str = "full") -> int:
+    """Let each operation fail for ever, believe the page cache, then lose power; how many disks were looked at.
+
+    Raises
+    ------
+    BrokenPromise, DataLoss, OSError
+        As :func:`explore`.
+    """
+    pages = random.choice(_PAGES)
+    counted = FailingFiles(ModelFiles())
+    Life(counted, pages, level=level).run(script)
+    for fail_at in range(1, counted.count + 1):
+        try:
+            _fail_once(script, random, fail_at, Life(None, pages, level=level))
+        except Exception as error:
+            error.add_note(f"(operation {fail_at} failed)")
+            raise
+    return counted.count
+
+
+def _fail_once(script: str, random: Random, fail_at: int, life: Life) -> None:
+    raw = ModelFiles()
+    failing = FailingFiles(raw)
+    failing.fail_at = fail_at
+    life.files = failing
+    try:
+        life.run(script)
+    except (DataLoss, OSError):
+        require(failing.failed, "an error without a failed operation")
+    else:
+        require(False, "a failed operation was not reported")
+    raw.handles.clear()
+    life.files = raw
+    life.run("")  # another process reads what the page cache shows, and acknowledges it
+    raw.handles.clear()
+    raw.lose_power(random)
+    life.run("ccf")
+
+
+def run(seed: int, budget: Budget) -> Result:
+    """Random lives until so many disks were looked at."""
+    lost = failed = lives = 0
+    while budget.admits(lost + failed):
+        random = Random(f"power loss {seed} {lives}")
+        script, level = random_script(random), DURABILITY_LEVELS[lives % len(DURABILITY_LEVELS)]
+        try:
+            lost += explore(script, random, level=level)
+            failed += fail_each(script, random, level)
+        except Exception as error:
+            error.add_note(f"(life {lives}, level {level}, script {script})")
+            raise
+        lives += 1
+    got = f"{lost + failed} disks of {lives} lives, 0 lost or corrupt"
+    details = {"disks": lost + failed, "lives": lives, "after_failed_operations": failed}
+    return Result(got, True, details | {"levels": list(DURABILITY_LEVELS)})
+
+
+CHECK = Check(
+    "power-loss",
+    "without power, 3 levels: {count} disks, 0 lost or corrupt",
+    short=50_000,
+    full=1_000_000,
+    seconds=40,
+    run=run,
+)

@@ -1,0 +1,255 @@
+"""What a session has to do, written once more from SPEC.md: a few values and rules, no journal, no numerics.
+
+The model is asked the same requests as a server, in the same order, and says which replies are due. Coordinates it has
+from the replies themselves, by the rule that a displacement and the coordinates of its frame add up to the server's
+bits (section 7); the digest of a committed state it takes from them (section 16).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.faults.check import require
+from tests.faults.expected import Answer, Asked, Codes
+from tests.faults.reply_book import Entry
+from tests.faults.session_state import SessionState, Snapshot
+from tests.faults.session_table import COLLECTIVE, DISK, OTHERS
+
+__all__ = ["SessionModel"]
+
+
+class SessionModel(SessionState):
+    """One session: which replies are due.
+
+    Its parameters are those of :class:`.session_state.SessionState`.
+    """
+
+    # --- requests to the data endpoint -------------------------------------------------------------------------------
+
+    def ask(self, asked: Asked, fault: str = "") -> list[Answer]:
+        """The replies that are due because of a request, while a fault happens: disk, defect, crash."""
+        refusal = self._gate(asked)
+        if refusal is not None:
+            return [refusal]
+        if asked.kind in ("UPLOAD", *COLLECTIVE):
+            return self._once(asked, fault)
+        answer: list[Answer] = {"JOIN": self._join, "FETCH": self._fetch, "STATUS": self._status, "CLOSE": self._close}[
+            asked.kind
+        ](asked)
+        return answer
+
+    def _gate(self, asked: Asked) -> Answer | None:
+        """Who asks, of what, under which epoch, on which connection."""
+        message, state = asked.message, None
+        may, code = OTHERS.get(asked.user, (asked.kind, ""))
+        if asked.kind not in may.split():
+            state = ""
+        elif message.session != self.session:
+            code = "NOT_FOUND"
+        elif message.partition >= len(self.shares):
+            code = "INVALID_ARGUMENT.VALUE"
+        elif message.epoch != self.epoch:
+            code = "ABORTED.FENCED"
+        elif asked.kind == "JOIN":
+            code = "" if message.token == self.token else "NOT_FOUND"
+        elif asked.user == "owner" and self.joined.get(message.partition) != asked.peer:
+            code = "UNAUTHENTICATED"
+        else:
+            code = ""
+        return self.refuse(asked, code, state=state) if code else None
+
+    def _unless_admitted(self, asked: Asked) -> Answer | None:
+        if self.admits(asked.kind):
+            return None
+        return self.refuse(asked, *self.state_codes(asked.kind))
+
+    def _join(self, asked: Asked) -> list[Answer]:
+        refusal = self._unless_admitted(asked)
+        if refusal:
+            return [refusal]
+        self.joined[asked.message.partition] = asked.peer
+        self.state = "READY" if self.state == "SUSPENDED" else self.state
+        self.unreported = False  # JOINED reports a disk that has failed
+        nodes = len(self.shares[asked.message.partition].ids) if self.built else 0
+        about = {"state": self.state, "step": self.step, "iteration": self.iteration, "nodes": nodes}
+        return [Answer(asked, "JOINED", fields=about | {"partitions": len(self.shares)})]
+
+    def _fetch(self, asked: Asked) -> list[Answer]:
+        refusal = self._unless_admitted(asked)
+        if refusal:
+            return [refusal]
+        p, what = asked.message.partition, asked.message.what
+        points = self.committed[p] if what == "committed" else self.shares[p].points
+        return [Answer(asked, "FETCHED", fields={"step": self.step, "points": points})]
+
+    def _status(self, asked: Asked) -> list[Answer]:
+        about = {"state": self.state, "step": self.step, "iteration": self.iteration, "waiting_for": self.missing}
+        return [self._unless_admitted(asked) or Answer(asked, "STATUS_REPORT", fields=about, effect=self.learn_durable)]
+
+    def _close(self, asked: Asked) -> list[Answer]:
+        refusal = self._unless_admitted(asked)
+        if refusal:
+            return [refusal]
+        partition, discard = asked.message.partition, self.discarded or asked.message.outcome == "discard"
+        left = {} if asked.user == "admin" else {p: peer for p, peer in self.joined.items() if p != partition}
+        if not left and self.disk_broken and (discard or not self.built):
+            return [self.refuse(asked, DISK)]
+        if self.unreported and asked.message.outcome == "keep":
+            self.unreported = False
+            return [self.refuse(asked, DISK)]
+        answers = self.abandon("ABORTED")
+        self.joined, self.discarded = left, discard
+        if not left:
+            self.end(discard=discard)
+            answers = [replace(answer, fields={}) for answer in answers]  # before or after the end, both is true
+        return [*answers, Answer(asked, "CLOSED", effect=self._closed)]
+
+    def _closed(self, reply: Any) -> None:
+        """CLOSED says the step that RESUME will find."""
+        self.learn_durable(reply)
+        require(reply.step == self.durable_step, f"CLOSED says step {reply.step}")
+
+    # --- requests that are executed once -----------------------------------------------------------------------------
+
+    def _once(self, asked: Asked, fault: str) -> list[Answer]:
+        """Section 10, then the request itself."""
+        message, book = asked.message, self.book(asked.message.client)
+        verdict = book.verdict(message.sequence, asked.content)
+        if verdict in ("ABORTED.CONFLICT", "ABORTED.STALE"):
+            return [self.refuse(asked, verdict)]
+        if isinstance(verdict, Entry):
+            return [Answer(asked, verdict.type, fields=verdict.fields, same=verdict.reply, effect=verdict.keep)]
+        if asked.kind == "UPLOAD":
+            return self._upload(asked)
+        waiting = self.waiting.get(message.partition)
+        if waiting and (waiting.message.client, waiting.message.sequence) == (message.client, message.sequence):
+            if waiting.content != asked.content:
+                return [self.refuse(asked, "ABORTED.CONFLICT")]
+            self.waiting[message.partition] = replace(waiting, peer=asked.peer)
+            return []
+        return self._collective(asked, fault)
+
+    def _upload(self, asked: Asked) -> list[Answer]:
+        p = asked.message.partition
+        if p in self.waiting:
+            return [self.refuse(asked, "FAILED_PRECONDITION")]
+        if asked.wrong or not self.admits("UPLOAD"):
+            codes = asked.wrong if self.admits("UPLOAD") else (*asked.wrong, *self.state_codes("UPLOAD"))
+            return self.refuse_all([asked], *codes)
+        self.uploaded[p] += 1
+        self.state = "OPENING"
+        return [self.executed(asked, "UPLOADED")]
+
+    def _collective(self, asked: Asked, fault: str) -> list[Answer]:
+        """Section 9: own faults, those who wait, and when all have come."""
+        p, others = asked.message.partition, {q: a for q, a in self.waiting.items() if q != asked.message.partition}
+        codes = (*asked.wrong, *self._wrong_step(asked))
+        if not self.admits(asked.kind):
+            codes = (*codes, *self.state_codes(asked.kind))
+        if codes:
+            return self.refuse_all([asked], *codes)
+        answers = [self.refuse(self.waiting[p], "ABORTED.STALE")] if p in self.waiting else []
+        self.waiting = others | {p: asked}
+        if any(_common(other) != _common(asked) for other in others.values()):
+            return [*answers, *self.abandon("INVALID_ARGUMENT.PARTITION")]
+        if len(self.waiting) < len(self.shares):
+            return answers
+        all_asked = [self.waiting[q] for q in sorted(self.waiting)]
+        self.waiting = {}
+        run = {"BUILD": self._build, "MOVE": self._move, "COMMIT": self._commit, "ROLLBACK": self._rollback}[asked.kind]
+        return [*answers, *run(all_asked, fault)]
+
+    def _wrong_step(self, asked: Asked) -> Codes:
+        step = getattr(asked.message, "step", None)
+        if step in (None, self.step + 1):
+            return ()
+        lost = self.reopened and self.level == "relaxed" and step > self.step + 1
+        return ("ABORTED.STEPS_LOST",) if lost else ("FAILED_PRECONDITION.STEP",)
+
+    def _build(self, all_asked: Sequence[Asked], fault: str) -> list[Answer]:
+        if not self.complete:
+            return self.refuse_all(all_asked, "INVALID_ARGUMENT")
+        reference = [share.points for share in self.shares]
+        if fault:
+            self.may_be_found = [None, Snapshot(0, reference)]
+            return self.refuse_all(all_asked, DISK)
+        self.state, self.committed, self.may_be_found = "READY", reference, [Snapshot(0, reference)]
+        return [
+            self.executed(asked, "BUILT", step=0, moving_nodes=share.moving)
+            for asked, share in zip(all_asked, self.shares, strict=True)
+        ]
+
+    def _move(self, all_asked: Sequence[Asked], _fault: str) -> list[Answer]:
+        if not self._agree([asked.message.displacement for asked in all_asked]):
+            return self.refuse_all(all_asked, "INVALID_ARGUMENT.PARTITION")
+        if any(asked.far for asked in all_asked):
+            return self.refuse_all(all_asked, "FAILED_PRECONDITION.QUALITY")
+        self.state, self.lost, self.iteration = "TRIAL", "no", self.iteration + 1
+        self.trial = list(self.committed)
+        about: dict[str, Any] = {"step": self.step + 1, "iteration": self.iteration}
+        frame = all_asked[0].message.frame
+        inputs = (self.digest(self.step, self.committed), frame, *(a.message.displacement.tobytes() for a in all_asked))
+        return [self.executed(a, "MOVED", partial(self._take_motion, a, inputs), **about) for a in all_asked]
+
+    def _agree(self, rows: Sequence[NDArray[np.float64]]) -> bool:
+        """Whether shared nodes are moved alike."""
+        ids = np.concatenate([share.ids[share.moving] for share in self.shares])
+        given = np.concatenate(rows)
+        _, first, inverse = np.unique(ids, return_index=True, return_inverse=True)
+        return bool(np.array_equal(given, given[first][inverse]))
+
+    def _take_motion(self, asked: Asked, inputs: Any, reply: Any) -> None:
+        """Section 7: a pure function, displacements as prescribed, and a sum that is the server's coordinates."""
+        p, share = asked.message.partition, self.shares[asked.message.partition]
+        base = share.points if asked.message.frame == "reference" else self.committed[p]
+        require(
+            np.array_equal(reply.displacement[share.moving], asked.message.displacement), "moving nodes are elsewhere"
+        )
+        again = self._moved.setdefault((inputs, p), reply.displacement.tobytes())
+        require(again == reply.displacement.tobytes(), "the same MOVE is answered with another displacement")
+        along = asked.message.headroom_along if asked.message.report else ""
+        require(reply.headroom.get("along", "") == along, f"the headroom is that of {reply.headroom}, not {along!r}")
+        self.trial[p] = base + reply.displacement
+
+    def _commit(self, all_asked: Sequence[Asked], fault: str) -> list[Answer]:
+        digest = self.digest(self.step + 1, self.trial)
+        after = Snapshot(self.step + 1, self.trial, all_asked, digest)
+        if self.level == "relaxed":
+            return self._commit_relaxed(all_asked, after, fault)
+        if fault:
+            self.may_be_found = [*self.may_be_found, after]
+            self.state = "FAILED" if fault == "defect" else "FROZEN"
+            if fault == "defect":
+                self.trial, self.iteration = [], 0
+            return self.refuse_all(all_asked, "INTERNAL" if fault == "defect" else DISK)
+        self.state, self.iteration = "READY", 0
+        self.step, self.committed, self.trial = after.step, after.committed, []
+        self.may_be_found = [Snapshot(self.step, self.committed)]
+        about: dict[str, Any] = {"step": self.step, "durable_step": self.step, "digest": digest}
+        return [self.executed(asked, "COMMITTED", self.learn_durable, **about) for asked in all_asked]
+
+    def _commit_relaxed(self, all_asked: Sequence[Asked], after: Snapshot, fault: str) -> list[Answer]:
+        """Answered at once; what is behind the last durable step that a reply gave may be lost."""
+        self.state, self.iteration, self.trial = "READY", 0, []
+        self.step, self.committed = after.step, after.committed
+        self.may_be_found = [*self.may_be_found, replace(after, commits=())]
+        about: dict[str, Any] = {"step": self.step, "digest": after.digest}
+        answers = [self.executed(asked, "COMMITTED", self.learn_durable, **about) for asked in all_asked]
+        if fault == "disk":
+            self.state, self.unreported = "FROZEN", True
+        return answers
+
+    def _rollback(self, all_asked: Sequence[Asked], _fault: str) -> list[Answer]:
+        self.state, self.trial, self.iteration, self.lost = "READY", [], 0, "no"
+        return [self.executed(asked, "ROLLED_BACK", step=self.step) for asked in all_asked]
+
+
+def _common(asked: Asked) -> Any:
+    """What all partitions have to ask for alike."""
+    return asked.kind, getattr(asked.message, "step", None), getattr(asked.message, "frame", None)

@@ -1,0 +1,56 @@
+"""A whole server whose workers compute with the stand-in: quick to start, kill and ask.
+
+``python -m tests.faults.stand_in_server SETTINGS_JSON READY_FILE SERVICE LEVEL`` runs it;
+:class:`StandInServer` starts that and knows its processes. Everything but the numerics is what ``mesh-motion serve``
+runs.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from mesh_motion_server.settings import ServerSettings
+from mesh_motion_server.transport.hosting import Hosting
+from mesh_motion_server.transport.serve import serve
+from tests.faults.server_process import ServerProcess
+
+__all__ = ["SERVICE", "StandInServer"]
+
+#: Module with the ``SessionHost`` and ``SessionStore`` that workers load.
+SERVICE = "tests.faults.stand_in_service"
+
+
+class StandInServer(ServerProcess):
+    """See :class:`.server_process.ServerProcess`.
+
+    Parameters
+    ----------
+    folder : Path
+    service : str
+        Module that workers load.
+    options
+        As for every server process.
+    """
+
+    def __init__(self, folder: Path, *, service: str = SERVICE, **options: Any) -> None:
+        super().__init__(folder, **options)
+        self._service = service
+
+    def command(self, ready: Path) -> list[str]:
+        """See :class:`.server_process.ServerProcess`."""
+        return ["-m", __name__, json.dumps(self.settings), str(ready), self._service, self.level]
+
+
+def main(settings: str, ready_file: str, service: str, level: str) -> int:
+    """Serve."""
+    hosting = Hosting(service, service, service)
+    return serve(
+        ServerSettings.model_validate_json(settings), ready_file=Path(ready_file), level=level, hosting=hosting
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -1,0 +1,97 @@
+"""A coupled run that nothing disturbs, in this process: what every disturbed one is compared with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mesh_motion_protocol.codec import encode
+from mesh_motion_protocol.messages import Commit, Fetch, Message, Move
+from numpy.typing import NDArray
+
+from mesh_motion_server.session.partitions.meshes import PartitionMesh
+from tests.faults.check import require
+from tests.faults.driver import undisturbed_driver
+
+__all__ = ["Step", "Undisturbed", "committer", "frames_of"]
+
+Floats = NDArray[np.float64]
+
+
+def committer(partition: int) -> bytes:
+    """The client of a partition's COMMITs: their sequence numbers are the steps, in every run alike."""
+    return b"the committer %02d" % partition
+
+
+def frames_of(message: Message) -> bytes:
+    """A message as it goes over the wire."""
+    return b"".join(bytes(frame) for frame in encode(message))
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One step of the run.
+
+    Attributes
+    ----------
+    given : list of list of (k, d) array, mesh length unit
+        Displacements of the moving nodes, by move and partition.
+    displacements : list of list of (n, d) array, mesh length unit
+        Of all nodes, by move and partition.
+    points : list of (n, d) array, mesh length unit
+        Where they are once it is committed, by partition.
+    digest : bytes
+        Of that state.
+    replies : list of bytes
+        The frames of COMMITTED, by partition.
+    """
+
+    given: list[list[Floats]]
+    displacements: list[list[Floats]]
+    points: list[Floats]
+    digest: bytes
+    replies: list[bytes]
+
+
+class Undisturbed:
+    """The run, as far as it was asked for.
+
+    Parameters
+    ----------
+    meshes : list of PartitionMesh
+    moves : sequence of float
+        The MOVEs of a step, as factors of its motion.
+    """
+
+    def __init__(self, meshes: list[PartitionMesh], moves: Sequence[float] = (1.0,)) -> None:
+        self.meshes, self._moves = meshes, moves
+        self._driver = undisturbed_driver(meshes)
+        self._steps: list[Step] = []
+
+    def step(self, number: int) -> Step:
+        """Step 1, 2, …"""
+        while len(self._steps) < number:
+            self._steps.append(self._next(len(self._steps) + 1))
+        return self._steps[number - 1]
+
+    def points(self, number: int) -> list[Floats]:
+        """Coordinates (n, d) after so many steps, by partition."""
+        return self.step(number).points if number else [mesh.points for mesh in self.meshes]
+
+    def _given(self, number: int, factor: float) -> list[Floats]:
+        """To and fro, so small that the mesh is as good after many steps; each step's own, and back in the next."""
+        sign = 0.01 if number % 2 else -0.01
+        return [sign * factor * rows for rows in self._driver.displacement((number + 1) // 2)]
+
+    def _next(self, number: int) -> Step:
+        given, partitions = [self._given(number, factor) for factor in self._moves], range(len(self.meshes))
+        moved = [[reply.displacement for reply in self._driver.all(Move, rows, step=number)] for rows in given]
+        replies: list[Any] = []
+        for p in partitions:
+            commit = self._driver.request(Commit, p, client=committer(p), sequence=number, step=number)
+            replies += self._driver.send(commit)
+        require(all(reply.type == "COMMITTED" for reply in replies), f"the undisturbed run fails: {replies}")
+        points = [self._driver.ask(Fetch, p).points for p in partitions]
+        return Step(given, moved, points, replies[0].digest, [frames_of(reply) for reply in replies])
