@@ -11,7 +11,7 @@ from own_ranks import CORRECTED, as_client, in_pieces, on_ranks
 from periodic_meshes import periodic_box, sector
 from sliding_meshes import duct
 
-from proofs.server_process import ServerProcess
+from tests.faults.server_process import ServerProcess
 
 
 def with_roles(mesh, roles):

@@ -9,7 +9,7 @@ from mesh_motion_client import Mesh, Patch, connect
 
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.partitions import partitions
-from proofs.waiting import PATIENCE
+from tests.faults.waiting import PATIENCE
 
 SETTINGS = {
     "displacement": "absolute",

@@ -10,7 +10,7 @@ from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.session.partitions.merging import merge
-from proofs.stand_in import grid_mesh, split_mesh
+from tests.faults.stand_in import grid_mesh, split_mesh
 
 
 def at_client(mesh, role="slip"):
