@@ -338,7 +338,7 @@ def test_patches_that_need_the_facets_are_refused(prefix, endpoint):
     slipping = Mesh(mesh.points, mesh.cells, mesh.patches | {"outer": Patch("slip", mesh.patches["outer"].nodes)})
     with (
         CSession(prefix, endpoint) as session,
-        pytest.raises(RuntimeError, match="patch 'outer' has the role 'slip', .*: partition 0 sent no facets"),
+        pytest.raises(RuntimeError, match=r"patch 'outer' has the role 'slip', .*: partition 0 sent no facets"),
     ):
         session.open(slipping, {})
 
