@@ -5,12 +5,12 @@ import signal
 import numpy as np
 import pytest
 from mesh_motion_client import InvalidInput, Mesh, Patch, connect
+from mesh_motion_numerics.distributed.rank import Rank
+from mesh_motion_numerics.mesh.cells import CellTable
 from own_ranks import CORRECTED, as_client, in_pieces, on_ranks
 from periodic_meshes import periodic_box, sector
 from sliding_meshes import duct
 
-from mesh_motion_server.distributed.rank import Rank
-from mesh_motion_server.numerics.mesh.cells import CellTable
 from proofs.server_process import ServerProcess
 
 

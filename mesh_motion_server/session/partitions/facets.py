@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
+from mesh_motion_numerics.arrays import Integers
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Integers
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 
 __all__ = ["FACET_NODES", "merge_facets"]

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.partitions.merging import merge
 from proofs.stand_in import grid_mesh, split_mesh
 
