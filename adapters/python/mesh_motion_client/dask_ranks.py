@@ -365,7 +365,7 @@ def open_on_workers(
         One of each partition, as the workers see them: ``mesh-motion convert MESH FOLDER --partitions N`` writes them.
         Several may be on one worker.
     roles : dict
-        Name of each patch → its role, as :class:`.mesh.Patch` has it.
+        Name of each patch → its role, as in :class:`.Patch`.
     settings, label, durability
         As for :meth:`.server.Server.open`; settings as ``evaluation = "client"`` takes them.
     credentials : Credentials, optional
