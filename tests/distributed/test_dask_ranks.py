@@ -119,7 +119,7 @@ def test_nodes_slide_and_move_as_their_images(cluster, server, tmp_path):
     everything = as_client(
         points, cells, patches | {f"z{end}": Patch("slip", patches[f"z{end}"].nodes) for end in (0, 1)}
     )
-    settings, shift = {"boundary_layer_thickness": 0.0}, [0.1, 0.2, 0.1]
+    settings, shift = {}, [0.1, 0.2, 0.1]
     with connect(server.endpoint) as client, client.open(everything, settings, evaluation="client") as session:
         expected = session.move(np.tile(shift, (len(session.moving_nodes), 1)))
     files = write_partitions(tmp_path / "parts", as_file(everything), 3)

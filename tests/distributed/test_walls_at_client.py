@@ -33,7 +33,6 @@ MESHES = {
     "sector": lambda: sector("quad", 20),
     "sector in space": lambda: with_roles(sector("hexahedron", 10), {"z0": "slip", "z1": "slip"}),
 }
-SETTINGS = {"boundary_layer_thickness": 0.0}
 #: Of the block: no cell resists the first, some do the others.
 SMALL, LARGE = (0.01, 0.006, 0.004), (0.1, 0.2, 0.1)
 
@@ -59,9 +58,9 @@ def in_two_steps(session, part):
 def test_nodes_slide_as_in_a_session_with_the_whole_mesh(server, mesh):
     """Bitwise on any number of ranks, and to rounding or the iterations' tolerance with the whole mesh."""
     whole = as_client(*MESHES[mesh]())
-    with connect(server.endpoint) as client, client.open(whole, SETTINGS) as session:
+    with connect(server.endpoint) as client, client.open(whole) as session:
         expected = in_two_steps(session, whole)
-    (one,) = on_ranks(server, [whole], in_two_steps, SETTINGS)
+    (one,) = on_ranks(server, [whole], in_two_steps, {})
     for (moved, points), (reply, there), most in zip(one, expected, (1e-12, 1e-9), strict=True):
         assert np.abs(points - there).max() < most
         assert moved.correction["method"] == reply.correction["method"]
@@ -99,7 +98,7 @@ def test_a_correction_reaches_beyond_a_periodic_side(server, ranks):
         moved = session.move(np.tile([0.03, 0.0], (len(session.moving_nodes), 1)))
         return moved, part.points + moved.displacement
 
-    settings = SETTINGS | {"support_radius": 0.3}
+    settings = {"support_radius": 0.3}
     with connect(server.endpoint) as client, client.open(whole, settings) as session:
         reply, expected = drive(session, whole)
     parts = in_pieces(whole, ranks) if ranks > 1 else [whole]
@@ -124,12 +123,12 @@ def test_derivatives_are_those_of_a_session_with_the_whole_mesh(server, mesh, sh
         found = session.tangent(np.sin(5.0 * moving)), session.cotangent(weights[ids] / holders[ids, None])
         return *found, ids, ids[session.moving_nodes]
 
-    with connect(server.endpoint) as client, client.open(whole, SETTINGS) as session:
+    with connect(server.endpoint) as client, client.open(whole) as session:
         velocity, expected, _, moving = drive(session, whole)
     for parts in ([whole], in_pieces(whole, 3)):
         if len(parts) > 1:
             holders = np.bincount(np.concatenate([part.global_ids for part in parts]))
-        for found, back, ids, own in on_ranks(server, parts, drive, SETTINGS):
+        for found, back, ids, own in on_ranks(server, parts, drive, {}):
             # where each begins its iterations, the minimum is found to 1e-9
             np.testing.assert_allclose(found, velocity[ids], rtol=0.0, atol=1e-7 * np.abs(velocity).max())
             rows = expected[np.searchsorted(moving, own)]
@@ -141,7 +140,7 @@ def test_derivatives_are_those_of_a_session_with_the_whole_mesh(server, mesh, sh
 def test_after_kill_9_the_nodes_are_bitwise_the_same(tmp_path, mesh, durability):
     whole = as_client(*MESHES[mesh]())
     with ServerProcess(tmp_path) as server, connect(server.endpoint) as client:
-        session = client.open(whole, SETTINGS, evaluation="client", durability=durability)
+        session = client.open(whole, evaluation="client", durability=durability)
         points = in_two_steps(session, whole)[-1][1]
         server.stop(signal.SIGKILL)
         server.start()
@@ -169,7 +168,7 @@ def test_a_moving_node_that_leaves_its_plane_is_named(server):
         return refused.value.details.get("global_id", refused.value.details["node"])
 
     for parts in ([whole], in_pieces(whole, 2)):
-        assert set(on_ranks(server, parts, drive, SETTINGS)) <= set(ids.tolist())
+        assert set(on_ranks(server, parts, drive, {})) <= set(ids.tolist())
 
 
 def test_displacements_that_tear_a_pair_are_refused(server):
@@ -182,7 +181,7 @@ def test_displacements_that_tear_a_pair_are_refused(server):
         with pytest.raises(InvalidInput, match=r"its periodic image, differ by 0\.01"):
             session.move(told)
 
-    on_ranks(server, [whole], drive, SETTINGS)
+    on_ranks(server, [whole], drive, {})
 
 
 @pytest.mark.parametrize(
@@ -208,9 +207,9 @@ def test_the_facets_of_the_boundary_have_to_come(server, monkeypatch):
     monkeypatch.setattr(Rank, "facets", property(lambda self: {}))
     with connect(server.endpoint) as client:
         with pytest.raises(InvalidInput, match="role 'slip', expected moving or fixed: partition 0 sent no facets"):
-            client.open(as_client(*duct("quad", 10)), SETTINGS, evaluation="client")
+            client.open(as_client(*duct("quad", 10)), evaluation="client")
         roles = {"y0": "fixed", "y1": "fixed"}
-        with client.open(as_client(*with_roles(duct("quad", 10), roles)), SETTINGS, evaluation="client") as session:
+        with client.open(as_client(*with_roles(duct("quad", 10), roles)), evaluation="client") as session:
             session.move(np.tile(SMALL[:2], (len(session.moving_nodes), 1)))
 
 
@@ -226,4 +225,4 @@ def test_one_layer_of_cells_between_planes_that_slide_is_refused(server):
              "planes": ("slip", np.arange(len(nodes)))}  # fmt: skip
     mesh = Mesh(at, {"hexahedron": rows.reshape(-1, 8)}, {name: Patch(*of) for name, of in roles.items()})
     with connect(server.endpoint) as client, pytest.raises(InvalidInput, match="as those of one layer of cells"):
-        client.open(mesh, SETTINGS, evaluation="client")
+        client.open(mesh, evaluation="client")
