@@ -39,7 +39,7 @@ _WITHOUT_VOLUME: dict[str, tuple[str, ...]] = {
     "reduction": ("none",),
 }
 #: And by correction: sub-steps take the volume, except the smooth one's; the best possible mesh frees all nodes.
-_NEVER = {"sub_steps": ("never",)}
+_NEVER: dict[str, tuple[str, ...]] = {"sub_steps": ("never",)}
 _OF_CORRECTION: dict[str, dict[str, tuple[str, ...]]] = {
     "none": _NEVER,
     "optimised": _NEVER | {"correction_target": ("threshold",)},
