@@ -4,7 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
-from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer
+from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
 
 
 def with_layer(model: Any, patches: Any, thickness: float, *, offered: bool = False) -> Any:
