@@ -4,8 +4,10 @@ Sandia report SAND92-2137 (2006), https://sandialabs.github.io/seacas-docs/
 """
 
 import re
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.hdf5 import opened_hdf5
-from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements
+from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name
 from mesh_motion_server.files.moved import copied_hdf5
 from mesh_motion_server.files.packages import check_unpacked, reason_of
 from mesh_motion_server.files.replace import replacing
@@ -40,7 +42,9 @@ def _read(path: Path) -> MeshFile:
     with _opened(path) as data:
         points = _points(data)
         blocks = _blocks(data, len(points))
-        return assemble_elements(path, points, blocks, _sets(data, points, blocks))
+        patches, notes = by_name(_sets(data, points, blocks))
+        mesh = assemble_elements(path, points, blocks, {name: nodes for name, nodes in patches.items() if len(nodes)})
+        return replace(mesh, notes=(*mesh.notes, *notes))
 
 
 def _is_hdf5(path: Path) -> bool:
@@ -110,10 +114,12 @@ def _blocks(data: dict[str, Any], n_points: int) -> list[tuple[str, Integers]]:
     return found
 
 
-def _sets(data: dict[str, Any], points: Floats, blocks: list[tuple[str, Integers]]) -> dict[str, Integers]:
-    """The nodes of side sets and node sets, by their names, or their numbers if they have none."""
+def _sets(
+    data: dict[str, Any], points: Floats, blocks: list[tuple[str, Integers]]
+) -> dict[str, list[tuple[int, Integers]]]:
+    """Dimension and nodes of side sets and node sets, by their names, or their numbers if they have none."""
     starts = np.cumsum([0, *(len(nodes) for _, nodes in blocks)])
-    found: dict[str, Integers] = {}
+    found: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
     for kind in ("ss", "ns"):
         listed = [name.removeprefix(f"elem_{kind}").removeprefix(f"node_{kind}") for name in data]
         for number in sorted(int(name) for name in listed if name.isdigit()):
@@ -133,8 +139,8 @@ def _sets(data: dict[str, Any], points: Floats, blocks: list[tuple[str, Integers
                     if own.any():
                         parts.append(side_nodes(points, cell, of[elements[own] - start], sides[own], SIDES))
                 nodes = np.concatenate(parts)
-            found[name] = np.concatenate([found[name], nodes]) if name in found else nodes
-    return {name: nodes for name, nodes in found.items() if len(nodes)}
+            found[name].append((0 if kind == "ns" else points.shape[1] - 1, nodes))
+    return found
 
 
 def _name(data: dict[str, Any], kind: str, number: int) -> str:

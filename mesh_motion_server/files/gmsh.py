@@ -22,7 +22,7 @@ from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.gmsh_values import AsciiValues, BinaryValues, Values
-from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, concatenated, group_names
+from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, by_name, group_names
 from mesh_motion_server.files.moved import Place, edit, replaced
 from mesh_motion_server.files.numbering import NumberedRows
 
@@ -296,11 +296,13 @@ def _patches(content: _Content, rows: NumberedRows) -> dict[str, Integers]:
                 f"it has no physical groups: the {what} of its geometry are the patches, by their numbers"
             )
     names = group_names([(block.dimension, group) for block in lower for group in block.groups], content.names)
-    found: dict[str, list[Integers]] = defaultdict(list)
+    found: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
     for block in lower:
         for group in block.groups:
-            found[names[block.dimension, group]].append(rows(block.nodes.ravel()))
-    return concatenated(found)
+            found[names[block.dimension, group]].append((block.dimension, rows(block.nodes.ravel())))
+    patches, notes = by_name(found)
+    content.notes += notes
+    return patches
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:

@@ -9,7 +9,7 @@ http://www.dhondt.de/ccx_2.20.pdf, chapter 7
 import re
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from mesh_motion_numerics.mesh.cells import CELL_TYPES
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, concatenated
+from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name
 from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.sides import ABAQUS, PLANES, SOLIDS, side_nodes
@@ -192,22 +192,24 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
     rows, points = NumberedRows.of(np.concatenate(found.numbers)), np.concatenate(found.points)
     blocks = [(name, ids, rows(nodes)) for name, ids, nodes in found.elements]
     dimension = max(CELL_TYPES[name].dimension for name, _, _ in blocks)
-    patches: dict[str, list[Integers]] = defaultdict(list)
+    parts_of: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
     for name, parts in found.surfaces.items():
         for items, side in parts:
             own = np.array([int(items)]) if items.isdigit() else _flat(found.element_sets, items)
-            patches[name] += [of.ravel() for of in _surface(points, blocks, own, side)]
+            parts_of[name] += [(dimension - 1, of.ravel()) for of in _surface(points, blocks, own, side)]
     for name in found.node_sets:
         own = np.unique(_flat(found.node_sets, name))
         if len(own) < len(points):  # the set of all nodes is no patch
-            patches[name].append(rows(own, f"set {name!r}: node"))
+            parts_of[name].append((0, rows(own, f"set {name!r}: node")))
     for name in found.element_sets:
         own = _flat(found.element_sets, name)
         for cell, ids, nodes in blocks:
             if CELL_TYPES[cell].dimension < dimension and (inside := np.isin(ids, own)).any():
-                patches[name].append(nodes[inside].ravel())
-    nodes_of = {name: nodes for name, nodes in concatenated(patches).items() if len(nodes)}
-    return assemble_elements(path, points, [(name, nodes) for name, _, nodes in blocks], nodes_of)
+                parts_of[name].append((CELL_TYPES[cell].dimension, nodes[inside].ravel()))
+    patches, notes = by_name(parts_of)
+    nodes_of = {name: nodes for name, nodes in patches.items() if len(nodes)}
+    mesh = assemble_elements(path, points, [(name, nodes) for name, _, nodes in blocks], nodes_of)
+    return replace(mesh, notes=(*mesh.notes, *notes))
 
 
 def _surface(

@@ -18,7 +18,7 @@ from mesh_motion_numerics.mesh.cells import CELL_TYPES
 
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.hdf5 import array_of, opened_hdf5, whole_of
-from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, chosen_zone, concatenated
+from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name, chosen_zone
 from mesh_motion_server.files.moved import copied_hdf5
 
 __all__ = ["MED"]
@@ -47,15 +47,17 @@ def _read(path: Path, zone: str = "") -> MeshFile:
         groups = _groups(path, file, chosen)
         points = _components(path, mesh["NOE/COO"], "f")
         types, dimension = _elements(path, mesh, len(points))
-        patches: dict[str, list[Integers]] = defaultdict(list)
+        found: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
         if "FAM" in mesh["NOE"]:
             for group, rows in _grouped(array_of(path, mesh["NOE/FAM"], "iu"), groups):
-                patches[group].append(rows)
+                found[group].append((0, rows))
         for key, (name, nodes) in types.items():
             if "FAM" in mesh[f"MAI/{key}"] and (not name or CELL_TYPES[name].dimension < dimension):
                 for group, rows in _grouped(array_of(path, mesh[f"MAI/{key}/FAM"], "iu"), groups):
-                    patches[group].append(nodes[rows].ravel())
-        return replace(assemble_elements(path, points, [*types.values()], concatenated(patches)), zone=chosen)
+                    found[group].append((CELL_TYPES[name].dimension if name else 0, nodes[rows].ravel()))
+        patches, notes = by_name(found)
+        whole = assemble_elements(path, points, [*types.values()], patches)
+        return replace(whole, zone=chosen, notes=(*whole.notes, *notes))
 
 
 def _step(file: Any, name: str) -> Any:

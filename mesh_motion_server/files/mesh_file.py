@@ -13,7 +13,17 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_protocol.errors import InvalidInput
 
-__all__ = ["MeshFile", "assemble", "assemble_elements", "by_corners", "chosen_zone", "concatenated", "group_names"]
+__all__ = [
+    "MeshFile",
+    "assemble",
+    "assemble_elements",
+    "by_corners",
+    "by_name",
+    "chosen_zone",
+    "concatenated",
+    "group_names",
+    "named_groups",
+]
 
 Key = TypeVar("Key")
 
@@ -116,6 +126,26 @@ def concatenated(parts: Mapping[Key, Sequence[Integers]]) -> dict[Key, Integers]
     return {key: np.concatenate(some) for key, some in parts.items()}
 
 
+def by_name(found: Mapping[str, Sequence[tuple[int, Integers]]]) -> tuple[dict[str, Integers], list[str]]:
+    """{patch: (p,) nodes, with repeats} of groups of several dimensions, and a note on each name that is not one group.
+
+    A curve that has its surface's name and lies on it says nothing new; one elsewhere may be meant as another patch.
+    """
+    patches, notes = concatenated({name: [nodes for _, nodes in parts] for name, parts in found.items()}), []
+    for name, every in found.items():
+        parts = [part for part in every if len(part[1])] or every
+        most = max(dimension for dimension, _ in parts)
+        of_most = np.concatenate([nodes for dimension, nodes in parts if dimension == most])
+        others = [(dimension, np.setdiff1d(nodes, of_most)) for dimension, nodes in parts]
+        for lower in sorted({dimension for dimension, own in others if len(own)}):
+            count = len(np.unique(np.concatenate([own for dimension, own in others if dimension == lower])))
+            notes.append(
+                f"{name!r} is the name of a {_KINDS[most]} and of a {_KINDS[lower]} with {count} other nodes: they are "
+                "one patch; give one of them another name if they are two"
+            )
+    return patches, notes
+
+
 def by_corners(count: int) -> list[str]:
     """The note on cells of higher order."""
     return [f"{count} cells of higher order are moved and judged by their corners; their other nodes move along"] * (
@@ -135,6 +165,15 @@ def group_names(groups: Iterable[tuple[int, int]], names: Mapping[tuple[int, int
         found[dimension, number] = name
         taken.add(name)
     return found
+
+
+def named_groups(found: Mapping[tuple[int, int | str], Integers]) -> dict[str, list[tuple[int, Integers]]]:
+    """The nodes (p,) of groups by dimension and number or name, as :func:`by_name` takes them."""
+    names = group_names([(of, group) for of, group in found if not isinstance(group, str)], {})
+    named: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
+    for (dimension, group), nodes in found.items():
+        named[group if isinstance(group, str) else names[dimension, group]].append((dimension, nodes))
+    return named
 
 
 def chosen_zone(path: Path, names: Sequence[str], zone: str) -> str:

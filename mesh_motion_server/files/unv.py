@@ -15,7 +15,7 @@ from mesh_motion_numerics.mesh.cells import CELL_TYPES
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, concatenated
+from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name
 from mesh_motion_server.files.moved import edit_lines
 from mesh_motion_server.files.numbering import NumberedRows
 
@@ -170,7 +170,7 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
         dimension = CELL_TYPES[name].dimension if name else 0
         facets |= {number: (dimension, nodes) for number, nodes in zip(values[:, 0].tolist(), own, strict=True)}
     dimension = max((of for of, _ in facets.values()), default=0)
-    patches: dict[str, list[Integers]] = defaultdict(list)
+    groups: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
     notes = []
     for name, nodes, members in found.groups:
         unknown = next((number for number in members if number not in facets), None)
@@ -180,11 +180,12 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
             continue
         if unknown is not None:
             raise ValueError(f"group {name!r} names element {unknown}, which is not there")
-        sides = [own for of, own in (facets[number] for number in members) if of < dimension]
-        parts = [rows(np.array(nodes, dtype=np.int64), f"group {name!r}: node"), *sides]
-        if sum(map(len, parts)):
-            patches[name].append(np.concatenate(parts))
-    mesh = assemble_elements(path, np.array(found.points), elements, concatenated(patches))
+        sides = [(of, own) for of, own in (facets[number] for number in members) if of < dimension]
+        parts = [(0, rows(np.array(nodes, dtype=np.int64), f"group {name!r}: node")), *sides]
+        groups[name] += [part for part in parts if len(part[1])]
+    patches, of_names = by_name({name: parts for name, parts in groups.items() if parts})
+    notes += of_names
+    mesh = assemble_elements(path, np.array(found.points), elements, patches)
     return replace(mesh, notes=(*mesh.notes, *notes))
 
 

@@ -22,7 +22,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, concatenated, group_names
+from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, by_name, concatenated, named_groups
 from mesh_motion_server.files.moved import edit, replaced
 from mesh_motion_server.files.packages import reason_of
 from mesh_motion_server.files.vtk_grid import VtkGrid
@@ -110,12 +110,9 @@ def grids_as_mesh(path: Path, read: Callable[[Path], list[VtkGrid]], files: list
         for (_, grid), cells, own in zip(grids, listed, marks, strict=True)
     ]
     whole, notes = joined(path, pieces) if pieces else (VtkPiece(np.empty((0, 3)), {}, {}), [])
-    names = group_names([key for key in whole.patches if not isinstance(key, str)], {})
-    patches: dict[str, list[Integers]] = defaultdict(list)
-    for key, nodes in whole.patches.items():
-        patches[key if isinstance(key, str) else names[key]].append(nodes)
-    mesh = assemble(path, whole.points, whole.cells, concatenated(patches))
-    notes = [*notes, *by_corners(sum(int(grid.is_higher.sum()) for _, grid in grids))]
+    patches, of_names = by_name(named_groups(whole.patches))
+    mesh = assemble(path, whole.points, whole.cells, patches)
+    notes = [*notes, *of_names, *by_corners(sum(int(grid.is_higher.sum()) for _, grid in grids))]
     if not patches:
         notes += _no_patches([grid for _, grid in grids])
     return replace(mesh, notes=(*mesh.notes, *notes))
@@ -182,11 +179,11 @@ def _named(grid: VtkGrid, facets: list[tuple[int, Integers]]) -> dict[PatchKey, 
     found: dict[PatchKey, list[Integers]] = defaultdict(list)
     for name, values in _flat(grid.point_arrays).items():
         if name.startswith(PATCH_PREFIX):
-            found[name.removeprefix(PATCH_PREFIX)].append(np.flatnonzero(values))
+            found[0, name.removeprefix(PATCH_PREFIX)].append(np.flatnonzero(values))
     for name, values in _flat(grid.cell_arrays).items():
         if name.startswith(PATCH_PREFIX):
-            for _, rows in facets:
-                found[name.removeprefix(PATCH_PREFIX)].append(_nodes_of(grid, rows[values[rows] != 0]))
+            for dimension, rows in facets:
+                found[dimension, name.removeprefix(PATCH_PREFIX)].append(_nodes_of(grid, rows[values[rows] != 0]))
     return concatenated(found)
 
 

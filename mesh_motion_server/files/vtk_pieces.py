@@ -21,8 +21,8 @@ from mesh_motion_server.files.mesh_file import concatenated
 
 __all__ = ["PatchKey", "VtkPiece", "joined", "renumbered", "sources"]
 
-#: The name of a patch, or the dimension and the number of a group.
-PatchKey = str | tuple[int, int]
+#: The dimension of a group, and its number or its name.
+PatchKey = tuple[int, int | str]
 
 
 @dataclass(frozen=True, eq=False)

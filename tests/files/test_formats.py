@@ -645,3 +645,48 @@ def test_a_copy_of_xdmf_never_replaces_numbers_of_the_first_file(tmp_path: Path)
         write_mesh(tmp_path / "other.xdmf", mesh)
     write_mesh(tmp_path / "m.xdmf", replace(mesh, points=mesh.points / 3))  # in its own place
     np.testing.assert_array_equal(read_mesh(tmp_path / "m.xdmf").points, mesh.points / 3)
+
+
+def apart(path: Path) -> None:
+    """A unit square in which the name "wall" is that of its lower side and that of its upper right node."""
+    if path.suffix == ".inp":
+        nodes = "1, 0, 0\n2, 1, 0\n3, 1, 1\n4, 0, 1\n"
+        sets = "*SURFACE, NAME=wall\n1, S1\n*NSET, NSET=wall\n3\n"
+        path.write_text(f"*NODE\n{nodes}*ELEMENT, TYPE=CPS4\n1, 1, 2, 3, 4\n{sets}")
+        return
+    gmsh = pytest.importorskip("gmsh", exc_type=OSError)
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
+        gmsh.model.occ.synchronize()
+        for dimension, entity in ((1, 1), (0, 3)):
+            gmsh.model.addPhysicalGroup(dimension, [entity], name="wall")
+        gmsh.model.addPhysicalGroup(2, [1], name="fluid")
+        gmsh.model.mesh.generate(2)
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+
+
+@pytest.mark.parametrize("suffix", ["inp", "msh", "med"])
+def test_one_name_of_a_side_and_of_a_node_elsewhere_is_said(tmp_path: Path, suffix: str) -> None:
+    apart(tmp_path / f"m.{suffix}")
+    mesh = read_mesh(tmp_path / f"m.{suffix}")
+    assert {*mesh.points[mesh.patches["wall"], 1].tolist()} == {0.0, 1.0}
+    name = "WALL" if "WALL" in mesh.patches else "wall"
+    assert any(
+        note.startswith(f"{name!r} is the name of a curve and of a point with 1 other node") for note in mesh.notes
+    )
+
+
+def test_one_array_of_faces_and_lines_elsewhere_is_said(tmp_path: Path) -> None:
+    points = "0 0 0 1 0 0 0 1 0 0 0 1"
+    (tmp_path / "m.vtk").write_text(
+        f"# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 double\n{points}\n"
+        "CELLS 3 12\n4 0 1 2 3\n3 0 1 2\n2 0 3\nCELL_TYPES 3\n10\n5\n3\n"
+        "CELL_DATA 3\nSCALARS patch_wall int 1\nLOOKUP_TABLE default\n0\n1\n1\n"
+    )
+    mesh = read_mesh(tmp_path / "m.vtk")
+    assert mesh.patches["wall"].tolist() == [0, 1, 2, 3]
+    assert any("name of a surface and of a curve with 1 other node" in note for note in mesh.notes)

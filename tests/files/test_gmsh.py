@@ -284,3 +284,25 @@ def test_more_nodes_or_cells_than_announced_are_refused_and_unknown_sections_nam
     path.write_text(head + nodes.format(3) + cells.format(2))
     with pytest.raises(InvalidInput, match=r"section \$Nodes has 4 more values than it announces"):
         read_mesh(path)
+
+
+@pytest.mark.parametrize(("version", "binary"), FORMS)
+@pytest.mark.parametrize("on_it", [False, True])
+def test_one_name_of_a_surface_and_a_curve_is_said_where_they_are_apart(
+    model: Any, tmp_path: Path, version: float, binary: int, on_it: bool
+) -> None:
+    model.occ.addBox(0, 0, 0, 1, 1, 1)
+    model.occ.synchronize()
+    places = {tuple(np.round(model.occ.getCenterOfMass(d, t), 6)): t for d in (1, 2) for _, t in model.getEntities(d)}
+    model.addPhysicalGroup(2, [places[0.0, 0.5, 0.5]], name="wall")
+    model.addPhysicalGroup(1, [places[0.0 if on_it else 1.0, 0.5, 0.0]], name="wall")
+    model.addPhysicalGroup(3, [1], name="fluid")
+    model.mesh.setSize(model.getEntities(0), 0.5)
+    model.mesh.generate(3)
+    mesh = read_mesh(save(tmp_path / "box.msh", version, binary))
+    x, _, z = mesh.points.T
+    curve = (x == 1.0) & (z == 0.0) & (not on_it)
+    np.testing.assert_array_equal(mesh.patches["wall"], np.flatnonzero((x == 0.0) | curve))
+    said = [note for note in mesh.notes if note.startswith("'wall' is the name of a surface and of a curve with ")]
+    assert len(said) == (not on_it)
+    assert on_it or f"with {np.count_nonzero(curve)} other nodes" in said[0]

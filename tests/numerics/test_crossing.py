@@ -275,8 +275,8 @@ def test_a_corner_or_an_edge_that_meets_a_facet_an_edge_or_a_corner(where: str |
     first = targets[:, 0] < 0.5
     if where == "edge on edge":
         half = 0.1 * np.sqrt(2.0)
-        targets[~first] = [*turned(targets[~first], 2), 0.5 + half, 0.5, 0.5]
-        targets[first] = [*turned(targets[first], 1), 0.5 - half - gap, 0.5, 0.5]
+        targets[~first] = turned(targets[~first], 2) + np.array([0.5 + half, 0.5, 0.5])
+        targets[first] = turned(targets[first], 1) + np.array([0.5 - half - gap, 0.5, 0.5])
     else:
         targets[first] = on_a_corner(targets[first]) + where - [gap, 0.0, 0.0]
     assert bool(refused(model, targets)) == (gap == 0.0)

@@ -74,13 +74,13 @@ def read_structured(path: Path, base: Node, zones: list[Node], points: list[Floa
         patches: dict[PatchKey, list[Integers]] = defaultdict(list)
         for group in block.node.children("ZoneBC_t"):
             for condition in group.children("BC_t"):
-                patches[patch_name(base, condition)].append(_listed(block, condition))
+                patches[0, patch_name(base, condition)].append(_listed(block, condition))
         pieces.append(VtkPiece(block.points, {_NAMES[code]: nodes}, concatenated(patches)))
     number, notes = numbering(path, zones, points)
     whole = np.empty((int(number.max()) + 1, points[0].shape[1]))
     whole[number[::-1]] = np.concatenate(points)[::-1]  # the first of several nodes counts
     one = renumbered(pieces, number, whole)
-    mesh = assemble(path, whole, one.cells, {str(name): nodes for name, nodes in one.patches.items()})
+    mesh = assemble(path, whole, one.cells, {str(name): nodes for (_, name), nodes in one.patches.items()})
     return replace(mesh, notes=(*mesh.notes, *notes))
 
 
@@ -131,9 +131,11 @@ def numbering(path: Path, zones: list[Node], points: list[Floats]) -> tuple[Inte
                     own, other = _paired(link, block, blocks[donor])
                     pairs.append(np.column_stack([starts[place] + own, starts[donor] + other]))
     if len(zones) > 1 and not connected:
-        listed = [VtkPiece(np.pad(of, ((0, 0), (0, 3 - of.shape[1]))), {}, {"": np.arange(len(of))}) for of in points]
+        listed = [
+            VtkPiece(np.pad(of, ((0, 0), (0, 3 - of.shape[1]))), {}, {(0, ""): np.arange(len(of))}) for of in points
+        ]
         whole, notes = joined(path, listed)
-        return whole.patches[""], notes
+        return whole.patches[0, ""], notes
     number = _united(np.concatenate(pairs), int(starts[-1]))
     notes = [f"{len(zones)} zones were joined; {len(number) - int(number.max()) - 1} nodes were in several of them"]
     periodic = [f"{n_periodic} connections are periodic: give the patches there the role periodic"]

@@ -22,7 +22,7 @@ from mesh_motion_server.files.cgns.faces import NumberedFaces, join_faces
 from mesh_motion_server.files.cgns.structured import numbering, read_structured
 from mesh_motion_server.files.cgns.tree import Node, open_cgns
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.mesh_file import MeshFile, assemble, chosen_zone, group_names
+from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_name, chosen_zone, named_groups
 from mesh_motion_server.files.moved import copied_hdf5
 from mesh_motion_server.files.polyhedra.cells import find_cells
 from mesh_motion_server.files.polyhedra.pieces import divide
@@ -139,11 +139,12 @@ def _simple(path: Path, base: Node, zone: Node, points: Floats, fixed: list[Elem
         nodes_of[_patch_key(condition.patch, of)] += [condition.nodes, *(nodes.ravel() for nodes in named)]
     if not conditions:
         for part in flat:
-            nodes_of[part.section].append(part.nodes.ravel())
-    names = group_names([key for key in nodes_of if not isinstance(key, str)], {})
-    patches = _patches({key if isinstance(key, str) else names[key]: parts for key, parts in nodes_of.items()})
+            nodes_of[_dimension(part), part.section].append(part.nodes.ravel())
+    found = {key: np.concatenate(parts) for key, parts in nodes_of.items() if parts}
+    patches, notes = by_name(named_groups({key: nodes for key, nodes in found.items() if len(nodes)}))
     joined = {name: np.concatenate(parts) for name, parts in cells.items()}
-    return assemble(path, points, joined, patches)
+    mesh = assemble(path, points, joined, patches)
+    return replace(mesh, notes=(*mesh.notes, *notes))
 
 
 def _dimension(part: Elements) -> int:
@@ -152,7 +153,7 @@ def _dimension(part: Elements) -> int:
 
 def _patch_key(name: str, dimension: int) -> PatchKey:
     """Gmsh writes a group without a name as the family of its number; it counts curves and surfaces apart."""
-    return (dimension, int(name)) if name.isdecimal() and str(int(name)) == name else name
+    return dimension, int(name) if name.isdecimal() and str(int(name)) == name else name
 
 
 def _numbers(parts: list[Elements]) -> Integers:
