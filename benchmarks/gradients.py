@@ -16,6 +16,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
+from mesh_motion_numerics.method import Method
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -26,7 +27,6 @@ from benchmarks.peers.task import Task
 from benchmarks.scale.cases import MESHES
 from benchmarks.scale.figures import Seconds, timed
 from benchmarks.scale.library import model_of
-from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.session.factors import FactorCache
 
 __all__ = ["compared"]

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
+from mesh_motion_numerics.quality.metrics import CellQuality
 from mesh_motion_protocol.headroom import headroom_in_words
 
 from mesh_motion_server.cases.faces import FACES, faces_numbers
-from mesh_motion_server.numerics.quality.metrics import CellQuality
 from mesh_motion_server.watch.observation.series import PHASES
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
 from mesh_motion_protocol.headroom import headroom_in_words
 
-from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.watch.observation.series import Series
 
 __all__ = ["MOST_POINTS", "Followed", "plain_column"]
