@@ -56,7 +56,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def pytest_report_teststatus(report: pytest.TestReport) -> tuple[str, str, str] | None:
     """A row has a line of its own, and no dot."""
-    return (report.outcome, "", "") if report.when == "call" and "faults" in report.keywords else None
+    return (report.outcome, "", "") if report.when == "call" and "::test_row[" in report.nodeid else None
 
 
 @pytest.fixture(scope="session")
