@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from mesh_motion_numerics.method import Method
 
 from benchmarks.peers.meshes import load_or_build
 from benchmarks.peers.motions import MOTIONS
@@ -19,7 +20,6 @@ from benchmarks.peers.task import Task
 from benchmarks.scale.cases import MESHES
 from benchmarks.scale.figures import Seconds, timed
 from benchmarks.scale.library import model_of
-from mesh_motion_server.numerics.method import Method
 from mesh_motion_server.session.factors import FactorCache
 
 __all__ = ["DerivativeCost", "measured"]

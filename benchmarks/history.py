@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_protocol.messages import Commit, Move
 
-from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.service.telling import Teller
 from mesh_motion_server.session.history import History

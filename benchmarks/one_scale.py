@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from mesh_motion_numerics.interpolation.factor_source import FactorSource
+from mesh_motion_numerics.interpolation.interpolant import Factorization, factorize
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.standard_motion import StandardMotion
 from numpy.typing import NDArray
-
-from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
-from mesh_motion_server.numerics.interpolation.interpolant import Factorization, factorize
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.motion.standard_motion import StandardMotion
 
 __all__ = ["in_one_scale"]
 

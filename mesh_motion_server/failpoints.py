@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_protocol.errors import InvalidInput
 
 __all__ = ["VARIABLE", "activate", "deactivate", "failpoint"]
 

@@ -12,6 +12,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
+from mesh_motion_numerics.method import KEYS, Key, Method
+from mesh_motion_protocol.errors import InvalidInput
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -22,9 +24,6 @@ from pydantic import (
     field_validator,
     model_validator,
 )
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.method import KEYS, Key, Method
 
 __all__ = ["DURABILITY_LEVELS", "MethodSettings", "ServerSettings", "check_durability", "check_evaluation"]
 
@@ -88,7 +87,7 @@ _KEYS: Any = create_model("_KEYS", __base__=_Strict, **_FIELDS)
 
 
 class MethodSettings(_KEYS):  # type: ignore[misc]  # its fields are those of a table
-    """The case file's ``[method]``: the keys of :data:`mesh_motion_server.numerics.method.KEYS`."""
+    """The case file's ``[method]``: the keys of :data:`mesh_motion_numerics.method.KEYS`."""
 
     @model_validator(mode="after")
     def _fit_together(self) -> Self:

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
-from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_protocol.errors import MeshMotionError
+
 from mesh_motion_server.service.envelope import Envelope
 from proofs.actions import Action
 from proofs.check import require

@@ -25,7 +25,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_protocol.errors import InvalidInput
+
 from mesh_motion_server.failpoints import VARIABLE
 
 __all__ = ["PLAN", "Fault", "of_folder", "read_plan"]

@@ -17,9 +17,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from mesh_motion_protocol.errors import DataLoss
 from mesh_motion_protocol.limits import default_limits
 
-from mesh_motion_server.errors import JournalError
 from mesh_motion_server.operation.disk_watch import DiskWatch
 from mesh_motion_server.security.allow_list import Entry, write_entries
 from mesh_motion_server.service.dispatch import SessionHost
@@ -250,7 +250,7 @@ class InProcessServer:
         """Wait until a session of level "relaxed" has stored its steps, or the disk has failed; all get a report."""
         keeper = _keeper(self.host(session))
         if keeper is not None:
-            with contextlib.suppress(JournalError):
+            with contextlib.suppress(DataLoss):
                 keeper.catch_up()
             self._children[self._child(session)].wake()
 

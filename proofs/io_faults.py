@@ -21,9 +21,9 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from mesh_motion_protocol.errors import MeshMotionError
 from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Move, Status
 
-from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
 from proofs.check import Budget, Check, Result, require

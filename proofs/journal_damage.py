@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mesh_motion_protocol.errors import DataLoss
 
-from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.journal.durability import ReplayKeeper
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.records import PAGE
@@ -72,7 +72,7 @@ def read_back(contents: dict[Path, bytes], expected: Any = (entry_of, state_of))
         journal = Journal.open(next(iter(contents)).parent, files)
         snapshot = journal.ledger.snapshot
         points: Any = journal.read_state() if snapshot else None
-    except JournalError as error:
+    except DataLoss as error:
         require(error.code.startswith(_REPORTED), f"damage is reported as {error.code}")
         return -1
     ledger = journal.ledger

@@ -25,9 +25,9 @@ from typing import Any
 
 import numpy as np
 from mesh_motion_protocol.codec import encode
+from mesh_motion_protocol.errors import SessionError
 from mesh_motion_protocol.messages import Commit, Fetch, Move
 
-from mesh_motion_server.errors import SessionError
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings
 from proofs.check import require

@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 from mesh_motion_protocol.digests import state_digest
+from mesh_motion_protocol.errors import DataLoss
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.journal import files as journal_files
 from mesh_motion_server.session.journal.durability import ReplayKeeper
 from mesh_motion_server.session.journal.files import KEPT_COMMITS
@@ -243,7 +243,7 @@ def explore(script: str, random: Random, *, wrap: Wrap = _bare, disks: int = DIS
 
     Raises
     ------
-    BrokenPromise, JournalError, OSError
+    BrokenPromise, DataLoss, OSError
         What was acknowledged is lost, or a disk cannot be opened; notes say where.
     """
     raw, looked_at = ModelFiles(), 0
@@ -285,7 +285,7 @@ def fail_each(script: str, random: Random, level: str = "full") -> int:
 
     Raises
     ------
-    BrokenPromise, JournalError, OSError
+    BrokenPromise, DataLoss, OSError
         As :func:`explore`.
     """
     pages = random.choice(_PAGES)
@@ -307,7 +307,7 @@ def _fail_once(script: str, random: Random, fail_at: int, life: Life) -> None:
     life.files = failing
     try:
         life.run(script)
-    except (JournalError, OSError):
+    except (DataLoss, OSError):
         require(failing.failed, "an error without a failed operation")
     else:
         require(False, "a failed operation was not reported")

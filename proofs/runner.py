@@ -20,9 +20,9 @@ from typing import Any
 
 import zmq
 from mesh_motion_protocol import PROTOCOL_VERSION
+from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server import __version__
-from mesh_motion_server.errors import InvalidInput
 from proofs.check import Budget, Check, Result
 
 __all__ = ["HEADING", "Outcome", "Plan", "chosen", "line_of", "prove"]

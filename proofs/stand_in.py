@@ -10,13 +10,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.quality.headroom import Headroom
+from mesh_motion_numerics.quality.quality_summary import Distribution, QualitySummary, WorstCell
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 
-from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.quality.headroom import Headroom
-from mesh_motion_server.numerics.quality.quality_summary import Distribution, QualitySummary, WorstCell
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 
 __all__ = ["StandIn", "grid_mesh", "split_mesh"]
@@ -105,7 +105,7 @@ class StandIn:
         summary = self.summary(points)
         if summary.inverted:
             cells = [int(c) for c in np.argsort(self._areas(points), kind="stable")[: summary.inverted]]
-            raise NumericalError("no valid mesh found", best=float(summary.metric.min), cells=cells, fraction=0.25)
+            raise QualityRefused("no valid mesh found", best=float(summary.metric.min), cells=cells, fraction=0.25)
         return SimpleNamespace(
             points=points,
             standard=summary,

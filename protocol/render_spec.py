@@ -15,13 +15,13 @@ import sys
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
+from mesh_motion_numerics.method import KEYS, Key
 from mesh_motion_protocol.declarations import Choice, Length, Range
 from mesh_motion_protocol.errors import ERROR_CODES
 from mesh_motion_protocol.limits import LIMITS
 from mesh_motion_protocol.messages import COLLECTIVE, CONTROL, MESSAGES, REPLIES, Join, Message, SessionMessage
 from mesh_motion_protocol.schema import ArraySpec, FieldSpec, schema_of
 
-from mesh_motion_server.numerics.method import KEYS, Key
 from mesh_motion_server.security.authorisation import MATRIX, Role
 from mesh_motion_server.session.state import TABLE, Operation, State
 

@@ -6,9 +6,9 @@ import re
 from pathlib import Path
 
 import pytest
+from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.absence import is_missing
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.operation.room import disk_room
 from mesh_motion_server.security.key_folder import make_server_keys
 from mesh_motion_server.session.history.segments import list_segments

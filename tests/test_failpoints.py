@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server import failpoints
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.failpoints import VARIABLE, activate, failpoint
 from mesh_motion_server.transport.serve import EXIT_CONFIGURATION
 from proofs.failpoint_plan import PLAN, Fault, read_plan

@@ -122,15 +122,15 @@ def test_imports_point_to_the_left() -> None:
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("mesh_motion_server.numerics.seeded", "from mesh_motion_server.session import state"),
-        ("mesh_motion_server.numerics.seeded", "def f():\n    import zmq"),
-        ("mesh_motion_server.numerics.mesh.seeded", "from mesh_motion_server.numerics.quality import metrics"),
-        ("mesh_motion_server.numerics.seeded", "from mesh_motion_server.numerics.mesh import cells"),
+        ("mesh_motion_numerics.seeded", "from mesh_motion_server.session import state"),
+        ("mesh_motion_numerics.seeded", "def f():\n    import zmq"),
+        ("mesh_motion_numerics.mesh.seeded", "from mesh_motion_numerics.quality import metrics"),
+        ("mesh_motion_numerics.seeded", "from mesh_motion_numerics.mesh import cells"),
         ("mesh_motion_server.session.seeded", "from proofs import wire"),
         ("mesh_motion_server.session.journal.seeded", "from mesh_motion_server.session.state import State"),
         ("mesh_motion_server.session.partitions.seeded", "from mesh_motion_server.session.journal import records"),
-        ("mesh_motion_server.numerics.seeded", "from mesh_motion_server.distributed import rank"),
-        ("mesh_motion_server.distributed.seeded", "from mesh_motion_server.session import state"),
+        ("mesh_motion_numerics.seeded", "from mesh_motion_numerics.distributed import rank"),
+        ("mesh_motion_numerics.distributed.seeded", "from mesh_motion_server.session import state"),
         ("mesh_motion_server.session.seeded", "def f():\n    from distributed import Client"),
         ("mesh_motion_server.service.seeded", "from ..transport import gateway"),
         ("mesh_motion_server.watch.observation.seeded", "from ...transport import gateway"),
@@ -138,8 +138,8 @@ def test_imports_point_to_the_left() -> None:
         ("mesh_motion_conformance.seeded", "from mesh_motion_protocol.codec import decode"),
         ("mesh_motion_client.seeded", "import mesh_motion_server"),
         ("mesh_motion_client.volume", "from mesh_motion_server.session import state"),
-        ("mesh_motion_client.exchange", "from mesh_motion_server.numerics import mesh"),
-        ("mesh_motion_precice.seeded", "from mesh_motion_server.numerics import motion"),
+        ("mesh_motion_client.exchange", "from mesh_motion_numerics import mesh"),
+        ("mesh_motion_precice.seeded", "from mesh_motion_numerics import motion"),
     ],
 )
 def test_the_walk_sees_a_seeded_offence(module: str, source: str) -> None:

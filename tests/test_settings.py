@@ -3,10 +3,10 @@
 from typing import Any
 
 import pytest
+from mesh_motion_numerics.method import KEYS, Method
+from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.limits import default_limits
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.method import KEYS, Method
 from mesh_motion_server.settings import DURABILITY_LEVELS, MethodSettings, ServerSettings, check_durability
 
 

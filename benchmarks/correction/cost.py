@@ -15,15 +15,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.correction.region_measure import region_measure
+from mesh_motion_numerics.correction.trial_nodes import LEVELS, Polished, TrialMesh, polish, reach
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import reference_sizes
 from numpy.typing import NDArray
 
 from benchmarks.correction.cases import CASES, Case, standard_positions
 from benchmarks.peers.measurement import peak_memory
-from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.correction.region_measure import region_measure
-from mesh_motion_server.numerics.correction.trial_nodes import LEVELS, Polished, TrialMesh, polish, reach
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import reference_sizes
 
 __all__ = ["Cost", "measured"]
 

@@ -11,12 +11,12 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
 import numpy as np
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.finite_volume import FaceMeasures, face_measures
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from numpy.typing import NDArray
 
 from benchmarks.peers.task import Task
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, face_measures
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 __all__ = ["Judge", "Verdict"]
 

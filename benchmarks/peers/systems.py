@@ -142,7 +142,7 @@ def _last_line(log: Path) -> str:
 
 _KRATOS = "KratosMultiphysics.MeshMovingApplication"
 
-_OURS = "mesh_motion_server.numerics.motion.motion"
+_OURS = "mesh_motion_numerics.motion.motion"
 
 
 def _rival(text: str, **options: Any) -> PythonSystem:

@@ -14,6 +14,15 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
+from mesh_motion_numerics.interpolation.factor_source import MakeEachTime
+from mesh_motion_numerics.interpolation.two_scale import plans
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.standard_motion import StandardTrial
+from mesh_motion_numerics.quality.metrics import cell_quality
+from mesh_motion_numerics.stopwatch import Stopwatch
 from numpy.typing import NDArray
 
 from benchmarks.peers.measurement import peak_memory
@@ -21,15 +30,6 @@ from benchmarks.peers.movers.small_task import small_task
 from benchmarks.peers.task import Task
 from benchmarks.scale.cases import CASES, Case
 from benchmarks.scale.figures import Figures, Seconds, timed
-from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
-from mesh_motion_server.numerics.interpolation.two_scale import plans
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.motion.standard_motion import StandardTrial
-from mesh_motion_server.numerics.quality.metrics import cell_quality
-from mesh_motion_server.numerics.stopwatch import Stopwatch
 from mesh_motion_server.session.factors import FactorCache
 
 __all__ = ["FIRST_SHARE", "measured", "model_of", "near_wall"]

@@ -20,10 +20,10 @@ from pathlib import Path
 
 import mesh_motion_kernels as kernels
 import numpy as np
+from mesh_motion_numerics.blas import one_blas_thread
 
 from benchmarks.peers.movers.dense_rbf import wendland_matrix
 from benchmarks.scale.figures import MachineLimits, Rates, Seconds, of_threads, timed
-from mesh_motion_server.numerics.blas import one_blas_thread
 
 __all__ = ["machine_limits", "rates"]
 

@@ -11,11 +11,12 @@ import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.quality.metrics import cell_quality
+
 from benchmarks.one_scale import in_one_scale
 from benchmarks.scale.cases import CASES, Case
 from benchmarks.scale.library import model_of, near_wall
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.quality.metrics import cell_quality
 
 __all__ = ["Truth", "truth"]
 

@@ -9,9 +9,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from mesh_motion_numerics.mesh.roles import Patch
 from numpy.typing import NDArray
-
-from mesh_motion_server.numerics.mesh.roles import Patch
 
 __all__ = ["TRAILING_EDGES", "Grid", "c_grid", "h_grid", "o_grid", "wing"]
 

@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.motion_found import Motion
+from mesh_motion_protocol.errors import QualityRefused
 from numpy.typing import NDArray
-
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.motion.motion_found import Motion
 
 __all__ = ["StoredMesh", "Turn", "final_quality", "moved", "stored"]
 
@@ -91,5 +90,5 @@ def final_quality(model: MotionModel, turn: Turn) -> float:
     """Minimum of the model's metric after the motion; where it was refused, of the best that was found."""
     try:
         return moved(model, turn).corrected.metric.min
-    except NumericalError as refusal:
+    except QualityRefused as refusal:
         return float("nan") if refusal.best is None else refusal.best

@@ -5,12 +5,12 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.quality.metrics import reference_sizes
 from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import StoredMesh
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.quality.metrics import reference_sizes
 
 __all__ = ["refined"]
 

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
-from mesh_motion_client.errors import meant
+from mesh_motion_protocol.errors import InvalidInput, meant
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile, read_mesh
 from mesh_motion_server.settings import MethodSettings
 from mesh_motion_server.toml import read_toml

@@ -10,25 +10,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_numerics.mesh.one_layer import OneLayer
+from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.motion.acceptance import other_unit
+from mesh_motion_numerics.motion.method_check import check_method
+from mesh_motion_numerics.motion.one_layer_motion import AS_A_PLANE
+from mesh_motion_numerics.quality.mesh_check import checked_mesh, suggest_support_radius
+from mesh_motion_numerics.quality.metrics import cell_quality
+from mesh_motion_numerics.quality.orientation import oriented
+from mesh_motion_numerics.reduction.near_surface import boundary_spacing
+from mesh_motion_protocol.errors import InvalidInput, MeshMotionError, QualityRefused
 
 from mesh_motion_server.cases.case import Case, read_case
 from mesh_motion_server.cases.motion_program import MotionProgram
 from mesh_motion_server.cases.prediction import Prediction, named
-from mesh_motion_server.errors import InvalidInput, MeshMotionError, NumericalError
 from mesh_motion_server.files import MeshFile, read_mesh
 from mesh_motion_server.files.reader import is_mesh
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
-from mesh_motion_server.numerics.mesh.one_layer import OneLayer
-from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
-from mesh_motion_server.numerics.motion.acceptance import other_unit
-from mesh_motion_server.numerics.motion.method_check import check_method
-from mesh_motion_server.numerics.motion.one_layer_motion import AS_A_PLANE
-from mesh_motion_server.numerics.quality.mesh_check import checked_mesh, suggest_support_radius
-from mesh_motion_server.numerics.quality.metrics import cell_quality
-from mesh_motion_server.numerics.quality.orientation import oriented
-from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing
 
 __all__ = ["CheckReport", "check"]
 
@@ -107,7 +107,7 @@ def _predicted(report: CheckReport, prediction: Prediction, seconds: float) -> C
             committed = motion.points
             if time.perf_counter() - begin > seconds:
                 break
-    except NumericalError as error:
+    except QualityRefused as error:
         refused = f"step {len(minima) + 1} of {count} will be refused: {error.message}"
         with suppress(MeshMotionError):  # no mesh exists at all; the error gives the reason
             refused += f"; {named(prediction.worst(prediction.trial(committed, len(minima) + 1))[0])}"

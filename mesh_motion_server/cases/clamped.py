@@ -4,10 +4,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
 
 from mesh_motion_server.cases.case import Bending
 from mesh_motion_server.files import MeshFile
-from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["bodies", "clamped_bending"]
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
 
 from mesh_motion_server.cases.recorded import Recorded
-from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.history.events import finite
 from mesh_motion_server.session.replay import maker
 from mesh_motion_server.watch.observation.series import PHASES, Columns

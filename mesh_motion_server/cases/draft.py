@@ -10,12 +10,12 @@ import os
 from pathlib import Path
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Marks
+from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.cases.case import Bending, toml_key, toml_text
 from mesh_motion_server.cases.clamped import bodies, clamped_bending
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile
-from mesh_motion_server.numerics.arrays import Floats, Marks
 
 __all__ = ["draft", "guessed_roles"]
 

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from mesh_motion_client import Keys, connect
+from mesh_motion_protocol.errors import InvalidInput
 from rich.console import RenderableType
 
 from mesh_motion_server.cases.story import tell_step
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.session.inspection import Inspection, inspect_session, is_session_folder
 from mesh_motion_server.session.spec import SPEC
 from mesh_motion_server.watch.observation.steps import HistoryDigest, digest_of_history

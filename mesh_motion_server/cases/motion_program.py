@@ -21,13 +21,13 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.shared_nodes import Torn, united
 
 from mesh_motion_server.cases.case import Bending, Case, Oscillation, RigidMotion
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile
 from mesh_motion_server.files.npz import read_archive
-from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["BendingProgram", "MotionProgram", "RigidProgram", "TableProgram"]
 

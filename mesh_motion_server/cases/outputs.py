@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_protocol.errors import ResourceExhausted
 
 from mesh_motion_server.cases.faces import FACES
 from mesh_motion_server.cases.records import StepRecord
-from mesh_motion_server.errors import ResourceError
-from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.history.events import finite
 
 __all__ = [
@@ -51,7 +51,7 @@ def run_folder(folder: Path) -> Iterator[None]:
 
     Raises
     ------
-    ResourceError
+    ResourceExhausted
         If the folder cannot be made or written.
     """
     made = not folder.exists()
@@ -75,7 +75,7 @@ def remove_results(folder: Path) -> None:
 
     Raises
     ------
-    ResourceError
+    ResourceExhausted
         If the folder cannot be written.
     """
     try:
@@ -105,8 +105,8 @@ def write_steps(folder: Path, steps: Sequence[StepRecord]) -> None:
         writer.writerows(step.as_row() for step in steps)
 
 
-def _unwritable(folder: Path, error: OSError) -> ResourceError:
-    return ResourceError(f"{folder}: results cannot be written there: {error.strerror or error}")
+def _unwritable(folder: Path, error: OSError) -> ResourceExhausted:
+    return ResourceExhausted(f"{folder}: results cannot be written there: {error.strerror or error}")
 
 
 def _remove_if_empty(folder: Path) -> None:

@@ -17,6 +17,9 @@ from mesh_motion_client import Keys, Session
 from mesh_motion_client import MeshMotionError as ClientError
 from mesh_motion_client.moved import Moved
 from mesh_motion_client.session import Report
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_protocol.errors import MeshMotionError, QualityRefused
 
 from mesh_motion_server import __version__
 from mesh_motion_server.cases.case import Case, read_case
@@ -27,10 +30,7 @@ from mesh_motion_server.cases.prediction import Prediction, named
 from mesh_motion_server.cases.records import StepRecord, add_seconds
 from mesh_motion_server.cases.refused import write_refused
 from mesh_motion_server.cases.results import Results
-from mesh_motion_server.errors import MeshMotionError, NumericalError
 from mesh_motion_server.files import MeshFile, VtuSeries, patch_marks
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_server.watch.pictures.page import pictures_are_possible
 from mesh_motion_server.watch.pictures.snapshot import Snapshot
 
@@ -200,7 +200,7 @@ class _Run:
 
     def keep(self, folder: Path, error: BaseException) -> None:
         """Write the results after an error: the steps before it, and a refused mesh with its worst cells."""
-        refused = isinstance(error, MeshMotionError | ClientError) and error.code == NumericalError.default_code
+        refused = isinstance(error, MeshMotionError | ClientError) and error.code == QualityRefused.default_code
         done = len(self._results.records)
         if not (refused or done):
             return

@@ -6,15 +6,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.motion_found import Motion
+from mesh_motion_numerics.motion.one_layer_motion import OneLayerMotion, motion_model
+from mesh_motion_protocol.errors import QualityRefused
+
 from mesh_motion_server.cases.case import Case
 from mesh_motion_server.cases.motion_program import MotionProgram
-from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.files import MeshFile
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.motion.motion_found import Motion
-from mesh_motion_server.numerics.motion.one_layer_motion import OneLayerMotion, motion_model
 
 __all__ = ["Prediction", "named"]
 
@@ -43,7 +44,7 @@ class Prediction:
 
         Raises
         ------
-        NumericalError
+        QualityRefused
             If a step is refused.
         """
         committed, model = self.reference, self.model.without_distributions()
@@ -64,7 +65,7 @@ class Prediction:
         targets = self.targets(step)
         try:
             return kept.move(committed, targets).points
-        except NumericalError:
+        except QualityRefused:
             return kept.with_method(correction="none").move(committed, targets).points
 
     def worst(self, points: Floats) -> list[dict[str, Any]]:

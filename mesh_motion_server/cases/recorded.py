@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_protocol.errors import DataLoss, InvalidInput
 
-from mesh_motion_server.errors import InvalidInput, JournalError
-from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.history.boundary import BoundaryLog
 from mesh_motion_server.session.history.events import read_events
 from mesh_motion_server.session.journal.files import read_ledger, read_stored_state
@@ -69,7 +69,7 @@ def read_recorded(folder: Path) -> Recorded:
     ------
     InvalidInput
         If the boundary motion is not recorded from step 1 on, or the cells are with the client.
-    JournalError
+    DataLoss
         If the folder is not a session folder, or the data for a replay does not verify.
     """
     spec = StoredSpec.from_bytes(spec_bytes(folder))
@@ -108,7 +108,7 @@ def _stored(folder: Path, files: PosixFileSystem, ledger: Ledger) -> tuple[int, 
     """The stored state; None if it does not verify. It only serves to measure the distance of two runs."""
     try:
         return read_stored_state(folder, files, ledger)
-    except JournalError:
+    except DataLoss:
         return None
 
 

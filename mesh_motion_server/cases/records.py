@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
+from mesh_motion_numerics.quality.metrics import CellQuality
+
 from mesh_motion_server.cases.faces import FACES, faces_numbers
-from mesh_motion_server.numerics.quality.metrics import CellQuality
 from mesh_motion_server.watch.observation.series import PHASES
 
 if TYPE_CHECKING:

@@ -4,14 +4,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import AtRest, cell_quality
+from mesh_motion_protocol.errors import MeshMotionError
 
 from mesh_motion_server.cases.prediction import Prediction
 from mesh_motion_server.cases.records import VTU_METRICS
-from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.files import write_vtu
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import AtRest, cell_quality
 
 __all__ = ["write_refused"]
 

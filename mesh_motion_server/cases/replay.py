@@ -14,6 +14,9 @@ from typing import Any, Protocol
 import numpy as np
 from mesh_motion_client import Keys, Mesh, MeshMotionWarning, Patch, connect
 from mesh_motion_client import MeshMotionError as ClientError
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.roles import nodes_with
+from mesh_motion_protocol.errors import InvalidInput, MeshMotionError
 
 from mesh_motion_server import __version__
 from mesh_motion_server.cases.comparison import Comparison, Replayed, write_comparison
@@ -21,10 +24,7 @@ from mesh_motion_server.cases.outputs import SERIES, run_folder, write_points
 from mesh_motion_server.cases.recorded import Recorded, difference_velocity, read_recorded
 from mesh_motion_server.cases.records import StepRecord
 from mesh_motion_server.cases.results import Results
-from mesh_motion_server.errors import InvalidInput, MeshMotionError
 from mesh_motion_server.files import VtuSeries
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.roles import nodes_with
 from mesh_motion_server.session.history.boundary import BoundaryStep
 from mesh_motion_server.settings import MethodSettings
 from mesh_motion_server.watch.observation.series import Series, of_metric
@@ -74,7 +74,7 @@ def replay(
     ------
     InvalidInput
         If there is nothing to replay, or a setting is wrong.
-    JournalError
+    DataLoss
         If the folder is not a session folder, or does not verify.
     MeshMotionError
         If no server is available.

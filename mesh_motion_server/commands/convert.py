@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from mesh_motion_protocol.errors import MeshMotionError
 
 from mesh_motion_server.commands.cli import complain, say, status_of
-from mesh_motion_server.errors import MeshMotionError
 
 __all__ = ["convert"]
 

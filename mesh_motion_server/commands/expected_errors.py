@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import typer
+from mesh_motion_protocol.errors import MeshMotionError
 
 from mesh_motion_server.commands.cli import ExitStatus, complain, status_of
-from mesh_motion_server.errors import MeshMotionError
 
 __all__ = ["expected_errors"]
 
@@ -35,5 +35,5 @@ def _tell(line: str, error: BaseException) -> None:
 
 def _kinds() -> tuple[type[Exception], ...]:
     """Return the server's errors, and the client's if it is imported: do not import it just for this."""
-    client = sys.modules.get("mesh_motion_client.errors")
+    client = sys.modules.get("mesh_motion_protocol.errors")
     return (MeshMotionError, *([client.MeshMotionError] if client else []))

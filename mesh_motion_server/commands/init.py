@@ -27,8 +27,9 @@ def init(
     \b
     mesh-motion init examples/thesis_rotation/mesh.npz --out first.toml
     """
+    from mesh_motion_protocol.errors import InvalidInput
+
     from mesh_motion_server.cases.draft import draft
-    from mesh_motion_server.errors import InvalidInput
     from mesh_motion_server.files import read_mesh
     from mesh_motion_server.files.replace import replacing, require_file_place
 

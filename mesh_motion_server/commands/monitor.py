@@ -44,7 +44,8 @@ def monitor(
     mesh-motion monitor ~/.local/state/mesh-motion --session 0123…
     mesh-motion monitor --once --json
     """
-    from mesh_motion_server.errors import MeshMotionError
+    from mesh_motion_protocol.errors import MeshMotionError
+
     from mesh_motion_server.settings import ServerSettings
     from mesh_motion_server.watch.terminal.sources import FolderSource, Unreadable
 

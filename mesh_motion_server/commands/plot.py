@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from mesh_motion_protocol.errors import InvalidInput, MeshMotionError
 
 from mesh_motion_server.commands.cli import complain, status_of
-from mesh_motion_server.errors import InvalidInput, MeshMotionError
 
 if TYPE_CHECKING:
     from mesh_motion_server.watch.pictures.page import Page

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import typer
+from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.commands.cli import ExitStatus, complain, say
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.toml import read_toml
 
 if TYPE_CHECKING:

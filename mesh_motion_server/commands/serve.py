@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from mesh_motion_protocol.errors import MeshMotionError
 
 from mesh_motion_server.commands.cli import ExitStatus, complain
 from mesh_motion_server.commands.completions import log_levels
-from mesh_motion_server.errors import MeshMotionError
 
 __all__ = ["serve"]
 

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.cells import CELL_TYPES
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.hdf5 import opened_hdf5
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements
@@ -20,8 +22,6 @@ from mesh_motion_server.files.packages import check_unpacked, reason_of
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.files.sides import EXODUS as SIDES
 from mesh_motion_server.files.sides import side_nodes
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["EXODUS"]
 

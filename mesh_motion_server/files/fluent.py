@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.hdf5 import array_of, opened_hdf5, whole_of
 from mesh_motion_server.files.mesh_file import MeshFile, assemble
@@ -23,7 +24,6 @@ from mesh_motion_server.files.polyhedra.cells import find_cells
 from mesh_motion_server.files.polyhedra.face_mesh import from_sides
 from mesh_motion_server.files.polyhedra.pieces import divide
 from mesh_motion_server.files.polyhedra.polygons import polygons
-from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["FLUENT", "FLUENT_HDF5"]
 

@@ -4,10 +4,10 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.moved import Place
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 
 __all__ = ["AsciiValues", "BinaryValues", "Values"]
 

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.packages import check_unpacked, load_h5py, reason_of
 
 __all__ = ["array_of", "opened_hdf5", "whole_of"]

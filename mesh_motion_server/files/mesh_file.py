@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_protocol.errors import InvalidInput
 
 __all__ = ["MeshFile", "assemble", "assemble_elements", "by_corners", "chosen_zone", "concatenated", "group_names"]
 

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.packages import load_h5py
 from mesh_motion_server.files.replace import replaced_by_name, replacing
-from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["Place", "copied_hdf5", "edit", "edit_lines", "move_rows", "replaced"]
 

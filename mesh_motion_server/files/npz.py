@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.packages import check_unpacked, reason_of
 from mesh_motion_server.files.replace import replacing
-from mesh_motion_server.numerics.arrays import Floats
 
 __all__ = ["NPZ", "read_archive", "read_npz", "read_points", "write_npz"]
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-
-from mesh_motion_server.numerics.arrays import Integers
+from mesh_motion_numerics.arrays import Integers
 
 __all__ = ["NumberedRows"]
 

@@ -4,7 +4,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_protocol.errors import InvalidInput
 
 __all__ = ["check_unpacked", "load_h5py", "most_unpacked", "reason_of"]
 

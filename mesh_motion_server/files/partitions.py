@@ -11,12 +11,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from mesh_motion_numerics.arrays import Integers
+from mesh_motion_numerics.mesh.morton import morton_codes
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.writer import write_mesh
-from mesh_motion_server.numerics.arrays import Integers
-from mesh_motion_server.numerics.mesh.morton import morton_codes
 
 __all__ = ["partitions", "write_partitions"]
 
@@ -55,7 +55,7 @@ def write_partitions(folder: Path, mesh: MeshFile, count: int) -> list[Path]:
 
     Raises
     ------
-    InvalidInput, ResourceError
+    InvalidInput, ResourceExhausted
         As :func:`partitions` and :func:`.writer.write_mesh` do.
     """
     written = []

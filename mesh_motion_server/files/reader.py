@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from mesh_motion_server.errors import InvalidInput
+from mesh_motion_protocol.errors import InvalidInput
+
 from mesh_motion_server.files.format import HEAD_BYTES, Format
 from mesh_motion_server.files.formats import FORMATS
 from mesh_motion_server.files.mesh_file import MeshFile

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from mesh_motion_server.errors import InvalidInput, ResourceError
+from mesh_motion_protocol.errors import InvalidInput, ResourceExhausted
 
 __all__ = ["replaced_by_name", "replacing", "require_file_place", "require_folder_place"]
 
@@ -18,7 +18,7 @@ def require_file_place(path: Path) -> None:
     ------
     InvalidInput
         If its folder is missing, or it is a folder itself.
-    ResourceError
+    ResourceExhausted
         If the folder is not writable.
     """
     folder = path.resolve().parent  # a link stays a link; its target is replaced
@@ -41,7 +41,7 @@ def require_folder_place(path: Path) -> None:
 
 def _require_writable(path: Path, folder: Path) -> None:
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise ResourceError(
+        raise ResourceExhausted(
             f"{path}: {folder} cannot be written by this user", hint="name another folder, or see ls -ld and mount"
         )
 

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["ABAQUS", "EXODUS", "PLANES", "SOLIDS", "side_nodes"]
 

@@ -16,9 +16,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.cells import CELL_TYPES
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, concatenated, group_names
 from mesh_motion_server.files.moved import edit, replaced
@@ -27,8 +29,6 @@ from mesh_motion_server.files.vtk_grid import VtkGrid
 from mesh_motion_server.files.vtk_legacy import read_legacy
 from mesh_motion_server.files.vtk_pieces import PatchKey, VtkPiece, joined, sources
 from mesh_motion_server.files.vtk_xml import read_xml
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["NUMBERED_PATCH_ARRAYS", "PATCH_PREFIX", "VTK", "VTU", "grids_as_mesh"]
 

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from numpy.typing import NDArray
-
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 
 __all__ = ["KNOWN_TYPES", "VtkGrid", "structured_cells"]
 

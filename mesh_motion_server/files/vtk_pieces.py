@@ -14,10 +14,10 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.mesh_file import concatenated
-from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["PatchKey", "VtkPiece", "joined", "renumbered", "sources"]
 
@@ -96,7 +96,7 @@ def _numbering(path: Path, points: Floats, first: Integers) -> tuple[Integers, I
     if not finite.all():
         lost = int(np.searchsorted(first, np.argmin(finite), side="right"))
         raise InvalidInput(f"{path}: piece {lost} has a node without finite coordinates")
-    from mesh_motion_server.numerics.mesh.coincidence import first_at_place  # noqa: PLC0415 - needs scipy
+    from mesh_motion_numerics.mesh.coincidence import first_at_place  # noqa: PLC0415 - needs scipy
 
     place = first_at_place(points, float(np.ptp(points, axis=0).max()))
     piece = np.repeat(np.arange(len(first) - 1), np.diff(first))

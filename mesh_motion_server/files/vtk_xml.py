@@ -14,12 +14,12 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.packages import check_unpacked, most_unpacked
 from mesh_motion_server.files.vtk_grid import VtkGrid, structured_cells
-from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["read_xml"]
 

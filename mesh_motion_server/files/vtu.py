@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.cells import CellTable
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.replace import replacing
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["Data", "VtuSeries", "write_vtu"]
 

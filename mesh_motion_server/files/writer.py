@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput, ResourceExhausted
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput, ResourceError
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.npz import write_npz
@@ -29,7 +29,7 @@ def check_target(path: Path, source: Path | None = None) -> Format | None:
     ------
     InvalidInput
         For formats other than ``.npz``, ``.vtu`` and that of ``source``; for a path that is a folder or has no folder.
-    ResourceError
+    ResourceExhausted
         If the folder is not writable.
     """
     if path.suffix.lower() in (".npz", ".vtu"):
@@ -61,7 +61,7 @@ def write_mesh(path: Path, mesh: MeshFile) -> None:
 
     Raises
     ------
-    InvalidInput, ResourceError
+    InvalidInput, ResourceExhausted
         As :func:`check_target`.
     """
     own = check_target(path, mesh.path)
@@ -73,7 +73,7 @@ def write_mesh(path: Path, mesh: MeshFile) -> None:
         else:
             write_vtu(path, mesh.points, mesh.cell_table, point_data=patch_marks(mesh))
     except OSError as error:
-        raise ResourceError(f"{path}: cannot be written: {error.strerror or error}") from None
+        raise ResourceExhausted(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def patch_marks(mesh: MeshFile) -> dict[str, NDArray[np.uint8]]:

@@ -17,9 +17,11 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.cells import CELL_TYPES
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.moved import Place, copied_hdf5, edit, replaced
@@ -27,8 +29,6 @@ from mesh_motion_server.files.packages import check_unpacked, load_h5py
 from mesh_motion_server.files.replace import replaced_by_name
 from mesh_motion_server.files.vtk import NUMBERED_PATCH_ARRAYS, PATCH_PREFIX, grids_as_mesh
 from mesh_motion_server.files.vtk_grid import KNOWN_TYPES, VtkGrid, structured_cells
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["XDMF"]
 

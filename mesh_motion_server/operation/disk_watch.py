@@ -9,7 +9,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from mesh_motion_server.errors import ResourceError
+from mesh_motion_protocol.errors import ResourceExhausted
+
 from mesh_motion_server.operation.room import DiskRoom, disk_room
 
 __all__ = ["SILENT_SECONDS", "DiskWatch"]
@@ -71,7 +72,7 @@ class DiskWatch:
 
         Raises
         ------
-        ResourceError
+        ResourceExhausted
             RESOURCE_EXHAUSTED.DISK if the disk does not answer.
         """
         self.ask()
@@ -85,8 +86,8 @@ class DiskWatch:
             raise _no_answer()
 
 
-def _no_answer() -> ResourceError:
-    return ResourceError(
+def _no_answer() -> ResourceExhausted:
+    return ResourceExhausted(
         "the disk of the state folder does not answer",
         code="RESOURCE_EXHAUSTED.DISK",
         hint="see to the server's disk or network mount, then try again",

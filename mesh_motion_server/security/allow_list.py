@@ -23,9 +23,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from mesh_motion_protocol.errors import InvalidInput, SessionError
 from mesh_motion_protocol.key_files import KeyFileError, checked_key, checked_name
 
-from mesh_motion_server.errors import InvalidInput, SessionError
 from mesh_motion_server.security.authorisation import ROLES, Role
 from mesh_motion_server.toml import read_toml
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from enum import Enum, StrEnum
 
-from mesh_motion_server.errors import SessionError
+from mesh_motion_protocol.errors import SessionError
 
 __all__ = ["MATRIX", "NO_SESSION", "ROLES", "Role", "Verdict", "decide", "not_found", "refusal"]
 

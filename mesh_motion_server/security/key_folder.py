@@ -17,10 +17,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import zmq
+from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.key_files import KeyFileError, PublicKey, SecretKey, checked_key, checked_name
 
 from mesh_motion_server.absence import is_missing
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.security.allow_list import Entry, read_entries, write_entries
 from mesh_motion_server.security.authorisation import ROLES, Role
 

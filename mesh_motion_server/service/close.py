@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.messages import Close, Closed
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 
@@ -19,7 +19,7 @@ def answer(session: Session, request: Close) -> Closed:
 
     Raises
     ------
-    JournalError
+    DataLoss
         If the disk fails during the call; the session is then FROZEN, and closes when CLOSE is sent again.
     SessionError
         If the state does not allow it.

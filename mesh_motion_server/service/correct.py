@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from mesh_motion_numerics.distributed.region import Region
 from mesh_motion_protocol.messages import Correct, Corrected
 
-from mesh_motion_server.distributed.region import Region
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.messages import Cotangent, CotangentFound, Tangent, TangentFound
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.session.field_slope import FieldCotangent
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation

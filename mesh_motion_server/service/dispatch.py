@@ -16,9 +16,9 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
+from mesh_motion_protocol.errors import ResourceExhausted, SessionError
 from mesh_motion_protocol.messages import Close, Join, Message, Ping, Pong, SessionMessage, Status
 
-from mesh_motion_server.errors import ResourceError, SessionError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.service import close, join, status
 from mesh_motion_server.service.envelope import Envelope
@@ -82,7 +82,7 @@ class SessionHost:
         ------
         InvalidInput
             If the basis or the durability level is not offered, or the client cannot evaluate this motion.
-        ResourceError
+        ResourceExhausted
             If the disk has no room for it or fails.
         """
         limits = limits or ServerSettings()
@@ -109,7 +109,7 @@ class SessionHost:
         ------
         SessionError
             NOT_FOUND, or UNAVAILABLE.STARTING while another process holds it.
-        JournalError
+        DataLoss
             If the stored data does not verify, or the disk fails.
         """
         limits = limits or ServerSettings()
@@ -196,7 +196,7 @@ class SessionHost:
         SessionError
             NOT_FOUND for a wrong token; FAILED_PRECONDITION.STATE or RESOURCE_EXHAUSTED.DISK when the session must be
             opened again in another process.
-        JournalError
+        DataLoss
             If the disk fails during the call.
         """
         if not self._session.spec.admits(token):
@@ -228,7 +228,7 @@ class SessionHost:
             return
         self._execution.forget_waiting()
         self._session.close()
-        with contextlib.suppress(ResourceError):  # the next start sweeps what is left of it
+        with contextlib.suppress(ResourceExhausted):  # the next start sweeps what is left of it
             self._delete_unless_kept(discard=False)
 
     # --- inside ----------------------------------------------------------------------------------------------------

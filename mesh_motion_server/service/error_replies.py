@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mesh_motion_protocol.errors import brief, brief_details, error_code
+from mesh_motion_protocol.errors import MeshMotionError, brief, brief_details, error_code
 from mesh_motion_protocol.messages import ErrorReply, Message
-
-from mesh_motion_server.errors import MeshMotionError
 
 __all__ = ["error_reply"]
 

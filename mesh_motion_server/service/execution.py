@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from mesh_motion_protocol.errors import MeshMotionError, SessionError, Timeout
 from mesh_motion_protocol.messages import Committed, ErrorReply, Message, SessionMessage
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import DeadlineExceeded, MeshMotionError, SessionError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.service import build, commit, correct, differentiate, fetch, judge, move, rollback, upload
 from mesh_motion_server.service.commands import Collective, Single, id_of
@@ -199,7 +199,7 @@ class Execution:
             return []
         missing = self.missing
         return self.abandon(
-            DeadlineExceeded(
+            Timeout(
                 f"partitions {', '.join(map(str, missing))} did not make the request within {self._timeout:g} s",
                 hint="look whether their processes live; then make the request again",
                 details={"missing": missing},

@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 from typing import Any
 
+from mesh_motion_protocol.errors import MeshMotionError, QualityRefused, ResourceExhausted
 from mesh_motion_protocol.messages import ErrorReply, Message
 
-from mesh_motion_server.errors import MeshMotionError, NumericalError, ResourceError
 from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.service.reports import worst_places
 from mesh_motion_server.session.session import Session
@@ -22,7 +22,7 @@ def known_error(error: Exception) -> MeshMotionError:
     if isinstance(error, MeshMotionError):
         return error
     if isinstance(error, MemoryError):
-        return ResourceError(
+        return ResourceExhausted(
             "the request does not fit into the worker's memory",
             code="RESOURCE_EXHAUSTED.MEMORY",
             hint="raise the server's worker_memory_bytes",
@@ -38,7 +38,7 @@ def failure_reply(request: Message, error: MeshMotionError, session: Session) ->
 
 def _where(error: MeshMotionError, session: Session) -> dict[str, Any]:
     """The fraction of a refused motion that is accepted, and its worst cells."""
-    if not isinstance(error, NumericalError):
+    if not isinstance(error, QualityRefused):
         return {}
     worst = worst_places(error.cells, session.mesh) if session.is_built else []
     return {"best": error.best, "fraction": error.fraction, "worst": worst}

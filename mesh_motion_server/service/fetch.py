@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.messages import Fetch, Fetched
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.service.move import FRAMES
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation

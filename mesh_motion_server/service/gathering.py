@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from mesh_motion_protocol.errors import InvalidInput, SessionError
 from mesh_motion_protocol.messages import Move, SessionMessage
 
-from mesh_motion_server.errors import InvalidInput, SessionError
 from mesh_motion_server.session.journal.replies import RequestId
 
 __all__ = ["Arrival", "Gathering", "agreement"]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from mesh_motion_protocol.errors import InvalidInput, SessionError
 from mesh_motion_protocol.messages import SessionMessage
 
-from mesh_motion_server.errors import InvalidInput, SessionError
 from mesh_motion_server.security.authorisation import not_found
 from mesh_motion_server.session.session import Session
 

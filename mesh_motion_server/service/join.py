@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Integers
 from mesh_motion_protocol.messages import Join, Joined
 
-from mesh_motion_server.numerics.arrays import Integers
 from mesh_motion_server.security.authorisation import not_found
 from mesh_motion_server.session.session import Session
 

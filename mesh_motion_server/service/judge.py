@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
+from mesh_motion_numerics.distributed.judging import Unanswered, as_plain, heard, summary_of
 from mesh_motion_protocol.messages import Judge, Judged
 
-from mesh_motion_server.distributed.judging import Unanswered, as_plain, heard, summary_of
 from mesh_motion_server.service.reports import (
     quality_frame,
     region_correction_report,

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.stopwatch import time_limit
+from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.messages import Move, Moved
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.numerics.stopwatch import time_limit
 from mesh_motion_server.service.reports import (
     correction_report,
     faces_report,

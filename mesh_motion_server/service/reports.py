@@ -6,17 +6,18 @@ import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures
-from mesh_motion_server.numerics.mesh.points import bounding_box
-from mesh_motion_server.numerics.method import Method
+from mesh_motion_numerics.mesh.finite_volume import FaceMeasures
+from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.method import Method
+
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.session import Session
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.correction.correction import Correction
-    from mesh_motion_server.numerics.motion.motion_found import Motion
-    from mesh_motion_server.numerics.quality.headroom import Headroom
-    from mesh_motion_server.numerics.quality.quality_summary import Judgement
+    from mesh_motion_numerics.correction.correction import Correction
+    from mesh_motion_numerics.motion.motion_found import Motion
+    from mesh_motion_numerics.quality.headroom import Headroom
+    from mesh_motion_numerics.quality.quality_summary import Judgement
 
 __all__ = [
     "correction_report",

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.messages import Upload, Uploaded
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.session.partitions.uploads import Part
 from mesh_motion_server.session.session import Session
 

@@ -12,31 +12,31 @@ from functools import partial
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.correction.correction import Correction
+from mesh_motion_numerics.correction.correction_problem import goal
+from mesh_motion_numerics.correction.part_of_mesh import RegionTooSmall
+from mesh_motion_numerics.correction.smooth_motion import RINGS, onset_of
+from mesh_motion_numerics.correction.trial_nodes import MARGIN
+from mesh_motion_numerics.distributed.field import Field
+from mesh_motion_numerics.distributed.region import ALL, Extent, Region
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.factor_source import FactorSource
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.crossing import refuse_region
+from mesh_motion_numerics.motion.exact_displacements import differences_of
+from mesh_motion_numerics.motion.smooth_step import NOT_SMOOTH
+from mesh_motion_numerics.quality.metrics import WORST_CORNER
+from mesh_motion_numerics.quality.quality_summary import Judgement
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 
-from mesh_motion_server.distributed.field import Field
-from mesh_motion_server.distributed.region import ALL, Extent, Region
-from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.correction.correction import Correction
-from mesh_motion_server.numerics.correction.correction_problem import goal
-from mesh_motion_server.numerics.correction.part_of_mesh import RegionTooSmall
-from mesh_motion_server.numerics.correction.smooth_motion import RINGS, onset_of
-from mesh_motion_server.numerics.correction.trial_nodes import MARGIN
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.crossing import refuse_region
-from mesh_motion_server.numerics.motion.exact_displacements import differences_of
-from mesh_motion_server.numerics.motion.smooth_step import NOT_SMOOTH
-from mesh_motion_server.numerics.quality.metrics import WORST_CORNER
-from mesh_motion_server.numerics.quality.quality_summary import Judgement
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.partitions.regions import MergedRegion, Rows, merge_regions
 
 if TYPE_CHECKING:  # no other session needs it, and it loads much
-    from mesh_motion_server.numerics.motion.body_paths import Way
-    from mesh_motion_server.numerics.motion.boundary_motion import BoundaryMotion
+    from mesh_motion_numerics.motion.body_paths import Way
+    from mesh_motion_numerics.motion.boundary_motion import BoundaryMotion
 
 __all__ = ["CorrectOutcome", "CorrectedRegion", "correct", "first_extent", "is_good"]
 
@@ -136,7 +136,7 @@ def correct(
     ------
     InvalidInput
         If the regions do not fit the mesh or each other.
-    NumericalError
+    QualityRefused
         If no valid mesh was found.
     """
     boundary, extents = cast("BoundaryMotion", model), [one.extent for one in regions]
@@ -175,7 +175,7 @@ def correct(
         if np.isin(wanted, region.between).all():  # as many rings do: other ranks send theirs
             return CorrectOutcome(extents[0], np.union1d(wanted, region.settled), none)
         return CorrectOutcome(_larger(extents[0]), region.between, none)
-    except NumericalError as refusal:
+    except QualityRefused as refusal:
         moving = np.flatnonzero(np.isin(region.ids, mesh.global_ids[mesh.moving]))
         refuse_region(region.cells, moving, np.flatnonzero(region.held), region.points, region.positions, refusal)
         if not smooth:

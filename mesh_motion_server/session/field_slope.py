@@ -12,19 +12,20 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.distributed.field import Field
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.distributed.field import Field
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.interpolation import evaluation
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.partitions.regions import Rows
 
 if TYPE_CHECKING:  # no other session needs it, and it loads much
-    from mesh_motion_server.numerics.correction.smooth_slope import SmoothSlope
-    from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
-    from mesh_motion_server.numerics.interpolation.interpolation_map import FieldMap
-    from mesh_motion_server.numerics.motion.boundary_motion import BoundaryMotion
+    from mesh_motion_numerics.correction.smooth_slope import SmoothSlope
+    from mesh_motion_numerics.interpolation.factor_source import FactorSource
+    from mesh_motion_numerics.interpolation.interpolation_map import FieldMap
+    from mesh_motion_numerics.motion.boundary_motion import BoundaryMotion
+
     from mesh_motion_server.session.corrections import CorrectedRegion
     from mesh_motion_server.session.partitions.regions import MergedRegion
 
@@ -142,7 +143,7 @@ class FieldSlope:
     def _smooth(self) -> SmoothSlope | None:
         """The correction's derivative; none if no cell was sent."""
         # imported here: no other session needs it
-        from mesh_motion_server.numerics.correction.smooth_slope import SmoothSlope, not_at_minimum  # noqa: PLC0415
+        from mesh_motion_numerics.correction.smooth_slope import SmoothSlope, not_at_minimum  # noqa: PLC0415
 
         if self.corrected is None or self.corrected.region is None:
             return None

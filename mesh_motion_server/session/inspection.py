@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mesh_motion_numerics.motion.time_levels import STORED_ARRAYS
+from mesh_motion_protocol.errors import DataLoss
+
 from mesh_motion_server.absence import is_missing
-from mesh_motion_server.errors import JournalError
-from mesh_motion_server.numerics.motion.time_levels import STORED_ARRAYS
 from mesh_motion_server.session.journal.files import MANIFEST, NEXT_MANIFEST, SLOTS, read_journal, verify_state
 from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileSystem
 from mesh_motion_server.session.journal.mesh_store import MESH, read_mesh
@@ -74,7 +75,7 @@ def inspect_session(folder: Path | str) -> Inspection:
 
     Raises
     ------
-    JournalError
+    DataLoss
         If it is not a session's folder: it has none of a session's files.
     """
     path, files = Path(folder), PosixFileSystem()
@@ -121,14 +122,14 @@ def _stored_step(found: Findings) -> int:
 def _journal(path: Path, files: FileSystem) -> tuple[Findings | None, Check]:
     try:
         return read_journal(path, files), Check("journal", passed=True)
-    except JournalError as error:
+    except DataLoss as error:
         return None, Check("journal", passed=False, message=error.message)
 
 
 def _check(name: str, verify: Callable[[], object]) -> Check:
     try:
         verify()
-    except JournalError as error:
+    except DataLoss as error:
         return Check(name, passed=False, message=error.message)
     return Check(name, passed=True)
 
@@ -140,7 +141,7 @@ def _spec(path: Path, found: Findings | None) -> tuple[StoredSpec | None, Check]
         if found is not None:
             check_digest(raw, found.ledger.foundation.spec)
         return StoredSpec.from_bytes(raw), Check("spec", passed=True)
-    except JournalError as error:
+    except DataLoss as error:
         return None, Check("spec", passed=False, message=error.message)
 
 

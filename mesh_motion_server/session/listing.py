@@ -13,8 +13,9 @@ from functools import partial
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
 
+from mesh_motion_protocol.errors import DataLoss, MeshMotionError
+
 from mesh_motion_server.absence import is_missing
-from mesh_motion_server.errors import JournalError, MeshMotionError
 from mesh_motion_server.session.journal.files import MANIFEST, SLOTS, read_ledger, verify_state
 from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, unreadable
 from mesh_motion_server.session.journal.ledger import Ledger
@@ -119,7 +120,7 @@ class Listing:
 
     def __init__(self, files: FileSystem) -> None:
         self._files = files
-        self._specs: Remembered[tuple[bytes, StoredSpec | JournalError]] = Remembered(_MOST)
+        self._specs: Remembered[tuple[bytes, StoredSpec | DataLoss]] = Remembered(_MOST)
         self._journals: Remembered[_Journal] = Remembered(_MOST)
         self._meshes: Remembered[bool] = Remembered(_MOST)
         self._states: Remembered[None] = Remembered(_MOST)
@@ -129,7 +130,7 @@ class Listing:
 
         Raises
         ------
-        JournalError
+        DataLoss
             If it cannot be read, or is not the one that the journal has the digest of.
         """
 
@@ -143,21 +144,21 @@ class Listing:
         raw, spec = self._read_spec(folder)
         if digest is not None:
             check_digest(raw, digest)  # before the content: damage is no other version
-        if isinstance(spec, JournalError):
+        if isinstance(spec, DataLoss):
             raise spec
         return spec
 
-    def _read_spec(self, folder: Path) -> tuple[bytes, StoredSpec | JournalError]:
+    def _read_spec(self, folder: Path) -> tuple[bytes, StoredSpec | DataLoss]:
         """The file, and what it says or why that cannot be read."""
 
-        def read() -> tuple[bytes, StoredSpec | JournalError]:
+        def read() -> tuple[bytes, StoredSpec | DataLoss]:
             try:
                 raw = read_whole(self._files, folder / SPEC)
             except OSError as error:
                 raise unreadable("the session's spec", error) from error
             try:
                 return raw, StoredSpec.from_bytes(raw)
-            except JournalError as error:
+            except DataLoss as error:
                 return raw, error
 
         return self._specs.get(folder / SPEC, read)
@@ -175,7 +176,7 @@ class Listing:
             _, spec = self._read_spec(folder)
         except MeshMotionError:
             return ""
-        return "" if isinstance(spec, JournalError) else spec.owner
+        return "" if isinstance(spec, DataLoss) else spec.owner
 
     def _require_files(self, folder: Path, ledger: Ledger) -> None:
         """Raise if a file that every session has is not there, is cut or, where it is small, does not verify."""
@@ -184,7 +185,7 @@ class Listing:
             path = folder / name
             try:
                 if is_missing(path):
-                    raise JournalError(f"{name} is missing", hint=_HINT)
+                    raise DataLoss(f"{name} is missing", hint=_HINT)
                 if name == MESH:
                     read = partial(verifies, path, self._files, foundation.mesh, _VERIFIED_BYTES)
                     whole = self._meshes.get(path, read)
@@ -198,12 +199,12 @@ class Listing:
             except OSError as error:
                 raise unreadable(name, error) from error
             if not whole:
-                raise JournalError(f"{name} is not the file that was written", hint=_HINT)
+                raise DataLoss(f"{name} is not the file that was written", hint=_HINT)
 
     def _require_state(self, folder: Path, ledger: Ledger) -> None:
         try:
             verify_state(folder, self._files, ledger)
-        except JournalError:
+        except DataLoss:
             if read_ledger(folder, self._files).snapshot == ledger.snapshot:
                 raise
             # a session that is not at rest has committed again in the meantime

@@ -5,20 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Protocol
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_protocol.errors import InvalidInput
+
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.partitions.numbering import UploadView, upload_view
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.interpolation.factor_source import FactorSource
-    from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
-    from mesh_motion_server.numerics.motion.motion_found import Motion
-    from mesh_motion_server.numerics.quality.headroom import Headroom
-    from mesh_motion_server.numerics.quality.quality_summary import Judgement
+    from mesh_motion_numerics.interpolation.factor_source import FactorSource
+    from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
+    from mesh_motion_numerics.motion.motion_found import Motion
+    from mesh_motion_numerics.quality.headroom import Headroom
+    from mesh_motion_numerics.quality.quality_summary import Judgement
 
 __all__ = [
     "Model",
@@ -32,7 +33,7 @@ __all__ = [
 
 
 class Slope(Protocol):
-    """:class:`mesh_motion_server.numerics.motion.motion_slope.MotionSlope`, as far as a session uses it."""
+    """:class:`mesh_motion_numerics.motion.motion_slope.MotionSlope`, as far as a session uses it."""
 
     def tangent(self, velocity: Floats) -> Floats:
         """(n, d) velocities of all nodes, for those (k, d) of the moving nodes in their order."""
@@ -44,7 +45,7 @@ class Slope(Protocol):
 
 
 class Model(Protocol):
-    """:class:`mesh_motion_server.numerics.motion.motion.MotionModel`, as far as a session uses it."""
+    """:class:`mesh_motion_numerics.motion.motion.MotionModel`, as far as a session uses it."""
 
     @property
     def method(self) -> Method:
@@ -98,7 +99,7 @@ ModelBuilder = Callable[[Floats, CellTable, Mapping[str, Patch], Method], Model]
 def build_motion_model(points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method) -> Model:
     """The numerics' model of a mesh."""
     # imported here: the compiled kernels take a second to load, and a process that only lists sessions needs none
-    from mesh_motion_server.numerics.motion.one_layer_motion import motion_model  # noqa: PLC0415
+    from mesh_motion_numerics.motion.one_layer_motion import motion_model  # noqa: PLC0415
 
     return motion_model(points, cells, patches, method)
 
@@ -106,7 +107,7 @@ def build_motion_model(points: Floats, cells: CellTable, patches: Mapping[str, P
 def build_boundary_model(points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method) -> Model:
     """The numerics' model of a boundary whose volume stays with the client."""
     # imported here for the same reason
-    from mesh_motion_server.numerics.motion.boundary_motion import BoundaryMotion  # noqa: PLC0415
+    from mesh_motion_numerics.motion.boundary_motion import BoundaryMotion  # noqa: PLC0415
 
     del cells
     return BoundaryMotion.build(points, patches, method)
@@ -136,7 +137,7 @@ def checked_warnings(mesh: MergedMesh, model: Model) -> list[str]:
     if not model.warnings:
         return []
     # imported here for the same reason
-    from mesh_motion_server.numerics.quality.mesh_check import checked_mesh  # noqa: PLC0415
+    from mesh_motion_numerics.quality.mesh_check import checked_mesh  # noqa: PLC0415
 
     view = upload_view(mesh)
     checked = checked_mesh(view.points, view.cells, view.patches).warnings

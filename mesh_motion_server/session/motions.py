@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.distributed.field import Field
+from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement, settle
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 
-from mesh_motion_server.distributed.field import Field
-from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement, settle
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.partitions.meshes import MergedMesh
@@ -18,7 +18,7 @@ from mesh_motion_server.session.partitions.numbering import in_senders_numbers, 
 from mesh_motion_server.session.state import MoveInput
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.motion.motion_found import Motion
+    from mesh_motion_numerics.motion.motion_found import Motion
 
 __all__ = ["Computed", "compute"]
 
@@ -71,7 +71,7 @@ def compute(
     ------
     InvalidInput
         If a target is not finite.
-    NumericalError
+    QualityRefused
         If no acceptable motion was found.
     """
     base = mesh.points if move_input.frame == "reference" else committed
@@ -81,7 +81,7 @@ def compute(
     _check_places(targets, mesh)
     try:
         motion = model.move(committed, targets, factors, boundary_displacement=boundary)
-    except (InvalidInput, NumericalError) as error:
+    except (InvalidInput, QualityRefused) as error:
         raise in_senders_numbers(error, mesh) from error
     warnings = [text_in_senders_numbers(warning, mesh) for warning in motion.warnings]
     if warnings != motion.warnings:

@@ -4,11 +4,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.distributed.field import Field
+from mesh_motion_numerics.distributed.region import Extent
+from mesh_motion_protocol.errors import InvalidInput, SessionError
 
-from mesh_motion_server.distributed.field import Field
-from mesh_motion_server.distributed.region import Extent
-from mesh_motion_server.errors import InvalidInput, SessionError
-from mesh_motion_server.numerics.arrays import Floats, Integers
 from mesh_motion_server.session.corrections import first_extent
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.model import Model, checked_warnings

@@ -17,12 +17,12 @@ from pathlib import Path
 
 import msgpack
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.motion.time_levels import STORED_ARRAYS, TimeLevel
 from mesh_motion_protocol.digests import state_digest
+from mesh_motion_protocol.errors import DataLoss, MeshMotionError
 
 from mesh_motion_server import __version__
-from mesh_motion_server.errors import JournalError, MeshMotionError
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.motion.time_levels import STORED_ARRAYS, TimeLevel
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit
@@ -67,7 +67,7 @@ def restore(
 
     Raises
     ------
-    JournalError
+    DataLoss
         If it does not verify; as :func:`recompute`.
     """
     snapshot = journal.ledger.snapshot
@@ -113,7 +113,7 @@ def _check_field(stored: CommittedState, model: Model, mesh: MergedMesh, factors
 
     Raises
     ------
-    JournalError
+    DataLoss
         DATA_LOSS.RECOVERY_DIVERGED.
     """
     if stored.coefficients is None:
@@ -123,7 +123,7 @@ def _check_field(stored: CommittedState, model: Model, mesh: MergedMesh, factors
     field = compute(model, mesh, mesh.points, reached, factors).field
     known = stored.coefficients
     if field is None or field.coefficients.shape != known.shape or not _near(field.coefficients, known):
-        raise JournalError(
+        raise DataLoss(
             f"the field of step {stored.step} was computed in another way; the session is not opened",
             code="DATA_LOSS.RECOVERY_DIVERGED",
             hint=f"this is {maker()}: resume it with the version that made it",
@@ -168,7 +168,7 @@ def recompute(
 
     Raises
     ------
-    JournalError
+    DataLoss
         DATA_LOSS.RECOVERY_DIVERGED if a step does not give its digest again.
     """
     model = model.without_distributions()
@@ -203,9 +203,9 @@ def _state_after(
         raise _diverged(commit, f"{error.code} ({error.message})") from error
 
 
-def _diverged(commit: Commit, what: str) -> JournalError:
+def _diverged(commit: Commit, what: str) -> DataLoss:
     made_by = commit.boundary.maker if commit.boundary is not None else "unknown"
-    return JournalError(
+    return DataLoss(
         f"computing step {commit.step} again gave {what}; the session is not opened",
         code="DATA_LOSS.RECOVERY_DIVERGED",
         hint=f"made by {made_by}; this is {maker()}: resume it there and close it, then it can be resumed here",

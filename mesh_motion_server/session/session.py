@@ -17,18 +17,18 @@ from functools import cache, partial
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.distributed.field import Field
+from mesh_motion_numerics.distributed.region import Region
+from mesh_motion_numerics.mesh.cells import CellBlock
+from mesh_motion_numerics.mesh.swept_volumes import swept_by_cells, swept_volumes
+from mesh_motion_numerics.motion.acceptance import quality_warnings, refuse_unacceptable
+from mesh_motion_numerics.motion.time_levels import STORED_ARRAYS, TimeLevel, scheme_velocity
+from mesh_motion_numerics.quality.quality_summary import QualitySummary
 from mesh_motion_protocol.digests import state_digest
+from mesh_motion_protocol.errors import DataLoss, SessionError
 
-from mesh_motion_server.distributed.field import Field
-from mesh_motion_server.distributed.region import Region
-from mesh_motion_server.errors import JournalError, SessionError
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.cells import CellBlock
-from mesh_motion_server.numerics.mesh.swept_volumes import swept_by_cells, swept_volumes
-from mesh_motion_server.numerics.motion.acceptance import quality_warnings, refuse_unacceptable
-from mesh_motion_server.numerics.motion.time_levels import STORED_ARRAYS, TimeLevel, scheme_velocity
-from mesh_motion_server.numerics.quality.quality_summary import QualitySummary
 from mesh_motion_server.session.corrections import CorrectedRegion, CorrectOutcome, correct, first_extent, is_good
 from mesh_motion_server.session.factors import FactorCache
 from mesh_motion_server.session.field_slope import FieldCotangent, FieldSlope, FieldTangent
@@ -57,8 +57,8 @@ from mesh_motion_server.session.values import Built, CommitOutcome, CurrentState
 from mesh_motion_server.settings import ServerSettings
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.motion.boundary_motion import BoundaryMotion
-    from mesh_motion_server.numerics.quality.headroom import Headroom
+    from mesh_motion_numerics.motion.boundary_motion import BoundaryMotion
+    from mesh_motion_numerics.quality.headroom import Headroom
 
 __all__ = ["Session"]
 
@@ -99,7 +99,7 @@ class Session(Position):
 
         Raises
         ------
-        JournalError
+        DataLoss
             If what is stored does not verify, or the disk fails; DATA_LOSS.RECOVERY_DIVERGED if the states behind the
             last stored one cannot be computed again.
         """
@@ -140,7 +140,7 @@ class Session(Position):
         ------
         InvalidInput
             If it is unusable; in the numbering of the upload.
-        ResourceError
+        ResourceExhausted
             If the disk does not take it.
         """
         state = self.admit(Operation.BUILD)
@@ -186,7 +186,7 @@ class Session(Position):
         ------
         InvalidInput
             If partitions disagree about a node, or a target is not finite.
-        NumericalError
+        QualityRefused
             If no acceptable motion was found, or this one has no derivative where a tangent is wanted; an earlier trial
             stays.
         """
@@ -286,7 +286,7 @@ class Session(Position):
         ------
         InvalidInput
             If partitions disagree about a node.
-        NumericalError
+        QualityRefused
             If this mesh was corrected by another correction than the smooth one.
         """
         mesh = self.mesh
@@ -324,7 +324,7 @@ class Session(Position):
 
         Raises
         ------
-        NumericalError
+        QualityRefused
             If the quality is not acceptable; the trial stays, and cannot be committed.
         """
         self.require_client_evaluation()
@@ -351,7 +351,7 @@ class Session(Position):
 
         Raises
         ------
-        NumericalError
+        QualityRefused
             If no valid mesh was found; the trial stays, and cannot be committed.
         """
         self.require_client_evaluation()
@@ -385,7 +385,7 @@ class Session(Position):
 
         Raises
         ------
-        JournalError
+        DataLoss
             If the disk failed; the session is then FROZEN at its last committed step.
         """
         state = self.admit(Operation.COMMIT)
@@ -426,7 +426,7 @@ class Session(Position):
         ------
         SessionError
             If the state does not allow it: the session must be opened again, in another process.
-        JournalError
+        DataLoss
             If the disk failed; the session is then FROZEN.
         """
         state = self.admit(Operation.RESUME)
@@ -444,14 +444,14 @@ class Session(Position):
 
         Raises
         ------
-        JournalError
+        DataLoss
             If the disk failed, and no request has been refused for it yet; the session is FROZEN, or FAILED as it was.
         """
         if self._built is None or self._now.disk_failure_reported or self._now.state in (State.FROZEN, State.CLOSED):
             return
         try:
             self._built.keeper.catch_up()
-        except JournalError:
+        except DataLoss:
             self._swap(
                 state=State.FAILED if self._now.state is State.FAILED else State.FROZEN, disk_failure_reported=True
             )
@@ -565,7 +565,7 @@ class Session(Position):
         self._swap(state=State.COMMITTING)
         try:
             write()
-        except JournalError:
+        except DataLoss:
             self._now = replace(before, state=State.FROZEN) if self._require_built().keeper.frozen else before
             raise
         except BaseException:

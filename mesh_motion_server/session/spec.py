@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mesh_motion_server.errors import InvalidInput, JournalError
+from mesh_motion_protocol.errors import DataLoss, InvalidInput
+
 from mesh_motion_server.settings import MethodSettings
 
 __all__ = ["SPEC", "SessionSpec", "StoredSpec", "check_digest", "spec_bytes"]
@@ -41,7 +42,7 @@ class SessionSpec:
     time : float
         Of the reference mesh, seconds.
     time_levels : str
-        One of :data:`~mesh_motion_server.numerics.motion.time_levels.STORED_ARRAYS`.
+        One of :data:`~mesh_motion_numerics.motion.time_levels.STORED_ARRAYS`.
     """
 
     session: str
@@ -129,17 +130,17 @@ class StoredSpec:
 
         Raises
         ------
-        JournalError
+        DataLoss
             If the content is not valid; UNIMPLEMENTED.VERSION if another version wrote it.
         """
         try:
             values: dict[str, Any] = json.loads(data)
             _check_version(values.pop("format"), values["settings"])
             return cls(**values | {"settings": MethodSettings.from_mapping(values["settings"])})
-        except JournalError:
+        except DataLoss:
             raise
         except Exception as error:
-            raise JournalError(
+            raise DataLoss(
                 f"the session's spec cannot be read: {error}",
                 hint="restore the session's folder from a backup, or discard the session",
                 details={"file": SPEC},
@@ -152,7 +153,7 @@ def _check_version(number: Any, settings: dict[str, Any]) -> None:
     if number == _FORMAT and not unknown:
         return
     what = f"has the settings {', '.join(unknown)}" if number == _FORMAT else f"has format {number}"
-    raise JournalError(
+    raise DataLoss(
         f"the session's spec {what}, which this version does not know; it reads format {_FORMAT}",
         code="UNIMPLEMENTED.VERSION",
         hint="open it with the version of the server that wrote it; nothing was changed",
@@ -163,7 +164,7 @@ def _check_version(number: Any, settings: dict[str, Any]) -> None:
 def check_digest(spec: bytes, expected: bytes) -> None:
     """Raise DATA_LOSS.CHECKSUM unless these bytes of ``spec.json`` have the sha256 that the journal has of them."""
     if hashlib.sha256(spec).digest() != expected:
-        raise JournalError(
+        raise DataLoss(
             "the session's spec does not match its digest",
             hint="restore the session's folder from a backup, or discard the session",
             details={"file": SPEC},
@@ -175,13 +176,13 @@ def spec_bytes(folder: Path) -> bytes:
 
     Raises
     ------
-    JournalError
+    DataLoss
         If the folder has none: it is no session's.
     """
     try:
         return (folder / SPEC).read_bytes()
     except OSError as error:
-        raise JournalError(
+        raise DataLoss(
             f"{folder} is no session's folder: {error.strerror or error}",
             hint="give a folder below STATE FOLDER/sessions, or a copy of one",
         ) from error

@@ -19,14 +19,14 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
-
-from mesh_motion_server.errors import SessionError
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.motion.time_levels import TimeLevel, level_after
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.motion.time_levels import TimeLevel, level_after
+from mesh_motion_protocol.errors import SessionError
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.correction.correction import Correction
-    from mesh_motion_server.numerics.quality.quality_summary import Judgement, QualitySummary
+    from mesh_motion_numerics.correction.correction import Correction
+    from mesh_motion_numerics.quality.quality_summary import Judgement, QualitySummary
+
     from mesh_motion_server.session.partitions.meshes import MergedMesh
 
 __all__ = [

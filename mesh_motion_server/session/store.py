@@ -25,7 +25,8 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-from mesh_motion_server.errors import ResourceError, SessionError
+from mesh_motion_protocol.errors import ResourceExhausted, SessionError
+
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.session.journal.background_call import BackgroundCall
 from mesh_motion_server.session.journal.durability import log_bytes
@@ -93,7 +94,7 @@ class SessionFolder:
 
         Raises
         ------
-        ResourceError
+        ResourceExhausted
             RESOURCE_EXHAUSTED.DISK when the disk does not take it; the session is then as before.
         """
         level, dimension = self.spec.durability, self.spec.dimension
@@ -135,7 +136,7 @@ class SessionFolder:
 
         Raises
         ------
-        JournalError
+        DataLoss
             If anything does not verify.
         """
         found = read_journal(self.path, self._files)
@@ -183,7 +184,7 @@ class SessionStore:
         ------
         SessionError
             If there is a session of this id.
-        ResourceError
+        ResourceExhausted
             RESOURCE_EXHAUSTED.DISK when the disk does not take it.
         """
         path = self._path(spec.session)
@@ -244,7 +245,7 @@ class SessionStore:
 
         Raises
         ------
-        JournalError
+        DataLoss
             If the session's spec cannot be read.
         """
         if not self._is_stored(session):
@@ -271,7 +272,7 @@ class SessionStore:
 
         Raises
         ------
-        ResourceError
+        ResourceExhausted
             RESOURCE_EXHAUSTED.DISK if the disk fails.
         """
         try:
@@ -284,14 +285,14 @@ class SessionStore:
         """Like :meth:`owner`, but ``""`` if the owner cannot be read."""
         try:
             return self._listing.owner(self._sessions / session) if self._is_stored(session) else None
-        except ResourceError:
+        except ResourceExhausted:
             return ""
 
     def describe(self, session: str) -> StoredSession:
         """A stored session for lists; reads the manifest's chain only, and nothing that it has read before."""
         try:
             self._is_stored(session)
-        except ResourceError:
+        except ResourceExhausted:
             return StoredSession(session, "", 0, 0, 0, UNREADABLE)
         return self._listing.describe(self._path(session))
 
@@ -300,7 +301,7 @@ class SessionStore:
 
         Raises
         ------
-        ResourceError
+        ResourceExhausted
             As :meth:`names`.
         """
         return [self.describe(name) for name in self.names() if self.owner_listed(name) is not None]
@@ -310,7 +311,7 @@ class SessionStore:
 
         Raises
         ------
-        ResourceError
+        ResourceExhausted
             RESOURCE_EXHAUSTED.DISK if the disk does not let it; the session is then as before.
         """
         path = self._path(session)
@@ -367,7 +368,7 @@ class SessionStore:
 
         Raises
         ------
-        ResourceError
+        ResourceExhausted
             RESOURCE_EXHAUSTED.DISK if the folder cannot be read.
         """
         if not _SESSION_ID.fullmatch(session):
@@ -399,8 +400,8 @@ def _not_found(session: str) -> SessionError:
     )
 
 
-def _disk_error(what: str, error: OSError) -> ResourceError:
-    return ResourceError(
+def _disk_error(what: str, error: OSError) -> ResourceExhausted:
+    return ResourceExhausted(
         f"{what}: {error.strerror or error}",
         code="RESOURCE_EXHAUSTED.DISK",
         hint="see to the disk that holds the state folder",

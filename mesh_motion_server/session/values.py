@@ -8,24 +8,24 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.distributed.field import Field, FieldPart
+from mesh_motion_numerics.distributed.region import Extent
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.finite_volume import FaceMeasures, face_measures
+from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.motion.time_levels import TimeLevel
+from mesh_motion_numerics.quality.orientation import OrientedCells, oriented
 
-from mesh_motion_server.distributed.field import Field, FieldPart
-from mesh_motion_server.distributed.region import Extent
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, face_measures
-from mesh_motion_server.numerics.mesh.points import bounding_box
-from mesh_motion_server.numerics.motion.time_levels import TimeLevel
-from mesh_motion_server.numerics.quality.orientation import OrientedCells, oriented
 from mesh_motion_server.session.journal.keeper import Keeper
 from mesh_motion_server.session.model import Model
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.state import CommittedState, State, Trial
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.correction.correction import Correction
-    from mesh_motion_server.numerics.motion.motion_found import Motion
-    from mesh_motion_server.numerics.quality.quality_summary import Judgement, QualitySummary
+    from mesh_motion_numerics.correction.correction import Correction
+    from mesh_motion_numerics.motion.motion_found import Motion
+    from mesh_motion_numerics.quality.quality_summary import Judgement, QualitySummary
 
 __all__ = ["Built", "CommitOutcome", "CurrentState", "MoveOutcome", "VelocityAsked", "Verdict"]
 

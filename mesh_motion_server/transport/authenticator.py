@@ -9,9 +9,9 @@ import time
 from collections import Counter
 
 import zmq
+from mesh_motion_protocol.errors import SessionError
 from zmq.utils import z85
 
-from mesh_motion_server.errors import SessionError
 from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.security.allow_list import AllowList
 from mesh_motion_server.transport.protection import HANDLER

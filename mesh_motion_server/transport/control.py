@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from mesh_motion_protocol.codec import decode
+from mesh_motion_protocol.errors import DataLoss, MeshMotionError, ResourceExhausted, SessionError
 from mesh_motion_protocol.messages import List, Listed, Message, Open, Opened, Probe, Probed, Resume, Resumed
 
-from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError, SessionError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.operation.disk_watch import DiskWatch
 from mesh_motion_server.operation.tally import TALLY
@@ -108,7 +108,7 @@ class Control:
     def _execute(self, asked: Asked) -> None:
         try:
             if self.draining:
-                raise ResourceError("the server is stopping", code="UNAVAILABLE.DRAINING")
+                raise ResourceExhausted("the server is stopping", code="UNAVAILABLE.DRAINING")
             if isinstance(asked.request, Open):
                 self._open(asked, asked.request)
             elif isinstance(asked.request, Resume):
@@ -207,7 +207,7 @@ class Control:
     def _is_own(self, session: str, user: str) -> bool:
         try:
             return self.registry.owner(session) == user
-        except JournalError:
+        except DataLoss:
             if user:
                 return False  # the owner cannot be read: treat as not the owner
             raise
@@ -360,7 +360,7 @@ class Control:
 def _require_place(live: Live) -> None:
     """Raise if the queue of RESUMEs for this session is full."""
     if len(live.queue) >= _WAITING:
-        raise ResourceError(
+        raise ResourceExhausted(
             f"{_WAITING} requests wait to resume session {live.session} already",
             code="UNAVAILABLE",
             hint="try again in a second; one holder at a time moves a session",
@@ -384,7 +384,7 @@ def _known(error: MeshMotionError | OSError) -> MeshMotionError:
     if isinstance(error, MeshMotionError):
         return error
     log().error("refused_by_system", reason=str(error))
-    return ResourceError(
+    return ResourceExhausted(
         f"the server's system refuses: {error.strerror or error}",
         code="RESOURCE_EXHAUSTED",
         hint="try again; if that lasts, see to memory, processes and open files of the server's machine",

@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import TextIO
 
 import zmq
+from mesh_motion_protocol.errors import MeshMotionError
 from mesh_motion_protocol.ipc_paths import PATH_BYTES
-
-from mesh_motion_server.errors import MeshMotionError
 
 __all__ = ["Endpoint", "EndpointError", "bind", "bind_first", "connection_event", "lock_folder", "router"]
 

@@ -16,12 +16,11 @@ from typing import Any
 import zmq
 from mesh_motion_protocol import PROTOCOL_VERSION
 from mesh_motion_protocol.codec import decode
-from mesh_motion_protocol.errors import ProtocolError
+from mesh_motion_protocol.errors import MeshMotionError, ProtocolError
 from mesh_motion_protocol.limits import HEADER_BYTES
 from mesh_motion_protocol.messages import CONTROL, ErrorReply, Hello, Message, Ping, Pong, Welcome
 from mesh_motion_protocol.shared_memory import FEATURE, SUPPORTED
 
-from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.failpoints import activate, failpoint
 from mesh_motion_server.operation.room import resident_bytes
 from mesh_motion_server.operation.tally import TALLY

@@ -17,7 +17,7 @@ class Hosting:
 
     host: str = "mesh_motion_server.service.dispatch"
     store: str = "mesh_motion_server.session.store"
-    numerics: str = "mesh_motion_server.numerics.motion.motion"
+    numerics: str = "mesh_motion_numerics.motion.motion"
 
     def load_host(self) -> Any:
         """Return the class ``SessionHost``, with everything imported that its first request needs."""

@@ -1,8 +1,8 @@
 """Checks that can refuse an OPEN before a worker is started."""
 
+from mesh_motion_protocol.errors import InvalidInput, ResourceExhausted
 from mesh_motion_protocol.messages import Open
 
-from mesh_motion_server.errors import InvalidInput, ResourceError
 from mesh_motion_server.operation.disk_watch import DiskWatch
 from mesh_motion_server.operation.room import available_memory
 from mesh_motion_server.settings import MethodSettings, ServerSettings, check_durability, check_evaluation
@@ -22,7 +22,7 @@ def check_open(request: Open, limits: ServerSettings) -> str:
     ------
     InvalidInput
         With the field or the setting, and its value.
-    ResourceError
+    ResourceExhausted
         If the request asks for more bytes than a session may have.
     """
     if request.partitions > limits.max_partitions:
@@ -38,7 +38,7 @@ def check_open(request: Open, limits: ServerSettings) -> str:
             details={"field": "label", "expected": limits.max_label_characters, "got": len(request.label)},
         )
     if request.bytes_reserved > limits.max_session_bytes:
-        raise ResourceError(
+        raise ResourceExhausted(
             f"bytes_reserved must be at most {limits.max_session_bytes}, got {request.bytes_reserved}",
             hint="raise the server's max_session_bytes",
             details={"field": "bytes_reserved", "expected": limits.max_session_bytes, "got": request.bytes_reserved},
@@ -52,12 +52,12 @@ def check_room(request: Open, limits: ServerSettings, disk: DiskWatch) -> None:
 
     Raises
     ------
-    ResourceError
+    ResourceExhausted
         RESOURCE_EXHAUSTED.DISK or .SESSIONS, with what is left; a later request may succeed.
     """
     free, wanted = disk.fresh().free, limits.reserve_disk_bytes + request.bytes_reserved
     if free < wanted:
-        raise ResourceError(
+        raise ResourceExhausted(
             f"the disk of the state folder has {free} bytes left, a new session needs {wanted}",
             code="RESOURCE_EXHAUSTED.DISK",
             hint="make room on the server's disk, discard old sessions, or lower reserve_disk_bytes",
@@ -65,7 +65,7 @@ def check_room(request: Open, limits: ServerSettings, disk: DiskWatch) -> None:
         )
     memory, wanted = available_memory(), limits.reserve_memory_bytes + request.bytes_reserved
     if memory is not None and memory < wanted:
-        raise ResourceError(
+        raise ResourceExhausted(
             f"the server has {memory} bytes of memory left, a new session needs {wanted}",
             code="RESOURCE_EXHAUSTED.SESSIONS",
             hint="close a session, or give the machine or its container more memory",

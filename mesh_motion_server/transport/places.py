@@ -4,7 +4,8 @@ A session whose lease has ended needs no worker: it is stored, and RESUME starts
 suspended for longest gives way to a request that finds no place, port or memory for its own worker.
 """
 
-from mesh_motion_server.errors import MeshMotionError, ResourceError
+from mesh_motion_protocol.errors import MeshMotionError, ResourceExhausted
+
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.registry import Live, Registry
 
@@ -13,7 +14,7 @@ __all__ = ["check_place", "gives_way"]
 _NO_PLACE = "RESOURCE_EXHAUSTED.SESSIONS"
 
 
-class QuotaReached(ResourceError):
+class QuotaReached(ResourceExhausted):
     """A user has as many sessions as each user may have; only another one of his can give way."""
 
     def __init__(self, user: str, most: int) -> None:
@@ -31,14 +32,14 @@ def check_place(registry: Registry, settings: ServerSettings, user: str) -> None
 
     Raises
     ------
-    ResourceError
+    ResourceExhausted
         RESOURCE_EXHAUSTED.SESSIONS.
     """
     working, most = registry.working(), settings.max_sessions_per_key
     if user and most is not None and sum(live.owner == user for live in working) >= most:
         raise QuotaReached(user, most)
     if len(working) >= settings.max_sessions:
-        raise ResourceError(
+        raise ResourceExhausted(
             f"{settings.max_sessions} sessions are open, which is the limit of this server",
             code=_NO_PLACE,
             hint="close one, or raise max_sessions",

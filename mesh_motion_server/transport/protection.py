@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import zmq
+from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.key_files import KeyFileError, SecretKey
 from mesh_motion_protocol.messages import Message
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.security.allow_list import Access, AllowList, Everybody
 from mesh_motion_server.security.authorisation import Verdict, decide, refusal
 from mesh_motion_server.security.key_folder import ALLOW_LIST, SERVER, read_list, require_curve

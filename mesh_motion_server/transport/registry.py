@@ -12,10 +12,10 @@ from typing import Any
 
 import msgpack
 from mesh_motion_protocol.digests import request_digest
+from mesh_motion_protocol.errors import MeshMotionError, SessionError
 from mesh_motion_protocol.limits import HEADER_BYTES
 from mesh_motion_protocol.messages import Message
 
-from mesh_motion_server.errors import MeshMotionError, SessionError
 from mesh_motion_server.security.authorisation import not_found
 from mesh_motion_server.transport.processes import Child
 
@@ -141,7 +141,7 @@ class Registry:
 
         Raises
         ------
-        JournalError
+        DataLoss
             If the owner of the stored session cannot be read.
         """
         live = self.live.get(session)

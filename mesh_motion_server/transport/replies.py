@@ -5,10 +5,9 @@ from typing import Any
 
 from mesh_motion_protocol.arrays import Buffer
 from mesh_motion_protocol.codec import encode
-from mesh_motion_protocol.errors import ProtocolError, error_code
+from mesh_motion_protocol.errors import MeshMotionError, ProtocolError, error_code
 from mesh_motion_protocol.messages import ErrorReply, Message
 
-from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.transport.telemetry import log
 

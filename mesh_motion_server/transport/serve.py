@@ -8,8 +8,9 @@ import sys
 from pathlib import Path
 from typing import TextIO
 
+from mesh_motion_protocol.errors import InvalidInput, MeshMotionError, ResourceExhausted
+
 from mesh_motion_server import __version__
-from mesh_motion_server.errors import InvalidInput, MeshMotionError, ResourceError
 from mesh_motion_server.failpoints import activate
 from mesh_motion_server.operation.service_manager import ServiceManager
 from mesh_motion_server.settings import ServerSettings
@@ -135,7 +136,7 @@ def _hold(settings: ServerSettings) -> StateFolder:
         state.name_holder(settings.endpoint)
     except EndpointError as error:
         raise _RefusedError(error, EXIT_CONFIGURATION) from error
-    except ResourceError as error:
+    except ResourceExhausted as error:
         raise _RefusedError(error, EXIT_UNAVAILABLE) from error
     return state
 
@@ -147,7 +148,7 @@ def _start(
     try:
         supervisor = Supervisor(settings, hosting, level, protection, manager)
         return supervisor, supervisor.start()
-    except ResourceError as error:
+    except ResourceExhausted as error:
         raise _RefusedError(error, EXIT_UNAVAILABLE) from error
     except EndpointError as error:
         status = EXIT_CONFIGURATION if isinstance(error, ProtectionError) else EXIT_UNAVAILABLE

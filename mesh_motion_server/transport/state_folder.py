@@ -8,7 +8,8 @@ import stat
 from pathlib import Path
 from typing import Any
 
-from mesh_motion_server.errors import MeshMotionError, ResourceError
+from mesh_motion_protocol.errors import MeshMotionError, ResourceExhausted
+
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem, make_durable_folder
 from mesh_motion_server.transport.endpoints import EndpointError
 
@@ -31,7 +32,7 @@ class StateFolder:
     ------
     EndpointError
         If other users may write to the folder, or put another in its place.
-    ResourceError
+    ResourceExhausted
         UNAVAILABLE while another server holds the folder; RESOURCE_EXHAUSTED.DISK if the system refuses.
     """
 
@@ -50,7 +51,7 @@ class StateFolder:
         except BlockingIOError:
             holder = _holder(self._lock)
             os.close(self._lock)
-            raise ResourceError(
+            raise ResourceExhausted(
                 f"the state folder {root} is held by another server: {holder}",
                 code="UNAVAILABLE",
                 hint="use that server, stop it first, or give another --state",
@@ -64,7 +65,7 @@ class StateFolder:
 
         Raises
         ------
-        ResourceError
+        ResourceExhausted
             RESOURCE_EXHAUSTED.DISK if the disk does not take it.
         """
         text = json.dumps({"pid": os.getpid(), "host": socket.gethostname(), "endpoint": endpoint}).encode()
@@ -127,7 +128,7 @@ def _holder(lock: int) -> str:
 def _refused(root: Path, error: OSError) -> MeshMotionError:
     taken = isinstance(error, FileExistsError)
     reason = "it is a file, or a link that leads nowhere" if taken else error.strerror or error
-    return ResourceError(
+    return ResourceExhausted(
         f"the state folder {root} cannot be used: {reason}",
         code="RESOURCE_EXHAUSTED.DISK",
         hint="see to the disk and to the rights of the folder, or give another --state",

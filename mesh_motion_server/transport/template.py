@@ -16,10 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 import msgpack
 import zmq
-from mesh_motion_protocol.errors import brief, brief_details
+from mesh_motion_protocol.errors import MeshMotionError, ResourceExhausted, brief, brief_details
 from mesh_motion_protocol.limits import FRAME_BYTES
 
-from mesh_motion_server.errors import MeshMotionError, ResourceError
 from mesh_motion_server.failpoints import activate, failpoint
 from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.session.spec import SessionSpec
@@ -202,7 +201,7 @@ def _failure(error: Exception) -> dict[str, Any]:
         text = brief(f"{type(error).__name__}: {error}")
         return {"code": "INTERNAL", "message": text, "hint": "", "details": {}}
     if isinstance(error, MemoryError):
-        error = ResourceError("the session does not fit into the worker's memory", code="RESOURCE_EXHAUSTED.MEMORY")
+        error = ResourceExhausted("the session does not fit into the worker's memory", code="RESOURCE_EXHAUSTED.MEMORY")
     details = brief_details(error.details)
     if len(msgpack.packb(details, default=str)) > _DETAILS_BYTES:
         details = {}

@@ -17,10 +17,9 @@ from typing import TYPE_CHECKING, Any
 import zmq
 from mesh_motion_protocol.arrays import Buffer
 from mesh_motion_protocol.codec import decode
-from mesh_motion_protocol.errors import ProtocolError
+from mesh_motion_protocol.errors import MeshMotionError, ProtocolError
 from mesh_motion_protocol.messages import CONTROL, REPLIES, ErrorReply, Message, Ping, Pong
 
-from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.security.authorisation import Verdict

@@ -13,10 +13,9 @@ import msgpack
 import numpy as np
 from mesh_motion_protocol.arrays import frames_of
 from mesh_motion_protocol.codec import decode, encode
-from mesh_motion_protocol.errors import ProtocolError
+from mesh_motion_protocol.errors import MeshMotionError, ProtocolError
 from mesh_motion_protocol.messages import ErrorReply, Fetched, Message, Open
 
-from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.service.dispatch import SessionHost, SessionSpec
 from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.service.error_replies import error_reply

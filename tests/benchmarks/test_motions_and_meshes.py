@@ -4,15 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import reference_sizes
 
 from benchmarks.peers.comparison import CASES
 from benchmarks.peers.judge import Judge
 from benchmarks.peers.meshes import load_or_build
 from benchmarks.peers.motions import MOTIONS, RigidMotion
 from benchmarks.peers.task import Task
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import reference_sizes
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import reference_sizes
 
 from benchmarks.peers.movers.small_task import small_task
 from benchmarks.peers.openfoam.case import Settings, write_case
@@ -12,8 +14,6 @@ from benchmarks.peers.openfoam.foam_files import read_points
 from benchmarks.peers.openfoam.polymesh import FRONT_AND_BACK, PolyMesh
 from benchmarks.peers.openfoam.run import environment, missing
 from benchmarks.peers.task import Task
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import reference_sizes
 
 TYPES = {"triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3}
 

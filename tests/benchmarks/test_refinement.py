@@ -4,11 +4,11 @@ from itertools import permutations
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 
 from benchmarks.peers.refinement import refined_tetrahedra
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 
 def _cube() -> tuple[np.ndarray, np.ndarray]:

@@ -3,12 +3,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.cases.case import Bending, read_case
 from mesh_motion_server.cases.check import check
 from mesh_motion_server.cases.draft import draft
 from mesh_motion_server.cases.motion_program import BendingProgram, MotionProgram
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh
 
 ALONG = np.linspace(0.0, 2.0, 201)

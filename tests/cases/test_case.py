@@ -2,9 +2,9 @@ import re
 from pathlib import Path
 
 import pytest
+from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.cases.case import read_case
-from mesh_motion_server.errors import InvalidInput
 
 
 def test_every_key_of_the_format_is_taken(tmp_path: Path) -> None:

@@ -6,10 +6,10 @@ import meshio
 import numpy as np
 import pytest
 from mesh_motion_client import QualityRefused
+from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.cases.check import check
 from mesh_motion_server.cases.play import play
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile, read_mesh, write_npz
 
 

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_motion_protocol.errors import InvalidInput
 from typer.testing import CliRunner
 
 from mesh_motion_server.cases.case import read_case
 from mesh_motion_server.cases.draft import draft, guessed_roles
 from mesh_motion_server.cases.motion_program import MotionProgram
 from mesh_motion_server.commands.app import app
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"

@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 from mesh_motion_client import Mesh, Patch, Server, Unavailable, connect
+from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.cases.inspect import inspect_folder, list_sessions
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh
 
 

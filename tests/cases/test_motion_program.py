@@ -3,10 +3,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.cases.case import RigidMotion, read_case
 from mesh_motion_server.cases.motion_program import MotionProgram, RigidProgram
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh, write_npz
 
 

@@ -3,9 +3,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from tiny_meshes import tiny_meshes
 
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 from mesh_motion_server.watch.pictures.before_after import MeshPair, draw_before_after
 from mesh_motion_server.watch.pictures.page import Page, save, styled
 from mesh_motion_server.watch.pictures.snapshot import Snapshot, choose_plane, choose_window

@@ -15,6 +15,10 @@ import numpy as np
 import pytest
 from mesh_motion_client import InvalidInput as Refusal
 from mesh_motion_client import QualityRefused, Server
+from mesh_motion_numerics.mesh.finite_volume import face_measures
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused, ResourceExhausted
 from raising import raising
 
 from mesh_motion_server import __version__
@@ -25,11 +29,7 @@ from mesh_motion_server.cases.faces import FACES, faces_line
 from mesh_motion_server.cases.motion_program import MotionProgram
 from mesh_motion_server.cases.outputs import RESULTS
 from mesh_motion_server.cases.play import play
-from mesh_motion_server.errors import InvalidInput, NumericalError, ResourceError
 from mesh_motion_server.files import MeshFile, read_mesh
-from mesh_motion_server.numerics.mesh.finite_volume import face_measures
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 
 class StandIn:
@@ -56,7 +56,7 @@ class StandIn:
         self.moves.append(displacement)
         self.reports.append(report)
         if len(self.moves) == self.refuse_at:
-            raise NumericalError("no valid mesh was found", hint="take a smaller step")
+            raise QualityRefused("no valid mesh was found", hint="take a smaller step")
         values = np.zeros((len(self.control), displacement.shape[1]))
         values[: self.moving] = displacement
         moved = self.evaluate @ np.linalg.solve(self.matrix, values)
@@ -232,7 +232,7 @@ def test_a_refused_step_keeps_the_steps_before_it(make_case, stand_in: Plays, tm
     play(make_case(), out)
     (out / "notes.txt").write_text("mine")
     stand_in(refuse_at=2)
-    with pytest.raises(NumericalError) as refused:
+    with pytest.raises(QualityRefused) as refused:
         play(make_case(), out)
     found = {f.name for f in out.iterdir()}
     # what the first run has left is gone, and the last accepted mesh does not pass for the final one
@@ -265,7 +265,7 @@ def test_a_refused_step_keeps_the_steps_before_it(make_case, stand_in: Plays, tm
 
 def test_a_refusal_of_the_first_step_can_be_looked_at(make_case, stand_in: Plays, tmp_path: Path) -> None:
     stand_in(refuse_at=1)
-    with pytest.raises(NumericalError):
+    with pytest.raises(QualityRefused):
         play(make_case(), tmp_path / "new")
     names = {f.name for f in (tmp_path / "new").iterdir()}
     assert {"refused.vtu", "quality.png", "summary.json", "mesh_0000.vtu"} <= names
@@ -306,7 +306,7 @@ def test_an_interrupt_before_the_first_step_leaves_nothing(
 def test_a_file_in_the_place_of_the_folder_is_refused(make_case, stand_in: Plays, tmp_path: Path) -> None:
     stand_in()
     (tmp_path / "out").write_text("a file")
-    with pytest.raises(ResourceError, match="results cannot be written there"):
+    with pytest.raises(ResourceExhausted, match="results cannot be written there"):
         play(make_case(), tmp_path / "out")
     assert (tmp_path / "out").read_text() == "a file"
 

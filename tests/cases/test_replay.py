@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mesh_motion_client import Server
+from mesh_motion_protocol.errors import DataLoss, InvalidInput, SessionError
 from mesh_motion_protocol.messages import Close, Commit, Move, Rollback
 from real_sessions import boxed, bulge, computes_as_servers, new_session
 
@@ -17,7 +18,6 @@ from mesh_motion_server.cases.comparison import Comparison, table_of, write_comp
 from mesh_motion_server.cases.recorded import Recorded, read_recorded
 from mesh_motion_server.cases.replay import replay, replay_steps
 from mesh_motion_server.commands.replay import changes_of
-from mesh_motion_server.errors import InvalidInput, JournalError, SessionError
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.history.boundary import BoundaryLog, BoundaryStep
 from mesh_motion_server.session.inspection import inspect_session
@@ -350,7 +350,7 @@ def test_a_copy_taken_while_the_session_lives_is_replayed(tmp_path: Path) -> Non
 
 
 def test_what_cannot_be_replayed_says_why(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(JournalError, match="is no session's folder"):
+    with pytest.raises(DataLoss, match="is no session's folder"):
         read_recorded(tmp_path)
     for name, pattern in (("history", "not recorded from step 1 on"), ("mesh.bin", "mesh")):
         copy = tmp_path / f"without {name}"
@@ -360,7 +360,7 @@ def test_what_cannot_be_replayed_says_why(folder: Path, tmp_path: Path) -> None:
             shutil.rmtree(path)
         else:
             path.write_bytes(path.read_bytes()[:-1])
-        with pytest.raises((InvalidInput, JournalError), match=pattern):
+        with pytest.raises((InvalidInput, DataLoss), match=pattern):
             read_recorded(copy)
     with pytest.raises(InvalidInput, match=f"recorded up to step {STEPS}, not 99"):
         replay(folder, tmp_path / "out", {}, until=99)

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 from histories import lowest_quality, made_up_events, put_events, resumed_at, write_history
+from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.cases.inspect import inspect_folder, inspect_step
 from mesh_motion_server.cases.story import tell_step
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.watch.observation.steps import digest_of_history
 from proofs.driver import make_driver

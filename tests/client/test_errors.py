@@ -3,8 +3,7 @@
 import mesh_motion_client
 import pytest
 from mesh_motion_client import errors
-from mesh_motion_client.errors import error_from
-from mesh_motion_protocol.errors import ERROR_CODES
+from mesh_motion_protocol.errors import ERROR_CODES, error_from
 from mesh_motion_protocol.messages import ErrorReply
 
 

@@ -10,6 +10,7 @@ import pytest
 from mesh_motion_client import InvalidInput, Mesh, Patch
 from mesh_motion_client.exchange import _TYPES, to_pyvista
 from mesh_motion_client.mesh import CELL_NODES
+from mesh_motion_numerics.mesh.cells import CELL_TYPES
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkUnstructuredGrid
@@ -17,7 +18,6 @@ from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
 
 from mesh_motion_server.files import MeshFile, write_mesh
 from mesh_motion_server.files.gmsh import _TYPES as GMSH_TYPES
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 ROLES = {"bottom": "moving", "top": "fixed"}
 CUBE = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])

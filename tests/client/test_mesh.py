@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from mesh_motion_client import InvalidInput, Mesh, Patch
 from mesh_motion_client.mesh import CELL_NODES, ROLES
-
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
-from mesh_motion_server.numerics.mesh.roles import ROLES as SERVER_ROLES
+from mesh_motion_numerics.mesh.cells import CELL_TYPES
+from mesh_motion_numerics.mesh.roles import ROLES as SERVER_ROLES
 
 POINTS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 AT = {"session": "s", "epoch": 1}

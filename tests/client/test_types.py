@@ -5,8 +5,7 @@ from typing import Literal, get_args, get_origin, get_type_hints
 import numpy as np
 from mesh_motion_client import Mesh, Patch, Settings, connect
 from mesh_motion_client.quality import Distribution, PredictedQuality, QualitySummary, WorstCell
-
-from mesh_motion_server.numerics.method import KEYS
+from mesh_motion_numerics.method import KEYS
 
 SQUARE = Mesh(
     np.array([[x, y] for y in (0.0, 1.0, 2.0) for x in (0.0, 1.0, 2.0)]),

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import msgpack
 import numpy as np
+from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
+from mesh_motion_numerics.mesh import swept_volumes
 from mesh_motion_protocol import codec, digests, header, schema
 from mesh_motion_protocol.messages import ErrorReply, Welcome
 
-from mesh_motion_server.numerics.correction.part_of_mesh import Elsewhere
-from mesh_motion_server.numerics.mesh import swept_volumes
 from mesh_motion_server.service import commands, error_replies, execution, fetch, move
 from mesh_motion_server.service.gathering import Gathering
 from mesh_motion_server.service.holders import Holders

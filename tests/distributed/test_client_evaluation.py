@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from box_meshes import box_mesh
 from mesh_motion_client import InvalidInput, Mesh, Patch, QualityRefused, SessionError, connect
+from mesh_motion_protocol.errors import InvalidInput as Unusable
 from mesh_motion_protocol.messages import Fetch, Fetched
 from own_ranks import CORRECTED, SETTINGS, assert_same_quality, bend, cut, whole
 
 from mesh_motion_server.cases.recorded import read_recorded
-from mesh_motion_server.errors import InvalidInput as Unusable
 from mesh_motion_server.session.inspection import inspect_session
 from mesh_motion_server.watch.pictures.meshes import read_pair
 from proofs.server_process import ServerProcess

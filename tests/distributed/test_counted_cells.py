@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from box_meshes import box_mesh
-
-from mesh_motion_server.distributed.counted_cells import CountedCells
-from mesh_motion_server.distributed.order_statistics import BINS, WHOLE, BinContent, Way, content
-from mesh_motion_server.numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest
-from mesh_motion_server.numerics.quality.quality_summary import reported_metrics
+from mesh_motion_numerics.distributed.counted_cells import CountedCells
+from mesh_motion_numerics.distributed.order_statistics import BINS, WHOLE, BinContent, Way, content
+from mesh_motion_numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest
+from mesh_motion_numerics.quality.quality_summary import reported_metrics
 
 MESHES = {"few": ("quad", 8), "tetrahedra": ("tetra", 8), "two types": ("quad + triangle", 24)}
 SHAKES = {"at rest": 0.0, "hardly": 1e-9, "some": 0.02, "wild": 0.3, "not finite": np.nan}

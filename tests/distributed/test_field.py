@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.distributed.field import Field
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.evaluation import displacement, gradient
+from mesh_motion_numerics.interpolation.interpolant import Interpolant, factorize
+from mesh_motion_numerics.interpolation.kernels import BASES
+from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
+from mesh_motion_numerics.interpolation.two_scale.near_operator import NearOperator
 from two_scale_boundaries import boundary, graded_circle, sphere, square, walls
-
-from mesh_motion_server.distributed.field import Field
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.evaluation import displacement, gradient
-from mesh_motion_server.numerics.interpolation.interpolant import Interpolant, factorize
-from mesh_motion_server.numerics.interpolation.kernels import BASES
-from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScalePlan
-from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
-from mesh_motion_server.numerics.interpolation.two_scale.near_operator import NearOperator
 
 RANDOM = np.random.default_rng(11)
 BOXES = {2: [(0.0, 0.3), (0.35, 0.65), (0.6, 1.0), (0.9, 0.99)], 3: [(0.0, 0.3), (0.3, 0.7), (0.6, 1.0)]}

@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from mesh_motion_server.distributed.judging import Unanswered, as_plain, first_questions, heard, summary_of, told
-from mesh_motion_server.distributed.order_statistics import content
-from mesh_motion_server.distributed.summaries import PartialSummary, Questions
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.quality.metrics import CellQuality
-from mesh_motion_server.numerics.quality.quality_summary import distribution, smallest, worst_cells
+from mesh_motion_numerics.distributed.judging import Unanswered, as_plain, first_questions, heard, summary_of, told
+from mesh_motion_numerics.distributed.order_statistics import content
+from mesh_motion_numerics.distributed.summaries import PartialSummary, Questions
+from mesh_motion_numerics.quality.metrics import CellQuality
+from mesh_motion_numerics.quality.quality_summary import distribution, smallest, worst_cells
+from mesh_motion_protocol.errors import InvalidInput
 
 METRIC = "size-skew"
 RANKS = (4000, 1, 700)

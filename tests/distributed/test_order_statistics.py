@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from mesh_motion_server.distributed.order_statistics import BINS, WHOLE, Way, content, merged_counts, narrowed
+from mesh_motion_numerics.distributed.order_statistics import BINS, WHOLE, Way, content, merged_counts, narrowed
 
 
 def found(parts: list[np.ndarray], rank: int) -> tuple[float, int]:

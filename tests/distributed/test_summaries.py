@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from box_meshes import box_mesh
+from mesh_motion_numerics.distributed.counted_cells import CountedCells
+from mesh_motion_numerics.distributed.summaries import joined
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.mesh_summary import summarize
+from mesh_motion_numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest
+from mesh_motion_numerics.quality.quality_summary import QualitySummary
 from own_ranks import box_file
 
-from mesh_motion_server.distributed.counted_cells import CountedCells
-from mesh_motion_server.distributed.summaries import joined
 from mesh_motion_server.files.partitions import partitions
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.mesh_summary import summarize
-from mesh_motion_server.numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest
-from mesh_motion_server.numerics.quality.quality_summary import QualitySummary
 
 
 def in_partitions(kind: str, points: np.ndarray, count: int, metric: str) -> QualitySummary:

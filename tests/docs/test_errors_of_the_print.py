@@ -6,15 +6,15 @@ Only what no other test shows; the page names a test or a study for each of its 
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
+from mesh_motion_numerics.correction.enrichment.functions import values as enrichment_values
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.interpolation.kernels import BASES, values
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 
 from docs.studies.thesis._decompositions import polar, rotation_angle
 from docs.studies.thesis._linear_polynomial import WithPolynomial
-from mesh_motion_server.numerics.correction.enrichment.functions import values as enrichment_values
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.interpolation.kernels import BASES, values
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float)
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_protocol.messages import Commit, Move
 from real_sessions import computes_as_servers
 from shown_commands import blocks, run
 
-from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.session.store import SessionStore

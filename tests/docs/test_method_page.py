@@ -2,8 +2,9 @@
 
 import re
 
+from mesh_motion_numerics.method import KEYS
+
 from docs.studies.page import DOCS
-from mesh_motion_server.numerics.method import KEYS
 
 PAGE = (DOCS / "method.md").read_text(encoding="utf-8")
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import mesh_motion_client
 import pytest
+from mesh_motion_numerics.method import KEYS
 from mesh_motion_protocol.errors import ERROR_CODES
 
 from docs.site.index import INDEX, PAGES, toctrees
@@ -12,7 +13,6 @@ from docs.site.links import faults
 from docs.site.reference import PARTS, filled, without_parts
 from mesh_motion_server.commands import cli
 from mesh_motion_server.commands.cli import ExitStatus
-from mesh_motion_server.numerics.method import KEYS
 from mesh_motion_server.settings import ServerSettings
 
 ROOT = Path(__file__).parents[2]

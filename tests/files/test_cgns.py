@@ -11,15 +11,15 @@ import foam_cases as foam
 import numpy as np
 import pytest
 from format_files import CELLS, PATCHES, POINTS
+from mesh_motion_numerics.mesh.cells import CELL_TYPES
+from mesh_motion_numerics.quality.orientation import oriented
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 from python_runs import said_by_python
 
 from mesh_motion_server.cases.check import check
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile, read_mesh, write_mesh
 from mesh_motion_server.files.openfoam.polymesh import read_face_mesh
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
-from mesh_motion_server.numerics.quality.orientation import oriented
 
 h5py = pytest.importorskip("h5py")
 from cgns_files import add_cells, add_node, new_cgns  # noqa: E402  (it needs h5py)

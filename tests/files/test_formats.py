@@ -29,10 +29,10 @@ from format_files import (
     xdmf_binary,
     xdmf_hdf5,
 )
+from mesh_motion_numerics.quality.orientation import oriented
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh, write_mesh
-from mesh_motion_server.numerics.quality.orientation import oriented
 
 
 @pytest.mark.parametrize("name", WRITERS)

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh, write_mesh
 
 gmsh = pytest.importorskip("gmsh", exc_type=OSError)

@@ -3,8 +3,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh, write_npz
 from mesh_motion_server.files.npz import read_points
 

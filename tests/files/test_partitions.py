@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_motion_protocol.errors import InvalidInput
 from own_ranks import box_file
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.partitions import partitions, write_partitions

@@ -10,17 +10,17 @@ from pathlib import Path
 import foam_cases as foam
 import numpy as np
 import pytest
+from mesh_motion_numerics.mesh.cells import CELL_TYPES
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
 from mesh_motion_server.cases.check import check
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import MeshFile, read_mesh, write_mesh
 from mesh_motion_server.files.openfoam.foam_file import FoamFile, dictionaries
 from mesh_motion_server.files.openfoam.polymesh import read_face_mesh
 from mesh_motion_server.files.polyhedra.cells import find_cells
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh
 from mesh_motion_server.files.polyhedra.pieces import divide
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 FILES = ("points", "faces", "owner", "neighbour", "boundary")
 

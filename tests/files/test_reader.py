@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import read_mesh
 from mesh_motion_server.files.reader import SUFFIXES
 

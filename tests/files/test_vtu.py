@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.orientation import oriented
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files import VtuSeries, read_mesh, write_mesh, write_vtu
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.orientation import oriented
 
 Mesh = tuple[np.ndarray, dict[str, np.ndarray]]
 

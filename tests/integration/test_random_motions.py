@@ -3,11 +3,11 @@
 from pathlib import Path
 
 import numpy as np
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
 
 from mesh_motion_server.files import read_mesh
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
 
 SLAB = Path(__file__).parents[2] / "examples" / "thesis_rotation" / "mesh.npz"
 

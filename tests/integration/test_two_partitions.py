@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from frame_meshes import rotation, square_frame
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_protocol.messages import Commit, Fetch, Move
 from periodic_meshes import periodic_box, sector
 from real_sessions import new_session
 
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from mesh_motion_server.session.store import SessionStore
 from proofs.stand_in import split_mesh

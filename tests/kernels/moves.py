@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation
 sys.path.insert(0, str(Path(__file__).parents[1] / "numerics"))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 from box_meshes import box_mesh
+from mesh_motion_numerics.interpolation.two_scale import plans
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
 
 from benchmarks.one_scale import in_one_scale
-from mesh_motion_server.numerics.interpolation.two_scale import plans
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
 
 #: A hexahedron in tetrahedra around a diagonal: neighbours are cut the same way.
 _SIX = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))

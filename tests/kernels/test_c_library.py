@@ -13,23 +13,22 @@ from typing import Any, NamedTuple
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.interpolant import Interpolant, factorize
-from mesh_motion_server.numerics.interpolation.kernels import BASES
-from mesh_motion_server.numerics.interpolation.polynomial import LinearBasis, Polynomial
-from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
-from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedSpline
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.quality.metrics import (
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.interpolant import Interpolant, factorize
+from mesh_motion_numerics.interpolation.kernels import BASES
+from mesh_motion_numerics.interpolation.polynomial import LinearBasis, Polynomial
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
+from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_numerics.quality.metrics import (
     METRIC_CODES,
     QUALITY_METRICS,
     cell_quality,
     cells_at_rest,
     judged,
 )
+from numpy.typing import NDArray
 
 pytestmark = pytest.mark.nightly
 

@@ -31,7 +31,7 @@ TARGETS = (
     ("mesh_motion_server.session", "journal.files journal.next_manifest journal.journal store", STORED),
     ("mesh_motion_server.session", "journal.replies state position session", ANSWERED),
     ("mesh_motion_protocol", "codec header arrays digests schema", ("tests/protocol",)),
-    ("mesh_motion_server.numerics.quality", "orientation quality_summary", JUDGED),
+    ("mesh_motion_numerics.quality", "orientation quality_summary", JUDGED),
 )
 
 

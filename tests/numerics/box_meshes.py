@@ -4,9 +4,8 @@ from functools import cache
 
 import numpy as np
 from correction_cases import BodyMesh
-
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import reference_sizes
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import reference_sizes
 
 _QUAD = ((0, 0), (1, 0), (1, 1), (0, 1))
 _HEXAHEDRON = tuple((x, y, z) for z in (0, 1) for x, y in _QUAD)

@@ -1,9 +1,8 @@
 """Meshes made of arithmetic: a square frame of triangles or quads around a square block, and its extrusion."""
 
 import numpy as np
-
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
 
 
 def square_frame(

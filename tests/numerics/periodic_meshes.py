@@ -2,9 +2,8 @@
 
 import numpy as np
 from box_meshes import box_mesh
-
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
 
 Mesh = tuple[np.ndarray, CellTable, dict[str, Patch]]
 

@@ -4,9 +4,8 @@ from functools import cache
 
 import numpy as np
 from correction_cases import rigid, stored
-
-from mesh_motion_server.numerics.reduction import ReductionProblem
-from mesh_motion_server.numerics.reduction.problem import Reduced
+from mesh_motion_numerics.reduction import ReductionProblem
+from mesh_motion_numerics.reduction.problem import Reduced
 
 
 @cache

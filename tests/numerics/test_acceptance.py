@@ -1,8 +1,7 @@
 """The search for the part of a refused displacement that would do."""
 
 import pytest
-
-from mesh_motion_server.numerics.motion.acceptance import largest_accepted
+from mesh_motion_numerics.motion.acceptance import largest_accepted
 
 
 @pytest.mark.parametrize("certain", [False, True])

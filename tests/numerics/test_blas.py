@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
+from mesh_motion_numerics.blas import for_each_tile, one_blas_thread
 from threadpoolctl import threadpool_info
-
-from mesh_motion_server.numerics.blas import for_each_tile, one_blas_thread
 
 
 @pytest.mark.parametrize(("size", "tile"), [(0, 4), (1, 4), (4, 4), (5, 4), (1000, 7)])

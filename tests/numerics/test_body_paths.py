@@ -5,9 +5,8 @@ import pytest
 from box_meshes import box_mesh
 from correction_cases import squeezed, stored
 from frame_meshes import rotation, square_frame
-
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.motion.body_paths import moving_bodies, straight_way, ways
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.motion.body_paths import moving_bodies, straight_way, ways
 
 
 def distances(points: np.ndarray) -> np.ndarray:

@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.correction.boundary_constraint import BoundaryConstraint
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.motion_found import Motion
 from sliding_meshes import duct
-
-from mesh_motion_server.numerics.correction.boundary_constraint import BoundaryConstraint
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.motion.motion_found import Motion
 
 
 def model_of(mesh, **choices) -> MotionModel:

@@ -5,14 +5,13 @@ import pytest
 from box_meshes import box_mesh
 from correction_cases import stored
 from frame_meshes import rotation
-
-from mesh_motion_server.numerics.mesh.boundary_crossing import (
+from mesh_motion_numerics.mesh.boundary_crossing import (
     BoundaryFacets,
     crossing_place,
     straddling_place,
     touching_facets,
 )
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 
 
 def facets_of(points: np.ndarray, **nodes: list[list[int]]) -> tuple[BoundaryFacets, np.ndarray]:

@@ -5,12 +5,11 @@ from collections import Counter
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh import boundary_facets as module
-from mesh_motion_server.numerics.mesh.boundary_facets import LOCAL_FACETS, boundary_facets, boundary_nodes
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.quality.metrics import reference_sizes
+from mesh_motion_numerics.mesh import boundary_facets as module
+from mesh_motion_numerics.mesh.boundary_facets import LOCAL_FACETS, boundary_facets, boundary_nodes
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_numerics.quality.metrics import reference_sizes
+from mesh_motion_protocol.errors import InvalidInput
 
 CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float)
 ONE_CELL = {

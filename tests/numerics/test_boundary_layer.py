@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from box_meshes import box_mesh
 from frame_meshes import rotation, square_frame
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.motion_found import Motion
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 from periodic_meshes import periodic_box
 
 from docs.studies.beyond._layers import bent_flag, bent_wing, stored_layer
 from docs.studies.beyond._motions import stored
-from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.boundary_layer import BoundaryLayer
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.motion.motion_found import Motion
 
 DISPLACEMENTS = ("relative", "absolute", "reanchored")
 
@@ -175,7 +175,7 @@ def test_the_motion_depends_on_the_committed_points_and_the_targets_alone() -> N
 def moved_or_refused(model: MotionModel, targets: np.ndarray) -> Motion | None:
     try:
         return model.move(model.points, targets)
-    except NumericalError:
+    except QualityRefused:
         return None
 
 

@@ -3,10 +3,9 @@
 import numpy as np
 from box_meshes import box_mesh
 from frame_meshes import rotation, square_frame
-
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.boundary_layer_stacks import column_feet
-from mesh_motion_server.numerics.mesh.boundary_layer_wall import MovingWall
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.boundary_layer_stacks import column_feet
+from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall
 
 
 def wall_of(points: np.ndarray, cells, body: np.ndarray) -> MovingWall:

@@ -5,9 +5,8 @@ import pytest
 from box_meshes import CELL_KINDS, box_mesh
 from correction_cases import stored
 from frame_meshes import rotation
-
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.motion.boundary_nesting import misplaced_place
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.motion.boundary_nesting import misplaced_place
 
 
 @pytest.mark.parametrize("kind", [kind for kind in CELL_KINDS if kind != "tetra"])  # its boxes do not fit together

@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from mesh_motion_server.numerics.mesh.boundary_orientation import overturned_place
+from mesh_motion_numerics.mesh.boundary_orientation import overturned_place
 
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 RIM = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
 from correction_cases import stored
+from mesh_motion_numerics.correction.cell_distortion import cell_groups, mean_cell_distortion
+from mesh_motion_numerics.correction.distortion import PNorm, mean_distortion
+from mesh_motion_numerics.correction.free_region import FreeRegion, free_region
+from mesh_motion_numerics.correction.region_measure import MEASURES, region_measure
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import cell_quality, cells_at_rest
 from scipy.sparse import bsr_matrix
-
-from mesh_motion_server.numerics.correction.cell_distortion import cell_groups, mean_cell_distortion
-from mesh_motion_server.numerics.correction.distortion import PNorm, mean_distortion
-from mesh_motion_server.numerics.correction.free_region import FreeRegion, free_region
-from mesh_motion_server.numerics.correction.region_measure import MEASURES, region_measure
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
 
 NORMS = (PNorm(8, 2, of="cells"), PNorm(60, 8, of="cells", size_weight=1.0))
 

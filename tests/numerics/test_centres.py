@@ -1,12 +1,11 @@
 import numpy as np
 import pytest
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.interpolant import Interpolant
+from mesh_motion_numerics.interpolation.kernels import BASES
+from mesh_motion_numerics.mesh.points import bounding_box, padded
 from scipy.spatial import cKDTree
-
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
-from mesh_motion_server.numerics.interpolation.kernels import BASES
-from mesh_motion_server.numerics.mesh.points import bounding_box, padded
 
 C2 = BASES["wendland-c2"]
 

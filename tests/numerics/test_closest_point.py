@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from mesh_motion_server.numerics.mesh.closest_point import FacetSet, nearest_within
+from mesh_motion_numerics.mesh.closest_point import FacetSet, nearest_within
 
 
 def sampled(corners, points, n=60):

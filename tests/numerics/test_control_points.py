@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolation.control_points import checked_control_points
+from mesh_motion_numerics.interpolation.control_points import checked_control_points
+from mesh_motion_protocol.errors import InvalidInput
 
 
 def test_a_copy_comes_back():

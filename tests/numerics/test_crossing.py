@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 from box_meshes import box_mesh
 from frame_meshes import square_frame
-
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.crossing import NoMeshExists
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.motion.prepared_mesh import PreparedMesh
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.crossing import NoMeshExists
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.prepared_mesh import PreparedMesh
+from mesh_motion_protocol.errors import QualityRefused
 
 NO_MESH = "no valid mesh exists: the boundary would "
 
@@ -24,7 +23,7 @@ def refused(model: PreparedMesh, targets: Floats) -> str:
     """The reason why there is no mesh with the moving nodes at targets (k, d); empty if none is known."""
     try:
         model.boundary.refuse(model.points, targets)
-    except NumericalError as error:
+    except QualityRefused as error:
         return error.message.removeprefix(NO_MESH)
     return ""
 
@@ -96,10 +95,10 @@ def model(request: pytest.FixtureRequest) -> MotionModel:
 @pytest.mark.parametrize("method", [{}, {"correction": "none"}, {"correction": "none", "sub_steps": "never"}], ids=str)
 def test_a_move_of_leaflets_says_that_no_mesh_exists(method: dict[str, Any]) -> None:
     model = leaflets(2, triangles=True).with_method(**method)
-    with pytest.raises(NumericalError, match="no valid mesh exists") as caught:
+    with pytest.raises(QualityRefused, match="no valid mesh exists") as caught:
         model.move(model.points, closed(model, 0.12, 0.12))
     assert "is it one unit" not in caught.value.hint
-    with pytest.raises(NumericalError, match="no valid mesh exists") as caught:
+    with pytest.raises(QualityRefused, match="no valid mesh exists") as caught:
         model.move(model.points, closed(model, 12.0, 12.0))
     assert caught.value.hint.endswith(
         "the motion's largest displacement is 12 and the mesh's extent 2.24: is it one unit?"
@@ -129,7 +128,7 @@ def test_a_body_that_leaves_through_walls(
         targets[:, : len(by)] += by
         assert bool(refused(model, targets)) == leaves
     if leaves and kind == "quad":
-        with pytest.raises(NumericalError, match=NO_MESH):
+        with pytest.raises(QualityRefused, match=NO_MESH):
             model.move(model.points, targets)
 
 
@@ -164,10 +163,10 @@ def test_two_bodies_of_two_nodes_do_not_meet(settings: dict[str, Any], triangles
     model = MotionModel.build(points, CellTable.from_arrays(table), patches, Method(**settings))
     start = points[model.roles.moving]
     towards = np.where(start[:, :1] < 0.5, 1.0, -1.0) * np.eye(2)[0]
-    with pytest.raises(NumericalError, match=NO_MESH + "bring node 14 and node 20 to the same place") as caught:
+    with pytest.raises(QualityRefused, match=NO_MESH + "bring node 14 and node 20 to the same place") as caught:
         model.move(points, start + 0.1 * towards)
     assert 0.9 < (caught.value.fraction or 0.0) < 1.0
-    with pytest.raises(NumericalError, match="no valid mesh found"):  # in half of the way the nodes are at one place
+    with pytest.raises(QualityRefused, match="no valid mesh found"):  # in half of the way the nodes are at one place
         model.move(points, start + 0.2 * towards)
     model.move(points, start + 0.09 * towards)
 

@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
-from test_distortion import one_cell
-
-from mesh_motion_server.numerics.correction.distortion import (
+from mesh_motion_numerics.correction.distortion import (
     PNorm,
     corner_blocks,
     corner_simplices,
     determinants,
     distortion_gradient,
 )
+from test_distortion import one_cell
 
 
 def numerical_block(points: np.ndarray, simplices, norm: PNorm, *, project: bool) -> np.ndarray:

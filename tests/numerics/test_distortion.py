@@ -5,17 +5,16 @@ import math
 import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
-from thread_counts import on_one_and_on_all_threads
-
-from mesh_motion_server.numerics.correction.distortion import (
+from mesh_motion_numerics.correction.distortion import (
     PNorm,
     corner_simplices,
     determinants,
     distortion_gradient,
     mean_distortion,
 )
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.quality.metrics import cell_quality
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_numerics.quality.metrics import cell_quality
+from thread_counts import on_one_and_on_all_threads
 
 SIMPLICES = ("line", "triangle", "tetra")
 NORMS = (PNorm(1, 1), PNorm(8, 2), PNorm(60, 8), PNorm(2, 1, 0.3))

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-
-from mesh_motion_server.numerics.correction.equal_stretch import equal_stretch
-from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import reference_sizes
+from mesh_motion_numerics.correction.equal_stretch import equal_stretch
+from mesh_motion_numerics.correction.trial_nodes import TrialMesh
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import reference_sizes
 
 
 def line(x: np.ndarray, held: list[int], lines: np.ndarray | None = None) -> TrialMesh:

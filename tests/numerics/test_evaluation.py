@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.interpolation.kernels import BASES, slopes, values
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.interpolation.kernels import BASES, slopes, values
+from mesh_motion_protocol.errors import InvalidInput
 
 SMOOTH = sorted(name for name, basis in BASES.items() if basis.gradient_at_centre and not basis.unusable)
 

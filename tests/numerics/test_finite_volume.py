@@ -8,15 +8,15 @@ import foam_cases as foam
 import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
+from mesh_motion_numerics.mesh import finite_volume
+from mesh_motion_numerics.mesh.cell_facets import CellFacets
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_numerics.mesh.finite_volume import FaceMeasures, extruded_cells, extruded_points, face_measures
+from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
 from scipy.spatial.transform import Rotation
 
 from benchmarks.peers.openfoam.foam_files import write_polymesh
 from benchmarks.peers.openfoam.polymesh import PolyMesh
-from mesh_motion_server.numerics.mesh import finite_volume
-from mesh_motion_server.numerics.mesh.cell_facets import CellFacets
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.mesh.finite_volume import FaceMeasures, extruded_cells, extruded_points, face_measures
-from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
 FLOOR = 1e-5  # degrees: cosines near 1 give an angle to the root of the rounding
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
-
-from mesh_motion_server.numerics.correction.distortion import PNorm, corner_blocks, distortion_gradient, mean_distortion
-from mesh_motion_server.numerics.correction.free_region import cells_of_nodes, free_region, grow, nodes_of_cells
+from mesh_motion_numerics.correction.distortion import PNorm, corner_blocks, distortion_gradient, mean_distortion
+from mesh_motion_numerics.correction.free_region import cells_of_nodes, free_region, grow, nodes_of_cells
 
 
 def some_free(mesh, seed: int = 1) -> np.ndarray:

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-
-from mesh_motion_server.numerics.interpolation.assembly import mean_row_entries, sparse_matrix, sparse_rows
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.hashed_cells import HashedCells
-from mesh_motion_server.numerics.interpolation.kernels import BASES
-from mesh_motion_server.numerics.mesh.points import padded
+from mesh_motion_numerics.interpolation.assembly import mean_row_entries, sparse_matrix, sparse_rows
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.hashed_cells import HashedCells
+from mesh_motion_numerics.interpolation.kernels import BASES
+from mesh_motion_numerics.mesh.points import padded
 
 C2 = BASES["wendland-c2"]
 RADIUS = 0.004

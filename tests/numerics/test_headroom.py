@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
 from correction_cases import BodyMesh, stored
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.quality.headroom import HORIZON, headroom
+from mesh_motion_protocol.errors import QualityRefused
 
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.quality.headroom import HORIZON, headroom
 from mesh_motion_server.session.factors import FactorCache
 
 
@@ -70,7 +70,7 @@ def run_of(
     for k in range(1, 100):
         try:
             after = model.move(points, way(model.points[model.roles.moving], k), factors).points
-        except NumericalError as refusal:
+        except QualityRefused as refusal:
             return found, k - 1 + (refusal.fraction or 0.0)
         found.append(model.headroom(after - points, after).inversion)
         points = after

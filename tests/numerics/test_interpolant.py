@@ -3,13 +3,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.interpolation.kernels import BASES, values
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 from python_runs import said_by_python
 from scipy.interpolate import RBFInterpolator
-
-from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.interpolation.kernels import BASES, values
 
 USABLE = sorted(name for name, basis in BASES.items() if not basis.unusable)
 SOLVERS = ("dense", "sparse", "iterative")
@@ -178,7 +177,7 @@ class TestRefusals:
 
     @pytest.mark.parametrize("name", ["gauss", "mqb", "imqb"])
     def test_a_matrix_without_digits_left(self, name):
-        with pytest.raises(NumericalError, match="singular to working precision"):
+        with pytest.raises(QualityRefused, match="singular to working precision"):
             factorize(cloud(200, 2), basis=name, support_radius=5.0)
 
     def test_a_thin_plate_spline_of_points_on_a_line(self):
@@ -190,8 +189,8 @@ REPEAT = """
 import hashlib, sys
 import mesh_motion_kernels, numpy as np
 mesh_motion_kernels.set_threads(int(sys.argv[1]))
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import factorize
 points = np.random.default_rng(0).random((900, 3))
 data, places = np.sin(5 * points), np.random.default_rng(1).random((500, 3))
 digest = hashlib.sha256()

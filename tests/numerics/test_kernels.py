@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolation.kernels import BASES, basis_named, checked_radius, slopes, values
+from mesh_motion_numerics.interpolation.kernels import BASES, basis_named, checked_radius, slopes, values
+from mesh_motion_protocol.errors import InvalidInput
 
 USABLE = sorted(name for name, basis in BASES.items() if not basis.unusable)
 COMPACT = sorted(name for name, basis in BASES.items() if basis.compact)

@@ -6,9 +6,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.motion.boundary_layer_fallback import LayerAttempts
+from mesh_motion_numerics.motion.boundary_layer_fallback import LayerAttempts
+from mesh_motion_protocol.errors import QualityRefused
 
 THRESHOLD = 0.2
 #: Below a fifth of it a mesh is nearly inverted.
@@ -39,8 +38,8 @@ def test_without_a_layer_there_is_one_attempt() -> None:
     found = attempts(None)
     found.accepted(motion(-0.1))
     assert found.over
-    refusal = NumericalError("no valid mesh found")
-    with pytest.raises(NumericalError) as raised:
+    refusal = QualityRefused("no valid mesh found")
+    with pytest.raises(QualityRefused) as raised:
         attempts(None).refused(refusal)
     assert raised.value is refusal
 
@@ -48,10 +47,10 @@ def test_without_a_layer_there_is_one_attempt() -> None:
 def test_a_refused_layer_gives_way_near_its_cells_and_then_everywhere() -> None:
     layer, last = Layer(), motion(GOOD)
     found = attempts(layer)
-    found.refused(NumericalError("", cells=[7, 8]))
+    found.refused(QualityRefused("", cells=[7, 8]))
     assert layer.near == [7, 8]
     assert found.layer is not None
-    found.refused(NumericalError("", cells=[9]))
+    found.refused(QualityRefused("", cells=[9]))
     assert found.layer is None
     assert not found.over
     found.accepted(last)

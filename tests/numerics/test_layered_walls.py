@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from box_meshes import box_mesh
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.layered_walls import LayeredWalls
+from mesh_motion_numerics.motion.motion import MotionModel
 
 from docs.studies.aerofoil_grids import Grid, o_grid, wing
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.layered_walls import LayeredWalls
-from mesh_motion_server.numerics.motion.motion import MotionModel
 
 
 def narrow(kind: str) -> Grid:

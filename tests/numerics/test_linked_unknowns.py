@@ -2,9 +2,8 @@
 
 import numpy as np
 from box_meshes import box_mesh
-
-from mesh_motion_server.numerics.correction.free_region import free_region
-from mesh_motion_server.numerics.correction.linked_unknowns import LinkedUnknowns
+from mesh_motion_numerics.correction.free_region import free_region
+from mesh_motion_numerics.correction.linked_unknowns import LinkedUnknowns
 
 
 def test_the_reduced_system_is_that_of_the_dense_matrices() -> None:

@@ -4,18 +4,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from thread_counts import on_one_and_on_all_threads
-from tiny_meshes import tiny_mesh, tiny_meshes
-
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.quality.mesh_summary import lowest_of, lowest_quality, mesh_summary
-from mesh_motion_server.numerics.quality.metrics import (
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_numerics.quality.mesh_summary import lowest_of, lowest_quality, mesh_summary
+from mesh_motion_numerics.quality.metrics import (
     QUALITY_METRICS,
     CellsAtRest,
     cell_quality,
     cells_at_rest,
     reference_sizes,
 )
+from thread_counts import on_one_and_on_all_threads
+from tiny_meshes import tiny_mesh, tiny_meshes
 
 MESHES = dict(tiny_meshes(6))
 TETRA = tiny_mesh("tetra", 12)

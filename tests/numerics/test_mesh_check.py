@@ -5,13 +5,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 from box_meshes import box_mesh
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.quality.mesh_check import checked_mesh
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.quality.mesh_check import checked_mesh
+from mesh_motion_protocol.errors import InvalidInput
 
 
 @dataclass

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.mesh_summary import mesh_summary, summarize
+from mesh_motion_numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest, reference_sizes
+from mesh_motion_protocol.errors import InvalidInput
 from thread_counts import on_one_and_on_all_threads
 from tiny_meshes import tiny_meshes
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary, summarize
-from mesh_motion_server.numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest, reference_sizes
 
 MESHES = dict(tiny_meshes(6))
 

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from frame_meshes import rotation, square_frame
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolation.kernels import BASES
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_numerics.interpolation.kernels import BASES
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_protocol.errors import InvalidInput
 
 USABLE = [name for name, basis in BASES.items() if not basis.unusable]
 

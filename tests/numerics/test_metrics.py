@@ -5,13 +5,10 @@ import pytest
 from box_meshes import box_mesh
 from hypothesis import given
 from hypothesis import strategies as st
-from thread_counts import on_one_and_on_all_threads
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.method import KEYS
-from mesh_motion_server.numerics.quality.mesh_summary import lowest_quality, mesh_summary
-from mesh_motion_server.numerics.quality.metrics import (
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_numerics.method import KEYS
+from mesh_motion_numerics.quality.mesh_summary import lowest_quality, mesh_summary
+from mesh_motion_numerics.quality.metrics import (
     METRIC_CODES,
     QUALITY_METRICS,
     cell_quality,
@@ -19,6 +16,8 @@ from mesh_motion_server.numerics.quality.metrics import (
     reference_sizes,
     subset_quality,
 )
+from mesh_motion_protocol.errors import InvalidInput
+from thread_counts import on_one_and_on_all_threads
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 CUBE = np.vstack([np.c_[SQUARE, np.zeros(4)], np.c_[SQUARE, np.ones(4)]])

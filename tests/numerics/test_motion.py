@@ -10,14 +10,13 @@ from correction_cases import rigid, stored
 from frame_meshes import rotation, square_frame
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.correction import trial_nodes
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.exact_displacements import BoundaryDisplacement
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.quality.metrics import cell_quality
+from mesh_motion_numerics.correction import trial_nodes
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.quality.metrics import cell_quality
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 
 
 def model_of(mesh=None, **choices) -> MotionModel:
@@ -49,7 +48,7 @@ def test_a_large_motion_is_corrected_before_any_node_moves() -> None:
 def test_a_motion_through_the_wall_is_refused_with_the_largest_acceptable_fraction() -> None:
     model = model_of()
     targets = targets_of(model, shift=(0.7, 0.0))
-    with pytest.raises(NumericalError) as refusal:
+    with pytest.raises(QualityRefused) as refusal:
         model.move(model.points, targets)
     error = refusal.value
     assert error.fraction is not None
@@ -66,7 +65,7 @@ def test_the_fraction_is_looked_for_with_corrections_that_stop_at_a_valid_mesh(m
     descend = trial_nodes.newton
     monkeypatch.setattr(trial_nodes, "newton", lambda *a, **k: descents.append(1) or descend(*a, **k))
     rest, targets = model.points[model.roles.moving], targets_of(model, 3.0, (0.65, 0.02))
-    with pytest.raises(NumericalError, match="no valid mesh exists") as refusal:
+    with pytest.raises(QualityRefused, match="no valid mesh exists") as refusal:
         model.move(model.points, targets)
     assert len(descents) < 10
     assert model.move(model.points, rest + refusal.value.fraction * (targets - rest)).corrected.inverted == 0
@@ -79,7 +78,7 @@ def test_a_boundary_that_crosses_itself_is_not_tried_in_other_ways(monkeypatch: 
         monkeypatch.setattr(
             MotionModel, name, lambda *a, name=name, attempt=attempt: attempts.append(name) or attempt(*a)
         )
-    with pytest.raises(NumericalError, match="no valid mesh exists"):
+    with pytest.raises(QualityRefused, match="no valid mesh exists"):
         model.move(model.points, targets_of(model, 3.0, (0.65, 0.02)))
     assert attempts == ["_smooth_attempt", "_attempt"]  # and the fraction's
 
@@ -98,7 +97,7 @@ def test_the_fraction_of_a_refusal_is_accepted(
     model = model_of((mesh.points, mesh.cells, patches), refuse_below_threshold=refuse_below_threshold)
     rest = mesh.points[model.roles.moving]
     targets = rest + rigid(mesh, shift, degrees)[model.roles.moving]
-    with pytest.raises(NumericalError) as refusal:
+    with pytest.raises(QualityRefused) as refusal:
         model.move(mesh.points, targets)
     assert 0.4 < refusal.value.fraction < 1.0
     accepted = model.move(mesh.points, rest + refusal.value.fraction * (targets - rest))
@@ -122,10 +121,10 @@ def test_sending_back_the_fraction_of_a_refusal_is_accepted_in_either_frame(seed
     base = (mesh.points if frame == "reference" else committed)[nodes]
     displacement = mesh.points[nodes] + rigid(mesh, rng.uniform(-0.7, 0.7, 2), rng.uniform(-180, 180))[nodes] - base
     fraction = None
-    with suppress(NumericalError):
+    with suppress(QualityRefused):
         try:
             model.move(committed, base + displacement, boundary_displacement=BoundaryDisplacement(base, displacement))
-        except NumericalError as refusal:
+        except QualityRefused as refusal:
             fraction = refusal.fraction
             raise
         return
@@ -147,7 +146,7 @@ def test_a_body_that_is_mirrored_is_refused_although_nothing_crosses() -> None:
     model = model_of()
     mirrored = targets_of(model) * [-1.0, 1.0] + [1.0, 0.0]
     with pytest.raises(
-        NumericalError, match="no valid mesh exists: the boundary would turn inside out near"
+        QualityRefused, match="no valid mesh exists: the boundary would turn inside out near"
     ) as refused:
         model.move(model.points, mirrored)
     assert 0.0 < (refused.value.fraction or 0.0) < 0.5
@@ -157,7 +156,7 @@ def test_a_body_that_is_mirrored_is_refused_although_nothing_crosses() -> None:
 def test_plain_motion_that_inverts_cells_is_refused_unless_asked_for() -> None:
     model = model_of(correction="none")
     targets = targets_of(model, 60.0, (-0.2, -0.2))
-    with pytest.raises(NumericalError, match="inverted"):
+    with pytest.raises(QualityRefused, match="inverted"):
         model.move(model.points, targets)
     kept = model_of(correction="none", allow_invalid=True).move(model.points, targets)
     assert kept.corrected.inverted > 0
@@ -171,7 +170,7 @@ def test_below_the_threshold_but_valid_is_a_warning_or_where_asked_a_refusal() -
     motion = model.move(model.points, targets)
     assert not motion.reached
     assert "below the threshold 0.95" in motion.warnings[0]
-    with pytest.raises(NumericalError, match="below the threshold"):
+    with pytest.raises(QualityRefused, match="below the threshold"):
         model_of(**choices, refuse_below_threshold=True).move(model.points, targets)
 
 

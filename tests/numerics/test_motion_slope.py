@@ -6,21 +6,21 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
+from mesh_motion_numerics.correction.smooth_slope import SmoothSlope
+from mesh_motion_numerics.decomposition import nearest_rotation, nearest_rotation_slope
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolation_map import interpolation_map
+from mesh_motion_numerics.interpolation.periodic_interpolant import PeriodicLevels, periodic_factorization_of
+from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan
+from mesh_motion_numerics.mesh import wall_lines
+from mesh_motion_numerics.mesh.rigid_transforms import Transform
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 from periodic_meshes import periodic_box, sector, turn
 from sliding_meshes import Mesh, duct
 
-from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.correction.smooth_slope import SmoothSlope
-from mesh_motion_server.numerics.decomposition import nearest_rotation, nearest_rotation_slope
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolation_map import interpolation_map
-from mesh_motion_server.numerics.interpolation.periodic_interpolant import PeriodicLevels, periodic_factorization_of
-from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScalePlan
-from mesh_motion_server.numerics.mesh import wall_lines
-from mesh_motion_server.numerics.mesh.rigid_transforms import Transform
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.session.factors import FactorCache
 
 PLAIN = {"correction": "none", "displacement": "absolute"}
@@ -156,7 +156,7 @@ def test_a_step_without_correction_is_not_repeated(
     assert not motion.correction.freed_nodes
     repeated = model.slope(motion.points.copy(), factors).cotangent(w)
     with monkeypatch.context() as patched:
-        patched.delattr("mesh_motion_server.numerics.motion.standard_motion.StandardMotion.trial")
+        patched.delattr("mesh_motion_numerics.motion.standard_motion.StandardMotion.trial")
         assert (model.slope(motion.points, factors).cotangent(w) == repeated).all()
 
 
@@ -239,7 +239,7 @@ def test_at_rest_it_is_refused_if_walls_admit_some_rigid_motions() -> None:
     """A shift along the duct is one of all nodes, a turn is not: there is a kink."""
     model = MotionModel.build(*nothing_fixed(duct("quad"), "x0", "x1"), Method())
     assert model.why_no_slope() is None
-    with pytest.raises(NumericalError, match="at rest it depends on the direction"):
+    with pytest.raises(QualityRefused, match="at rest it depends on the direction"):
         model.slope(model.points, FactorCache(1 << 28))
 
 
@@ -266,7 +266,7 @@ def test_a_mesh_that_another_correction_made_is_refused() -> None:
         moved = model.move(points, rest + field(rest), factors).points.copy()
         inner = np.flatnonzero(~model.held)
         moved[inner] += 1e-3 * np.sin(40.0 * moved[inner])
-        with pytest.raises(NumericalError, match="another way"):
+        with pytest.raises(QualityRefused, match="another way"):
             model.slope(moved, factors)
 
 
@@ -277,7 +277,7 @@ def test_where_nodes_are_held_in_their_order_it_is_refused(monkeypatch: pytest.M
     model.slope(model.move(model.points, targets, factors).points, factors)
     monkeypatch.setattr(wall_lines, "_LEAST", 0.95)  # of the even spacing
     moved = MotionModel.build(*duct("quad"), Method())  # which keeps no plain motion
-    with pytest.raises(NumericalError, match=r"node \d+ slides no further"):
+    with pytest.raises(QualityRefused, match=r"node \d+ slides no further"):
         moved.slope(moved.move(moved.points, targets, factors).points, factors)
 
 

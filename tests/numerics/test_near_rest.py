@@ -1,12 +1,11 @@
 """Small meshes judged at rest are raised beyond the threshold, but not near walls, nor where that spoils areas."""
 
 import numpy as np
-
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.quality.metrics import cell_quality, cells_at_rest
 
 AROUND, LAYERS = 48, 12
 

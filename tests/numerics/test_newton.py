@@ -4,12 +4,11 @@ import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 from box_meshes import box_mesh
+from mesh_motion_numerics.correction.distortion import PNorm, distortion_gradient, mean_distortion
+from mesh_motion_numerics.correction.free_region import FreeRegion, free_region
+from mesh_motion_numerics.correction.newton import Accuracy, newton
 from scipy.sparse import csr_matrix, diags, eye, kron
 from scipy.sparse.csgraph import connected_components
-
-from mesh_motion_server.numerics.correction.distortion import PNorm, distortion_gradient, mean_distortion
-from mesh_motion_server.numerics.correction.free_region import FreeRegion, free_region
-from mesh_motion_server.numerics.correction.newton import Accuracy, newton
 
 
 def shaken(kind: str, size: float) -> tuple[np.ndarray, FreeRegion]:

@@ -6,17 +6,17 @@ from itertools import product
 import numpy as np
 import pytest
 from box_meshes import box_mesh
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.finite_volume import extruded_cells, extruded_points
+from mesh_motion_numerics.mesh.one_layer import OneLayer
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.one_layer_motion import AS_A_PLANE, OneLayerMotion, motion_model
+from mesh_motion_numerics.quality.orientation import _mirrored
+from mesh_motion_protocol.errors import InvalidInput
 from scipy.spatial.transform import Rotation
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.finite_volume import extruded_cells, extruded_points
-from mesh_motion_server.numerics.mesh.one_layer import OneLayer
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.motion.one_layer_motion import AS_A_PLANE, OneLayerMotion, motion_model
-from mesh_motion_server.numerics.quality.orientation import _mirrored
 from mesh_motion_server.session.factors import FactorCache
 
 Patches = dict[str, Patch]

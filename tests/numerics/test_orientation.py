@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.quality.mesh_check import checked_mesh
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.quality.orientation import oriented, oriented_at_rest
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.quality.mesh_check import checked_mesh
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
+from mesh_motion_numerics.quality.orientation import oriented, oriented_at_rest
+from mesh_motion_protocol.errors import InvalidInput
 
 LISTED = {1: "from right to left", 2: "clockwise", 3: "in the opposite orientation"}
 

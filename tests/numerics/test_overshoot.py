@@ -1,11 +1,10 @@
 """A wave tank whose wall of paddles is plane at rest, and nearly plane after the first step."""
 
 import numpy as np
-
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
 
 FIRST, SECOND = (-0.0107, -0.0101, -0.0094, -0.0086), (-0.0146, -0.0166, -0.0183, -0.0198)
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mesh_motion_numerics.mesh.paths import fit_rigid_motion, split_rigid, substeps
 from scipy.spatial.transform import Rotation
-
-from mesh_motion_server.numerics.mesh.paths import fit_rigid_motion, split_rigid, substeps
 
 
 def turn(d, degrees, axis=(0.0, 0.0, 1.0)):

@@ -4,17 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.interpolation.factor_source import MakeEachTime
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.motion_found import Motion
+from mesh_motion_numerics.stopwatch import Stopwatch
+from mesh_motion_protocol.errors import InvalidInput
 from periodic_meshes import Mesh, periodic_box, sector, turn
 from trial_stages import displacement_by
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.motion.motion_found import Motion
-from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 
 def model_of(mesh: Mesh, **choices) -> MotionModel:
@@ -52,7 +51,7 @@ def test_a_sector_moves_as_in_the_whole_ring(
     kind: str, n: int, ends: str, largest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The interpolant of one sector with its images is the whole ring's: an ordinary one with all control points."""
-    monkeypatch.setattr("mesh_motion_server.numerics.interpolation.periodic_interpolant._DENSE_ORDER", largest)
+    monkeypatch.setattr("mesh_motion_numerics.interpolation.periodic_interpolant._DENSE_ORDER", largest)
     sectors = 5
     mesh = sector(kind, n, sectors=sectors, ends=ends)
     ring, number = ring_of(mesh, sectors)

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 from box_meshes import box_mesh
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
+from mesh_motion_numerics.mesh.periodic_pairs import PeriodicPair, periodic_pairs
+from mesh_motion_numerics.mesh.rigid_transforms import Transform, generated_group
+from mesh_motion_numerics.mesh.roles import BoundaryRoles
+from mesh_motion_protocol.errors import InvalidInput
 from periodic_meshes import periodic_box, sector, turn
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.periodic_nodes import PeriodicNodes
-from mesh_motion_server.numerics.mesh.periodic_pairs import PeriodicPair, periodic_pairs
-from mesh_motion_server.numerics.mesh.rigid_transforms import Transform, generated_group
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
 
 
 def pairs_of(mesh) -> tuple[PeriodicPair, ...]:

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 from box_meshes import box_mesh
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_protocol.errors import InvalidInput
 
 
 def piston(role: str, kind: str = "quad", *, disjoint: bool = False) -> MotionModel:

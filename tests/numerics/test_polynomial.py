@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolation.polynomial import LinearBasis, Polynomial
+from mesh_motion_numerics.interpolation.polynomial import LinearBasis, Polynomial
+from mesh_motion_protocol.errors import InvalidInput
 
 
 @pytest.mark.parametrize("d", [1, 2, 3])

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.mesh_summary import lowest_of, summarize
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.quality.quality_summary import distribution
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.mesh_summary import lowest_of, summarize
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
+from mesh_motion_numerics.quality.quality_summary import distribution
+from mesh_motion_protocol.errors import InvalidInput
 
 
 def test_a_summary_names_the_worst_cells():

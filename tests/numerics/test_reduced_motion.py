@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 from frame_meshes import rotation, square_frame
+from mesh_motion_numerics.interpolation.factor_source import DeferredFactorization, MakeEachTime
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.standard_motion import StandardTrial
+from mesh_motion_numerics.reduction import REDUCTIONS
+from mesh_motion_numerics.reduction.reduced_motion import interpolate_reduced
+from mesh_motion_numerics.stopwatch import Stopwatch
 from trial_stages import displacement_by
 
-from mesh_motion_server.numerics.interpolation.factor_source import DeferredFactorization, MakeEachTime
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.motion.standard_motion import StandardTrial
-from mesh_motion_server.numerics.reduction import REDUCTIONS
-from mesh_motion_server.numerics.reduction.reduced_motion import interpolate_reduced
-from mesh_motion_server.numerics.stopwatch import Stopwatch
 from mesh_motion_server.session.factors import FactorCache
 
 

@@ -1,12 +1,11 @@
 import numpy as np
 import pytest
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
+from mesh_motion_numerics.mesh.surface_constraints import OnFacets
+from mesh_motion_protocol.errors import InvalidInput
 from scipy.spatial import ConvexHull
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
-from mesh_motion_server.numerics.mesh.surface_constraints import OnFacets
 
 
 def grid(*counts):

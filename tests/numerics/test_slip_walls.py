@@ -5,12 +5,11 @@ import pytest
 from box_meshes import box_mesh
 from hypothesis import given
 from hypothesis import strategies as st
-
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.mesh.sliding import SlidingSurfaces
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
 
 CORNERS = {
     "quad": ((0, 1, 3), (1, 2, 0), (2, 3, 1), (3, 0, 2)),

@@ -9,23 +9,23 @@ import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
 from correction_cases import BodyMesh, rigid, stored
+from mesh_motion_numerics.correction import smooth_motion
+from mesh_motion_numerics.correction.distortion import corner_distortions
+from mesh_motion_numerics.correction.smooth_motion import Law, Smoothed, SmoothMotion
+from mesh_motion_numerics.correction.smooth_region import SmoothRegion
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.motion_found import Motion
+from mesh_motion_numerics.motion.smooth_step import NOT_SMOOTH
+from mesh_motion_numerics.quality.metrics import cell_quality, cells_at_rest, corner_quality
+from mesh_motion_protocol.errors import QualityRefused
 from periodic_meshes import periodic_box
 from scipy.sparse import bsr_matrix
 from sliding_meshes import Mesh, duct
 
-from mesh_motion_server.errors import NumericalError
 from mesh_motion_server.files import read_mesh
-from mesh_motion_server.numerics.correction import smooth_motion
-from mesh_motion_server.numerics.correction.distortion import corner_distortions
-from mesh_motion_server.numerics.correction.smooth_motion import Law, Smoothed, SmoothMotion
-from mesh_motion_server.numerics.correction.smooth_region import SmoothRegion
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.motion.motion_found import Motion
-from mesh_motion_server.numerics.motion.smooth_step import NOT_SMOOTH
-from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest, corner_quality
 from mesh_motion_server.session.factors import FactorCache
 
 FLAG = Path(__file__).parents[2] / "examples" / "turek_hron_flag"
@@ -298,7 +298,7 @@ def test_where_it_finds_no_mesh_the_other_correction_does_and_says_so(monkeypatc
 
 def test_a_motion_that_is_impossible_is_refused_with_the_part_that_is_not() -> None:
     model = block_model()
-    with pytest.raises(NumericalError, match=r"exists|0\.\d+ of the way") as refusal:
+    with pytest.raises(QualityRefused, match=r"exists|0\.\d+ of the way") as refusal:
         model.move(model.points, turned(model, 0.0, (0.6, 0.0)))
     assert refusal.value.fraction is not None
     assert 0.3 < refusal.value.fraction < 1.0

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-
-from mesh_motion_server.numerics.mesh.smooth_pieces import sides, smooth_pieces
+from mesh_motion_numerics.mesh.smooth_pieces import sides, smooth_pieces
 
 
 def polygon(turns):

@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from frame_meshes import rotation, square_frame
+from mesh_motion_numerics.interpolation.factor_source import MakeEachTime
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.standard_motion import StandardMotion, StandardTrial
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
+from mesh_motion_numerics.stopwatch import Stopwatch
 from trial_stages import displacement_by
-
-from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.standard_motion import StandardMotion, StandardTrial
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 
 def motion_of(mesh, **choices) -> StandardMotion:

@@ -7,16 +7,15 @@ import pytest
 from box_meshes import box_mesh
 from correction_cases import REFERENCES, stored
 from frame_meshes import rotation
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.sub_steps import Leg, furthest_walk, walk
+from mesh_motion_numerics.quality.metrics import cell_quality
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 from periodic_meshes import periodic_box
 from sliding_meshes import duct
-
-from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.motion.sub_steps import Leg, furthest_walk, walk
-from mesh_motion_server.numerics.quality.metrics import cell_quality
 
 
 def box_model(kind: str = "quad", **choices) -> MotionModel:
@@ -63,7 +62,7 @@ class Line:
     def move(self, points: np.ndarray, target: np.ndarray) -> Leg:
         self.tried.append((float(points[0, 0]), float(target[0, 0])))
         if target[0, 0] - points[0, 0] > self.longest or target[0, 0] > self.blocked:
-            raise NumericalError("too far")
+            raise QualityRefused("too far")
         return Leg(target, self.easy, 3)
 
     def walk(self, most: int = 16):
@@ -112,7 +111,7 @@ class TestWalk:
 def test_half_a_turn_in_one_move(kind: str, degrees: float, at_least: float) -> None:
     model = box_model(kind)
     targets = turned(model, degrees)
-    with pytest.raises(NumericalError, match="no valid mesh found"):
+    with pytest.raises(QualityRefused, match="no valid mesh found"):
         box_model(kind, sub_steps="never").move(model.points, targets)
     motion = model.move(model.points, targets)
     assert motion.sub_steps > 1
@@ -206,7 +205,7 @@ def test_every_correction_goes_in_sub_steps(correction: str, at_least: float) ->
 
 def test_what_no_leg_leads_to_is_refused_with_how_far_it_went() -> None:
     model = box_model("tetra")
-    with pytest.raises(NumericalError, match=r"sub-steps the mesh was kept valid for 0\.\d+ of the way") as refusal:
+    with pytest.raises(QualityRefused, match=r"sub-steps the mesh was kept valid for 0\.\d+ of the way") as refusal:
         model.move(model.points, turned(model, 180.0, 0.2))
     assert 0.3 < refusal.value.fraction < 1.0
     assert refusal.value.cells
@@ -215,7 +214,7 @@ def test_what_no_leg_leads_to_is_refused_with_how_far_it_went() -> None:
 
 def test_a_body_beyond_the_wall_is_refused_at_once() -> None:
     model = box_model()
-    with pytest.raises(NumericalError, match="the boundary would leave its side of another part near") as refusal:
+    with pytest.raises(QualityRefused, match="the boundary would leave its side of another part near") as refusal:
         model.move(model.points, turned(model, 0.0, 0.7))
     assert "sub-steps" not in refusal.value.message
     assert 0.5 < refusal.value.fraction < 0.4 / 0.7
@@ -225,7 +224,7 @@ def test_a_body_beyond_the_wall_is_refused_at_once() -> None:
 def test_a_body_in_the_wall_is_refused_with_the_place() -> None:
     model = box_model()
     with pytest.raises(
-        NumericalError, match=r"no valid mesh exists: the boundary would cross itself near \(1\."
+        QualityRefused, match=r"no valid mesh exists: the boundary would cross itself near \(1\."
     ) as refusal:
         model.move(model.points, turned(model, 20.0, 0.44))
     assert "sub-steps" not in refusal.value.message
@@ -235,7 +234,7 @@ def test_a_body_in_the_wall_is_refused_with_the_place() -> None:
 
 def test_an_asked_for_threshold_is_refused_after_sub_steps_too() -> None:
     model, targets = passed("blocks", 0.5, refuse_below_threshold=True)
-    with pytest.raises(NumericalError, match=r"minimum size-skew 0\.0\d+ stays below the threshold"):
+    with pytest.raises(QualityRefused, match=r"minimum size-skew 0\.0\d+ stays below the threshold"):
         model.move(model.points, targets)
 
 

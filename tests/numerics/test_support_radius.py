@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-
-from mesh_motion_server.numerics.interpolation.support_radius import suggest_enrichment_radius, suggest_support_radius
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
+from mesh_motion_numerics.interpolation.support_radius import suggest_enrichment_radius, suggest_support_radius
+from mesh_motion_numerics.mesh.roles import BoundaryRoles
 
 NONE = np.empty(0, dtype=np.int64)
 

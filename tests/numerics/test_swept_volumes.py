@@ -4,10 +4,9 @@ import itertools
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
+from mesh_motion_numerics.mesh.swept_volumes import swept_by_cells, swept_volumes
 from tiny_meshes import tiny_mesh, tiny_meshes
-
-from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
-from mesh_motion_server.numerics.mesh.swept_volumes import swept_by_cells, swept_volumes
 
 _GAUSS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)
 #: Of a cell's shape functions by its unit coordinates, which are those of the nodes of the unit square or cube.

@@ -1,8 +1,7 @@
 import mesh_motion_kernels as kernels
 import pytest
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.threads import checked_threads, limited_to
+from mesh_motion_numerics.threads import checked_threads, limited_to
+from mesh_motion_protocol.errors import InvalidInput
 
 
 def test_a_limit_holds_inside_and_is_restored_also_after_an_error():

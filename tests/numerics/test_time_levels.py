@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-
-from mesh_motion_server.numerics.motion.time_levels import STORED_ARRAYS, TimeLevel, level_after, scheme_velocity
+from mesh_motion_numerics.motion.time_levels import STORED_ARRAYS, TimeLevel, level_after, scheme_velocity
 
 
 def places(times, motion):

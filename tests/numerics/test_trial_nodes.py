@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
 from correction_cases import case, moved, rigid, stored
-
-from mesh_motion_server.numerics.correction.free_region import nodes_of_cells
-from mesh_motion_server.numerics.correction.trial_nodes import (
+from mesh_motion_numerics.correction.free_region import nodes_of_cells
+from mesh_motion_numerics.correction.trial_nodes import (
     LAST_LEVEL,
     LEVELS,
     RELATIVE_SHAPE,
@@ -16,8 +15,8 @@ from mesh_motion_server.numerics.correction.trial_nodes import (
     polish,
     reach,
 )
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import QUALITY_METRICS, reference_sizes
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import QUALITY_METRICS, reference_sizes
 
 # smallest size-skew that all nodes freed reached when this was written, less a twentieth
 BOX_CASES = {

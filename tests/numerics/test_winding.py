@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from box_meshes import box_mesh
 from correction_cases import BodyMesh, stored
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.motion_found import Motion
+from mesh_motion_numerics.motion.winding import UNWOUND, wound
+from mesh_motion_protocol.errors import QualityRefused
 
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.motion.motion_found import Motion
-from mesh_motion_server.numerics.motion.winding import UNWOUND, wound
 from mesh_motion_server.session.factors import FactorCache
 
 TOLERANCE = 1e-9
@@ -126,5 +126,5 @@ def test_up_to_a_quarter_turn_nothing_is_wound_and_then_smoothly() -> None:
 
 def test_the_derivative_of_a_wound_mesh_is_refused() -> None:
     block = model("triangle")
-    with pytest.raises(NumericalError, match="winds the mesh is not differentiated"):
+    with pytest.raises(QualityRefused, match="winds the mesh is not differentiated"):
         block.slope(gone(block, [120.0]).points, FactorCache(1 << 26))

@@ -1,8 +1,7 @@
 """A standard motion as a field: its stages, one after the other, at any points."""
 
 import numpy as np
-
-from mesh_motion_server.numerics.motion.standard_motion import StandardTrial
+from mesh_motion_numerics.motion.standard_motion import StandardTrial
 
 
 def displacement_by(trial: StandardTrial, points: np.ndarray) -> np.ndarray:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from mesh_motion_client import MeshMotionError, connect
+from mesh_motion_protocol.errors import ResourceExhausted
 from mesh_motion_protocol.messages import Build, Commit, Fetch, Status
 from served import small_mesh
 
-from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.session.journal import journal, next_manifest
 from mesh_motion_server.session.store import SessionStore
 from proofs.driver import Driver, make_driver, resume_driver
@@ -131,7 +131,7 @@ def test_an_open_without_room_leaves_nothing(small_disk: Any) -> None:
     store = SessionStore(disk)
     make_driver(store, [grid_mesh()], session="a" * 32).host.close()
     Filler(disk).fill()
-    with pytest.raises(ResourceError) as refused:
+    with pytest.raises(ResourceExhausted) as refused:
         make_driver(store, [grid_mesh()], session="b" * 32)
     assert refused.value.code == "RESOURCE_EXHAUSTED.DISK"
     assert not (disk / "sessions" / ("b" * 32)).exists()

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from mesh_motion_protocol.errors import ResourceExhausted
 from raising import raising
 
-from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.operation import disk_watch
 from mesh_motion_server.operation.disk_watch import DiskWatch
 from mesh_motion_server.operation.readiness import Readiness
@@ -67,14 +67,14 @@ def test_a_disk_that_is_silent_is_asked_once_and_holds_up_no_request(
     watch.require_answers()
     for _ in range(200):
         watch.ask()
-        with pytest.raises(ResourceError, match="does not answer") as caught:
+        with pytest.raises(ResourceExhausted, match="does not answer") as caught:
             watch.fresh()
     assert caught.value.code == "RESOURCE_EXHAUSTED.DISK"
     assert time.monotonic() - began < 30  # they waited for the first question together: each of them is a minute
     assert disk.asked == 2
     while watch.silence() <= 0.3:
         time.sleep(0.01)
-    with pytest.raises(ResourceError, match="does not answer"):
+    with pytest.raises(ResourceExhausted, match="does not answer"):
         watch.require_answers()
     assert watch.room.free == 10
     disk.well.set()

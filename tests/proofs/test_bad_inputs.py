@@ -5,12 +5,12 @@ from collections import Counter
 from typing import Any
 
 import pytest
+from mesh_motion_numerics.mesh import patch_check
+from mesh_motion_numerics.motion import method_check
+from mesh_motion_numerics.quality import mesh_check
 from mesh_motion_protocol import shared_nodes
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh import patch_check
-from mesh_motion_server.numerics.motion import method_check
-from mesh_motion_server.numerics.quality import mesh_check
 from mesh_motion_server.service import move
 from mesh_motion_server.session import motions, session
 from mesh_motion_server.session.partitions import merging, uploads

@@ -9,10 +9,9 @@ from random import Random
 from typing import Any
 
 import pytest
-from mesh_motion_protocol.errors import ERROR_CODES
+from mesh_motion_protocol.errors import ERROR_CODES, InvalidInput, SessionError
 from mesh_motion_protocol.messages import REPLIES
 
-from mesh_motion_server.errors import InvalidInput, SessionError
 from mesh_motion_server.service import dispatch, execution, rollback
 from mesh_motion_server.service.commands import Collective, Single
 from mesh_motion_server.session.journal.replies import ReplyTable

@@ -11,8 +11,8 @@ import pytest
 from mesh_motion_client import connection, courier
 from mesh_motion_client.connection import Connection
 from mesh_motion_client.courier import Courier
-from mesh_motion_client.errors import error_from
 from mesh_motion_protocol.codec import encode
+from mesh_motion_protocol.errors import error_from
 from mesh_motion_protocol.messages import ErrorReply
 from raising import raising
 

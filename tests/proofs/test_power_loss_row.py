@@ -3,8 +3,8 @@
 from typing import Any
 
 import pytest
+from mesh_motion_protocol.errors import DataLoss
 
-from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.journal.journal import Journal
 from proofs.check import BrokenPromise, Budget
 from proofs.power_loss import CHECK
@@ -20,7 +20,7 @@ def test_a_few_lives() -> None:
 
 def test_a_broken_promise_says_in_which_life(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Journal, "_write_slot", lambda self, *arguments: None)
-    with pytest.raises((BrokenPromise, JournalError)) as caught:
+    with pytest.raises((BrokenPromise, DataLoss)) as caught:
         CHECK.run(2, Budget(300))
     notes: Any = " ".join(caught.value.__notes__)
     assert "life 0, level full, script " in notes

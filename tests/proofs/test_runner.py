@@ -11,9 +11,9 @@ from typing import Any
 import psutil
 import pytest
 import zmq
+from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.commands.cli import ExitStatus
-from mesh_motion_server.errors import InvalidInput
 from proofs import table
 from proofs.__main__ import main
 from proofs.check import BrokenPromise, Budget, Check, Result, require

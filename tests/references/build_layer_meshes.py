@@ -14,15 +14,15 @@ from types import ModuleType
 
 import gmsh
 import numpy as np
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
 
 from docs.studies.beyond._layers import angle_weighted_normals
 from mesh_motion_server.files import read_mesh
 from mesh_motion_server.files.mesh_file import MeshFile
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
 
 HERE = Path(__file__).parent
 WING_LAYER, WING_ROWS, WING_GROWTH = 0.012, 6, 1.3

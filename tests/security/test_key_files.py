@@ -8,9 +8,9 @@ import pytest
 import zmq
 from mesh_motion_client import InvalidInput as ClientInvalidInput
 from mesh_motion_client import Keys
+from mesh_motion_protocol.errors import InvalidInput, SessionError
 from mesh_motion_protocol.key_files import KeyFileError, PublicKey, SecretKey
 
-from mesh_motion_server.errors import InvalidInput, SessionError
 from mesh_motion_server.security import key_folder
 from mesh_motion_server.security.allow_list import AllowList, Entry, Everybody, read_entries, write_entries
 from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys, read_list, revoke

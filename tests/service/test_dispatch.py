@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.digests import state_digest
+from mesh_motion_protocol.errors import SessionError
 from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Hello, Join, Move, Ping, Rollback, Status, Upload
 from raising import raising
 
-from mesh_motion_server.errors import SessionError
 from mesh_motion_server.service.dispatch import Envelope
 from mesh_motion_server.session.state import State
 from mesh_motion_server.session.store import SessionStore

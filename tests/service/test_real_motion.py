@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mesh_motion_numerics import stopwatch
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.finite_volume import face_measures
+from mesh_motion_numerics.quality.headroom import headroom
+from mesh_motion_numerics.quality.metrics import cells_at_rest
 from mesh_motion_protocol.messages import Build, Commit, Move, Status
 from real_sessions import boxed, bulge, new_session
 
-from mesh_motion_server.numerics import stopwatch
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.finite_volume import face_measures
-from mesh_motion_server.numerics.quality.headroom import headroom
-from mesh_motion_server.numerics.quality.metrics import cells_at_rest
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.history.events import read_events
 from proofs.driver import SESSION, TOKEN

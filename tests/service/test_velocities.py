@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
+from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_protocol.messages import Commit, Move, Rollback
 from real_sessions import boxed, bulge
 from tiny_meshes import tiny_mesh
 
-from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
-from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
@@ -291,7 +291,7 @@ def test_given_faces_sweep_what_the_cells_say(store: Any) -> None:
 
 
 def test_the_client_that_has_the_nodes_takes_differences_itself(store: Any) -> None:
-    from mesh_motion_server.errors import InvalidInput  # noqa: PLC0415
+    from mesh_motion_protocol.errors import InvalidInput  # noqa: PLC0415
 
     with pytest.raises(InvalidInput, match="expected time_levels '', got 'bdf2'"):
         session(store, [boxed(6)], time_levels="bdf2", evaluation="client")

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from unittest import mock
 
 import numpy as np
+from mesh_motion_numerics.interpolation.two_scale import plans
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
 
-from mesh_motion_server.numerics.interpolation.two_scale import plans
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
 from mesh_motion_server.session.factors import FactorCache
 
 

@@ -6,8 +6,8 @@ from contextlib import suppress
 from typing import Any
 
 import pytest
+from mesh_motion_protocol.errors import DataLoss, MeshMotionError
 
-from mesh_motion_server.errors import JournalError, MeshMotionError
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.relaxed import RelaxedKeeper
 from proofs.check import BrokenPromise, Budget
@@ -93,5 +93,5 @@ def test_a_write_that_is_not_continued_is_found(monkeypatch: pytest.MonkeyPatch)
         return offset + int(files.write(handle, offset, data))
 
     monkeypatch.setattr("mesh_motion_server.session.journal.journal.write_all", once)
-    with pytest.raises((BrokenPromise, JournalError)):
+    with pytest.raises((BrokenPromise, DataLoss)):
         short_writes(100)

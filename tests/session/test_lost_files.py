@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mesh_motion_protocol.errors import DataLoss, MeshMotionError, ResourceExhausted
 
-from mesh_motion_server.errors import JournalError, MeshMotionError, ResourceError
 from mesh_motion_server.session.inspection import inspect_session
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.listing import UNREADABLE
@@ -62,7 +62,7 @@ def test_a_built_session_without_its_manifest_is_lost_data_and_stays(
         before = content(folder)
         assert store.sweep() == []
         assert content(folder) == before
-        with pytest.raises(JournalError) as caught:
+        with pytest.raises(DataLoss) as caught:
             load(store)
         assert caught.value.code == "DATA_LOSS.CHECKSUM"
         assert "manifest: No such file" in str(caught.value)  # the first of those that are lost by now
@@ -230,7 +230,7 @@ def test_a_session_is_not_removed_by_a_create_that_fails(
 
     monkeypatch.setattr(PosixFileSystem, name, fail)
     if name != "sync_folder":
-        with pytest.raises(ResourceError):
+        with pytest.raises(ResourceExhausted):
             store.create(make_spec())
     assert content(store.root / "sessions" / SESSION) == before
 

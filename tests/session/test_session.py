@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pytest
 from box_meshes import CELL_KINDS, box_mesh
+from mesh_motion_numerics.distributed.region import Extent, Region
+from mesh_motion_numerics.mesh.finite_volume import face_measures
+from mesh_motion_numerics.quality.mesh_summary import mesh_summary
+from mesh_motion_numerics.quality.metrics import reference_sizes
+from mesh_motion_numerics.quality.orientation import _mirrored
+from mesh_motion_protocol.errors import DataLoss, InvalidInput, QualityRefused, SessionError
 from raising import raising
 from tiny_meshes import tiny_mesh
 
-from mesh_motion_server.distributed.region import Extent, Region
-from mesh_motion_server.errors import InvalidInput, JournalError, NumericalError, SessionError
-from mesh_motion_server.numerics.mesh.finite_volume import face_measures
-from mesh_motion_server.numerics.quality.mesh_summary import mesh_summary
-from mesh_motion_server.numerics.quality.metrics import reference_sizes
-from mesh_motion_server.numerics.quality.orientation import _mirrored
 from mesh_motion_server.session.history.boundary import BoundaryLog
 from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.session.partitions.uploads import Part
@@ -96,7 +96,7 @@ def test_moving_nodes_are_bitwise_at_their_prescribed_positions(session: Session
 def test_a_failure_changes_nothing(session: Session) -> None:
     session.move("committed", right(0.1))
     before = session._now
-    with pytest.raises(NumericalError):
+    with pytest.raises(QualityRefused):
         session.move("committed", right(1.5))
     with pytest.raises(InvalidInput, match="floating-point range"), np.errstate(over="ignore"):
         session.move("committed", right(np.inf))
@@ -272,7 +272,7 @@ def test_a_trial_whose_cells_are_with_the_client_is_committed_once_they_are_judg
     moved = session.move("reference", [np.full((4, 2), 0.05)])
     with pytest.raises(SessionError, match="the trial is not judged, or it was refused"):
         session.admit(Operation.COMMIT)  # before anything is written
-    with pytest.raises(NumericalError):
+    with pytest.raises(QualityRefused):
         session.judge(quality_of(-1.0))
     with pytest.raises(SessionError, match="the trial is not judged, or it was refused"):
         commit(session)
@@ -343,7 +343,7 @@ def with_a_trial(level: str) -> tuple[Session, FailingFiles]:
 def test_a_commit_that_the_disk_refuses_is_reported_and_changes_only_the_state(level: str) -> None:
     session, files = with_a_trial(level)
     files.fail_at = files.count + 1
-    with pytest.raises(JournalError, match="committing step 1") as caught:
+    with pytest.raises(DataLoss, match="committing step 1") as caught:
         commit(session)
     assert caught.value.code == "RESOURCE_EXHAUSTED.DISK"
     assert (session.state, session.step, session.durable_step) == (State.FROZEN, 0, 0)
@@ -355,8 +355,8 @@ def test_a_commit_that_the_disk_refuses_is_reported_and_changes_only_the_state(l
 def test_a_commit_that_the_journal_does_not_take_can_be_repeated(level: str, monkeypatch: pytest.MonkeyPatch) -> None:
     session, _ = with_a_trial(level)
     with monkeypatch.context() as patch:
-        patch.setattr(session._built.keeper, "commit", raising(JournalError("does not fit", code="INTERNAL")))  # type: ignore[union-attr]
-        with pytest.raises(JournalError, match="does not fit"):
+        patch.setattr(session._built.keeper, "commit", raising(DataLoss("does not fit", code="INTERNAL")))  # type: ignore[union-attr]
+        with pytest.raises(DataLoss, match="does not fit"):
             commit(session)
     assert (session.state, session.step, session.iteration) == (State.TRIAL, 0, 1)
     assert commit(session).step == 1
@@ -370,11 +370,11 @@ def test_a_failure_that_a_commit_has_reported_is_not_reported_again(monkeypatch:
 
     def fail(*given: Any) -> None:
         keeper.journal.frozen = True
-        raise JournalError("the disk failed", code="RESOURCE_EXHAUSTED.DISK")
+        raise DataLoss("the disk failed", code="RESOURCE_EXHAUSTED.DISK")
 
     monkeypatch.setattr(keeper, "commit", fail)
     monkeypatch.setattr(keeper, "catch_up", fail)
-    with pytest.raises(JournalError, match="the disk failed"):
+    with pytest.raises(DataLoss, match="the disk failed"):
         commit(session)
     assert session.state is State.FROZEN
     session.catch_up()
@@ -385,7 +385,7 @@ def test_a_failure_that_a_commit_has_reported_is_not_reported_again(monkeypatch:
 def test_a_resume_that_the_disk_refuses_is_reported_and_keeps_the_epoch(level: str) -> None:
     session, files = with_a_trial(level)
     files.fail_at = files.count + 1
-    with pytest.raises(JournalError, match="raising the epoch"):
+    with pytest.raises(DataLoss, match="raising the epoch"):
         session.resume()
     assert (session.state, session.epoch, session.step) == (State.FROZEN, 1, 0)
     session.catch_up()  # for CLOSE

@@ -1,8 +1,8 @@
 """The state table: complete, and exactly what it says."""
 
 import pytest
+from mesh_motion_protocol.errors import SessionError
 
-from mesh_motion_server.errors import SessionError
 from mesh_motion_server.session.state import TABLE, Operation, Refusal, State, admit
 
 #: What is allowed, written out a second time: state → operation → state afterwards.

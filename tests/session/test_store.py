@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mesh_motion_protocol.errors import DataLoss, InvalidInput, MeshMotionError, ResourceExhausted, SessionError
 from raising import raising
 
-from mesh_motion_server.errors import InvalidInput, JournalError, MeshMotionError, ResourceError, SessionError
 from mesh_motion_server.session import store as store_module
 from mesh_motion_server.session.spec import StoredSpec
 from mesh_motion_server.session.state import State
@@ -114,7 +114,7 @@ def test_a_large_mesh_is_written_during_its_check(
 
 def test_a_state_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(ResourceError) as caught:
+    with pytest.raises(ResourceExhausted) as caught:
         SessionStore(tmp_path / "file" / "below").create(make_spec())
     assert caught.value.code == "RESOURCE_EXHAUSTED.DISK"
 
@@ -128,7 +128,7 @@ def test_damage_of_what_is_immutable_is_found(store: SessionStore, name: str) ->
         path.write_bytes(data[:offset] + bytes([data[offset] ^ 2]) + data[offset + 1 :])
         with pytest.raises(MeshMotionError) as caught:
             resume(store)
-        assert isinstance(caught.value, (JournalError, SessionError))
+        assert isinstance(caught.value, (DataLoss, SessionError))
         assert caught.value.code == "DATA_LOSS.CHECKSUM"
 
 
@@ -144,7 +144,7 @@ def test_the_spec_is_json_and_survives_a_round_trip(store: SessionStore) -> None
     assert not stored.admits(bytes(32))
     for damaged in (b"", b"[]", raw.replace(b'"format": 1', b'"format": 2'), raw.replace(b"wendland-c2", b"x" * 11)):
         if damaged.find(b"xxx") < 0:
-            with pytest.raises(JournalError):
+            with pytest.raises(DataLoss):
                 StoredSpec.from_bytes(damaged)
 
 
@@ -176,6 +176,6 @@ def test_a_mesh_that_the_disk_does_not_give_is_no_lost_data(store: SessionStore,
 
 def test_a_list_that_the_disk_does_not_give_is_an_error(store: SessionStore, plan_fault: Any) -> None:
     plan_fault("store.list=raise:EMFILE@1")
-    with pytest.raises(ResourceError, match="the sessions cannot be listed"):
+    with pytest.raises(ResourceExhausted, match="the sessions cannot be listed"):
         store.sessions()
     assert store.sessions() == []

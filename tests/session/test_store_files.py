@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mesh_motion_protocol.errors import DataLoss, InvalidInput, ResourceExhausted, SessionError
 from raising import raising
 
-from mesh_motion_server.errors import InvalidInput, JournalError, ResourceError, SessionError
 from mesh_motion_server.session import store as store_module
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.state import State
@@ -99,11 +99,11 @@ def test_a_load_that_fails_gives_the_journal_back(store: SessionStore, files: Co
     path.write_bytes(path.read_bytes().replace(b'"label": "a"', b'"label": "b"') + b" ")
     if name == "spec.json":
         folder.release()
-        with pytest.raises(JournalError, match="does not match its digest") as caught:
+        with pytest.raises(DataLoss, match="does not match its digest") as caught:
             store.open(SESSION, TOKEN)
         assert (caught.value.details, files.handles) == ({"file": name}, set())
         return
-    with pytest.raises(JournalError, match="does not match its digest") as caught:
+    with pytest.raises(DataLoss, match="does not match its digest") as caught:
         folder.load()
     assert caught.value.details == {"file": name}
     assert len(files.handles) == 1
@@ -151,7 +151,7 @@ def test_a_session_that_the_disk_does_not_take_leaves_nothing(
 ) -> None:
     """Found by mutating the store: the lock of a folder that could not be made was never given back."""
     plan_fault(f"store.create.{point}=raise:ENOSPC@1")
-    with pytest.raises(ResourceError, match="the session cannot be stored"):
+    with pytest.raises(ResourceExhausted, match="the session cannot be stored"):
         store.create(make_spec())
     assert list((store.root / "sessions").iterdir()) == []
     assert files.handles == set()
@@ -159,7 +159,7 @@ def test_a_session_that_the_disk_does_not_take_leaves_nothing(
 
 
 @pytest.mark.parametrize(
-    ("fault", "error"), [("EIO", ResourceError), ("MemoryError", MemoryError)], ids=["of the disk", "unforeseen"]
+    ("fault", "error"), [("EIO", ResourceExhausted), ("MemoryError", MemoryError)], ids=["of the disk", "unforeseen"]
 )
 def test_a_lock_is_given_back_when_opening_fails(
     store: SessionStore, files: Counted, plan_fault: Any, fault: str, error: type[Exception]
@@ -175,7 +175,7 @@ def test_a_lock_is_given_back_when_opening_fails(
 def test_a_lock_that_the_system_refuses_is_reported(store: SessionStore, monkeypatch: pytest.MonkeyPatch) -> None:
     build(store)
     monkeypatch.setattr(Counted, "lock", raising(OSError(errno.EMFILE, "Too many open files")))
-    with pytest.raises(ResourceError, match="the session cannot be opened: Too many open files") as caught:
+    with pytest.raises(ResourceExhausted, match="the session cannot be opened: Too many open files") as caught:
         store.open(SESSION, TOKEN)
     assert caught.value.details == {"errno": errno.EMFILE}
 
@@ -189,7 +189,7 @@ def test_who_owns_a_session(store: SessionStore) -> None:
     assert store.sessions() == [StoredSession(SESSION, "", 0, 0, 0, State.FAILED, "key")]
     (store.root / "sessions" / SESSION / "spec.json").unlink()
     assert store.sessions() == [StoredSession(SESSION, "", 0, 0, 0, State.FAILED)]
-    with pytest.raises(JournalError, match="the session's spec cannot be read"):
+    with pytest.raises(DataLoss, match="the session's spec cannot be read"):
         store.owner(SESSION)
 
 
@@ -248,7 +248,7 @@ def test_a_session_that_the_disk_does_not_let_go_is_as_before() -> None:
     store = SessionStore("/state", files=files)
     build(store)
     files.fail_at = files.count + 1
-    with pytest.raises(ResourceError, match="the session cannot be discarded"):
+    with pytest.raises(ResourceExhausted, match="the session cannot be discarded"):
         store.discard(SESSION)
     assert store.check_token(SESSION, TOKEN).session == SESSION
 
@@ -290,7 +290,7 @@ def test_a_build_without_room_leaves_nothing_but_what_open_made() -> None:
         try:
             folder.build([grid_mesh()], NODES, 8)
             made = True
-        except ResourceError:
+        except ResourceExhausted:
             left = {path.name for path in files.entries}
             assert left == {"spec.json", "unbuilt"} or "manifest" in left
     assert fail_at > 10

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
 from numpy.typing import NDArray
 
 from mesh_motion_server.files import MeshFile, write_mesh
 from mesh_motion_server.files.sides import ABAQUS, EXODUS
-from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
 Ints = NDArray[np.int64]
 N = 3

@@ -3,11 +3,10 @@
 from types import SimpleNamespace
 
 import numpy as np
-
-from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
-from mesh_motion_server.numerics.quality.headroom import Headroom
-from mesh_motion_server.numerics.quality.quality_summary import Distribution, QualitySummary
+from mesh_motion_numerics.mesh.roles import BoundaryRoles
+from mesh_motion_numerics.quality.headroom import Headroom
+from mesh_motion_numerics.quality.quality_summary import Distribution, QualitySummary
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 
 _PARTS = ("solve", "predict", "correct", "displace", "total")
 
@@ -53,7 +52,7 @@ class PlainModel:
     def move(self, committed, targets, factors, *, boundary_displacement=None):
         displacement = targets - committed[self.roles.moving]
         if abs(displacement).max() > self.farthest:
-            raise NumericalError("too far", best=-0.5, cells=[1, 0], fraction=0.25, hint="move less")
+            raise QualityRefused("too far", best=-0.5, cells=[1, 0], fraction=0.25, hint="move less")
         points = committed + self.of_all(displacement)
         points[self.roles.moving] = targets
         return SimpleNamespace(

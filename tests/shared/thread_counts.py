@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from mesh_motion_server.numerics.threads import limited_to
+from mesh_motion_numerics.threads import limited_to
 
 
 def on_one_and_on_all_threads(make: Callable[[], Any]) -> list[Any]:

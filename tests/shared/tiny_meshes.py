@@ -4,9 +4,8 @@ from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
+from mesh_motion_numerics.mesh.cells import CellTable
 from numpy.typing import NDArray
-
-from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["tiny_mesh", "tiny_meshes"]
 

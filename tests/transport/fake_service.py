@@ -13,8 +13,8 @@ from types import SimpleNamespace
 
 import numpy as np
 from mesh_motion_protocol import messages as m
+from mesh_motion_protocol.errors import InvalidInput, SessionError
 
-from mesh_motion_server.errors import InvalidInput, SessionError
 from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.transport.channel import Channel
 

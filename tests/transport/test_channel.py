@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 from mesh_motion_protocol.codec import decode, encode
+from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.messages import List, Ping
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.transport import channel as channel_module
 from mesh_motion_server.transport.channel import Channel, Outbox
 from mesh_motion_server.transport.gateway import Gateway

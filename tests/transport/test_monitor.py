@@ -7,11 +7,10 @@ import signal
 import socket
 
 import pytest
-from mesh_motion_protocol.errors import error_code
+from mesh_motion_protocol.errors import ResourceExhausted, error_code
 from mesh_motion_protocol.messages import List, Move, Open, Ping
 from status_page import address_of, get
 
-from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.operation.disk_watch import DiskWatch
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport import monitor
@@ -178,7 +177,7 @@ def test_the_memory_is_looked_at_behind_the_disk(tmp_path):
     disk = DiskWatch(tmp_path)
     limits = ServerSettings(reserve_disk_bytes=0, reserve_memory_bytes=1 << 60)
     request = Open(client=bytes(16), sequence=1, dimension=2, bytes_reserved=5)
-    with pytest.raises(ResourceError) as refused:
+    with pytest.raises(ResourceExhausted) as refused:
         check_room(request, limits, disk)
     assert (refused.value.code, refused.value.details["expected"]) == ("RESOURCE_EXHAUSTED.SESSIONS", (1 << 60) + 5)
     assert error_code(refused.value.code).retryable

@@ -6,15 +6,15 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from mesh_motion_protocol.errors import ResourceExhausted
 from mesh_motion_protocol.messages import Close, List, Open, Resume
 
-from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.places import check_place, gives_way
 from mesh_motion_server.transport.registry import Live, Registry
 from proofs.waiting import wait_until
 
-SHORTAGE = ResourceError("no memory", code="RESOURCE_EXHAUSTED.SESSIONS")
+SHORTAGE = ResourceExhausted("no memory", code="RESOURCE_EXHAUSTED.SESSIONS")
 
 
 def registry(**sessions: dict[str, Any]) -> Registry:
@@ -27,8 +27,8 @@ def registry(**sessions: dict[str, Any]) -> Registry:
     return made
 
 
-def refusal(sessions: Registry, user: str, **settings: Any) -> ResourceError:
-    with pytest.raises(ResourceError) as refused:
+def refusal(sessions: Registry, user: str, **settings: Any) -> ResourceExhausted:
+    with pytest.raises(ResourceExhausted) as refused:
         check_place(sessions, ServerSettings(**settings), user)
     assert refused.value.code == "RESOURCE_EXHAUSTED.SESSIONS"
     return refused.value
@@ -49,7 +49,7 @@ def test_what_has_no_worker_or_starts_one_does_not_give_way() -> None:
     )
     assert gives_way(sessions, SHORTAGE) is None
     sessions.live["resumed"].asked = None
-    assert gives_way(sessions, ResourceError("the disk is full", code="RESOURCE_EXHAUSTED.DISK")) is None
+    assert gives_way(sessions, ResourceExhausted("the disk is full", code="RESOURCE_EXHAUSTED.DISK")) is None
     assert gives_way(sessions, SHORTAGE) is sessions.live["resumed"]
 
 

@@ -1,9 +1,9 @@
 """Which control requests are remembered, and whose."""
 
 import pytest
+from mesh_motion_protocol.errors import SessionError
 from mesh_motion_protocol.messages import Open
 
-from mesh_motion_server.errors import SessionError
 from mesh_motion_server.transport import registry
 from mesh_motion_server.transport.registry import RequestBook
 

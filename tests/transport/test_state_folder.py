@@ -5,8 +5,8 @@ import os
 from pathlib import Path
 
 import pytest
+from mesh_motion_protocol.errors import ResourceExhausted
 
-from mesh_motion_server.errors import ResourceError
 from mesh_motion_server.transport.endpoints import EndpointError
 from mesh_motion_server.transport.state_folder import StateFolder
 
@@ -14,7 +14,7 @@ from mesh_motion_server.transport.state_folder import StateFolder
 def test_a_second_server_is_refused_and_the_first_is_named(tmp_path: Path) -> None:
     first = StateFolder(tmp_path / "state")
     first.name_holder("tcp://127.0.0.1:7440")
-    with pytest.raises(ResourceError, match=f"process {os.getpid()} on .*, endpoint tcp://127.0.0.1:7440"):
+    with pytest.raises(ResourceExhausted, match=f"process {os.getpid()} on .*, endpoint tcp://127.0.0.1:7440"):
         StateFolder(tmp_path / "state")
     first.release()
     StateFolder(tmp_path / "state").release()
@@ -24,7 +24,7 @@ def test_a_second_server_is_refused_and_the_first_is_named(tmp_path: Path) -> No
 def test_what_a_crash_leaves_is_no_lock(tmp_path: Path, left: bytes) -> None:
     (tmp_path / "server.lock").write_bytes(left)
     held = StateFolder(tmp_path)
-    with pytest.raises(ResourceError, match="held by another server: its process is just starting"):
+    with pytest.raises(ResourceExhausted, match="held by another server: its process is just starting"):
         StateFolder(tmp_path)
     held.release()
 
@@ -59,7 +59,7 @@ def test_a_folder_in_whose_place_all_users_may_put_another_is_refused(
 def test_what_is_no_folder_is_refused(tmp_path: Path, what: str) -> None:
     path = tmp_path / "state"
     path.touch() if what == "file" else path.symlink_to("nowhere" if what == "dangling" else path)
-    with pytest.raises(ResourceError, match="cannot be used: it is a file, or a link that leads nowhere"):
+    with pytest.raises(ResourceExhausted, match="cannot be used: it is a file, or a link that leads nowhere"):
         StateFolder(path)
 
 

@@ -33,11 +33,7 @@ Modules, from the outside in: :mod:`.aio`, :mod:`.server`, :mod:`.motion_functio
 """
 
 from mesh_motion_protocol import __version__ as __version__
-
-from mesh_motion_client.committed import Committed
-from mesh_motion_client.credentials import Credentials
-from mesh_motion_client.display import progress
-from mesh_motion_client.errors import (
+from mesh_motion_protocol.errors import (
     DataLoss,
     InvalidInput,
     MeshMotionError,
@@ -51,6 +47,10 @@ from mesh_motion_client.errors import (
     Unavailable,
     Unsupported,
 )
+
+from mesh_motion_client.committed import Committed
+from mesh_motion_client.credentials import Credentials
+from mesh_motion_client.display import progress
 from mesh_motion_client.keys import Keys
 from mesh_motion_client.mesh import Mesh, Patch
 from mesh_motion_client.moved import Moved

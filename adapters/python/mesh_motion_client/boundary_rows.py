@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput, meant
 from mesh_motion_protocol.shared_nodes import AGREEMENT, Torn, united
 from numpy.typing import ArrayLike, NDArray
 
-from mesh_motion_client.errors import InvalidInput, meant
 from mesh_motion_client.mesh import finite_rows
 
 __all__ = ["boundary_rows"]

@@ -12,8 +12,8 @@ from collections.abc import Callable
 from typing import Any, Literal
 
 import numpy as np
+from mesh_motion_protocol.errors import MeshMotionError
 
-from mesh_motion_client.errors import MeshMotionError
 from mesh_motion_client.mesh import Mesh, Patch
 from mesh_motion_client.server import Server, connect
 from mesh_motion_client.session import Frame, Session

@@ -13,19 +13,19 @@ from collections.abc import Callable
 
 import zmq
 from mesh_motion_protocol.codec import decode, encode
-from mesh_motion_protocol.errors import ProtocolError
-from mesh_motion_protocol.limits import FRAME_BYTES
-from mesh_motion_protocol.messages import REPLIES, ErrorReply, Message
-from mesh_motion_protocol.shared_memory import SharedMemory
-
-from mesh_motion_client.errors import (
+from mesh_motion_protocol.errors import (
     InvalidInput,
+    ProtocolError,
     ServerFault,
     SessionError,
     Timeout,
     Unavailable,
     error_from,
 )
+from mesh_motion_protocol.limits import FRAME_BYTES
+from mesh_motion_protocol.messages import REPLIES, ErrorReply, Message
+from mesh_motion_protocol.shared_memory import SharedMemory
+
 from mesh_motion_client.keys import Keys
 
 __all__ = ["Connection", "ConnectionLost", "DamagedReply", "check_process", "seconds_left"]

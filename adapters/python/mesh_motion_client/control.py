@@ -18,11 +18,10 @@ from functools import partial
 from typing import Any, TypeVar
 
 from mesh_motion_protocol.digests import request_digest
-from mesh_motion_protocol.errors import ProtocolError
+from mesh_motion_protocol.errors import MeshMotionError, ProtocolError, Timeout, Unavailable
 from mesh_motion_protocol.messages import Message, Open, Resume
 
 from mesh_motion_client.connection import Connection, ConnectionLost, DamagedReply, check_process, seconds_left
-from mesh_motion_client.errors import MeshMotionError, Timeout, Unavailable
 from mesh_motion_client.keys import Keys
 
 __all__ = ["Control"]

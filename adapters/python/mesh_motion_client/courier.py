@@ -15,6 +15,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from mesh_motion_protocol.digests import request_digest
+from mesh_motion_protocol.errors import MeshMotionError, SessionError, StepsLost, Timeout, Unavailable
 from mesh_motion_protocol.messages import (
     Join,
     Joined,
@@ -30,7 +31,6 @@ from mesh_motion_protocol.messages import (
 from mesh_motion_client.connection import Connection, ConnectionLost, DamagedReply, check_process, seconds_left
 from mesh_motion_client.control import Control
 from mesh_motion_client.credentials import Credentials
-from mesh_motion_client.errors import MeshMotionError, SessionError, StepsLost, Timeout, Unavailable
 from mesh_motion_client.reply_memory import ReplyMemory
 
 __all__ = ["Courier"]

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mesh_motion_client.errors import InvalidInput
+from mesh_motion_protocol.errors import InvalidInput
+
 from mesh_motion_client.private_file import write_private
 
 __all__ = ["Credentials"]

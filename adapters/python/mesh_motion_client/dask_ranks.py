@@ -33,11 +33,11 @@ from types import TracebackType
 from typing import Any, Literal, Self
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput, MeshMotionError, SessionError, StepsLost, Unavailable
 from numpy.typing import ArrayLike, NDArray
 
 from mesh_motion_client.credentials import Credentials
 from mesh_motion_client.dask_worker import Answer, Motion, perform
-from mesh_motion_client.errors import InvalidInput, MeshMotionError, SessionError, StepsLost, Unavailable
 from mesh_motion_client.mesh import finite_rows
 
 __all__ = ["DaskSession", "open_on_workers"]

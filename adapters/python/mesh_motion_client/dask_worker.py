@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput, ResourceExhausted, SessionError
 from numpy.typing import ArrayLike, NDArray
 
 from mesh_motion_client.credentials import Credentials
-from mesh_motion_client.errors import InvalidInput, ResourceExhausted, SessionError
 from mesh_motion_client.mesh import Mesh
 from mesh_motion_client.quality import PredictedQuality
 from mesh_motion_client.server import Server, connect

@@ -14,9 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mesh_motion_protocol.errors import Unavailable
 from mesh_motion_protocol.ipc_paths import PREFIX, folder_for_sockets
-
-from mesh_motion_client.errors import Unavailable
 
 __all__ = ["EmbeddedServer"]
 

@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput, meant
 from numpy.typing import NDArray
-
-from mesh_motion_client.errors import InvalidInput, meant
 
 if TYPE_CHECKING:
     from mesh_motion_client.mesh import Mesh
@@ -171,7 +170,8 @@ def from_file(path: str | os.PathLike[str], zone: str) -> Content:
         raise InvalidInput(f"{os.fspath(path)}: cannot be read: there is no such file")
     try:
         # not in every environment of a client
-        from mesh_motion_server.errors import InvalidInput as Unusable  # noqa: PLC0415
+        from mesh_motion_protocol.errors import InvalidInput as Unusable  # noqa: PLC0415
+
         from mesh_motion_server.files import read_mesh  # noqa: PLC0415
     except ImportError as error:
         raise InvalidInput(

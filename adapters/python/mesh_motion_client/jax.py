@@ -26,8 +26,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_client.errors import InvalidInput
 from mesh_motion_client.motion_function import MotionFunction
 from mesh_motion_client.session import Session
 

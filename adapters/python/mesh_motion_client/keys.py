@@ -6,9 +6,8 @@ import os
 from dataclasses import dataclass, field
 
 import zmq
+from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.key_files import KeyFileError, PublicKey, SecretKey, checked_key
-
-from mesh_motion_client.errors import InvalidInput
 
 __all__ = ["KEY_VARIABLE", "SERVER_KEY_VARIABLE", "Keys"]
 

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput, meant
 from mesh_motion_protocol.messages import Upload
 from numpy.typing import ArrayLike, NDArray
 
 from mesh_motion_client.display import Described, draw
-from mesh_motion_client.errors import InvalidInput, meant
 from mesh_motion_client.exchange import Content, from_file, from_gmsh, from_meshio, from_pyvista, to_pyvista
 
 __all__ = ["CELL_NODES", "ROLES", "Mesh", "Patch", "finite_rows"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import threading
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput, SessionError
 from numpy.typing import NDArray
 
-from mesh_motion_client.errors import InvalidInput, SessionError
 from mesh_motion_client.moved import Moved
 from mesh_motion_client.session import Session
 

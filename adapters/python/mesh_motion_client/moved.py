@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mesh_motion_protocol import messages
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import ArrayLike, NDArray
 
 from mesh_motion_client.display import Described, draw
-from mesh_motion_client.errors import InvalidInput
 from mesh_motion_client.exchange import to_pyvista
 from mesh_motion_client.mesh import Mesh
 from mesh_motion_client.quality import PredictedQuality

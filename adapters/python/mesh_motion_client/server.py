@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from mesh_motion_protocol import __version__
+from mesh_motion_protocol.errors import InvalidInput, MeshMotionError, SessionError, Timeout, Unavailable
 from mesh_motion_protocol.messages import (
     Hello,
     List,
@@ -29,7 +30,6 @@ from mesh_motion_client.control import Control
 from mesh_motion_client.credentials import Credentials
 from mesh_motion_client.display import Described
 from mesh_motion_client.embedded import EmbeddedServer
-from mesh_motion_client.errors import InvalidInput, MeshMotionError, SessionError, Timeout, Unavailable
 from mesh_motion_client.keys import Keys
 from mesh_motion_client.mesh import Mesh
 from mesh_motion_client.session import Session

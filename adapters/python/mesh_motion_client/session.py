@@ -11,6 +11,7 @@ from typing import Any, Literal, Self, TypeVar, cast
 
 import numpy as np
 from mesh_motion_protocol import messages
+from mesh_motion_protocol.errors import InvalidInput, MeshMotionError, MeshMotionWarning, SessionError
 from mesh_motion_protocol.messages import (
     Build,
     Built,
@@ -40,7 +41,6 @@ from mesh_motion_client.control import Control
 from mesh_motion_client.courier import Courier
 from mesh_motion_client.credentials import Credentials
 from mesh_motion_client.display import Described, draw, progress
-from mesh_motion_client.errors import InvalidInput, MeshMotionError, MeshMotionWarning, SessionError
 from mesh_motion_client.mesh import Mesh
 from mesh_motion_client.moved import Moved
 from mesh_motion_client.own_cells import OwnCells

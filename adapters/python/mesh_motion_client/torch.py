@@ -16,9 +16,9 @@ from __future__ import annotations
 from typing import Any
 
 import torch
+from mesh_motion_protocol.errors import InvalidInput
 from torch.autograd.function import once_differentiable
 
-from mesh_motion_client.errors import InvalidInput
 from mesh_motion_client.motion_function import Array, MotionFunction
 from mesh_motion_client.session import Session
 

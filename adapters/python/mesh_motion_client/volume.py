@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.messages import Corrected, Fetched, Moved, TangentFound, Upload
 from numpy.typing import NDArray
 
-from mesh_motion_client.errors import InvalidInput
 from mesh_motion_client.mesh import Mesh, Patch
 
 __all__ = ["Volume"]
@@ -38,10 +38,10 @@ class Volume:
     def __init__(self, mesh: Mesh) -> None:
         try:
             # an extra
-            from mesh_motion_server.distributed.field import Field  # noqa: PLC0415
-            from mesh_motion_server.distributed.rank import Rank  # noqa: PLC0415
-            from mesh_motion_server.distributed.region import Extent  # noqa: PLC0415
-            from mesh_motion_server.errors import InvalidInput as Unusable  # noqa: PLC0415
+            from mesh_motion_numerics.distributed.field import Field  # noqa: PLC0415
+            from mesh_motion_numerics.distributed.rank import Rank  # noqa: PLC0415
+            from mesh_motion_numerics.distributed.region import Extent  # noqa: PLC0415
+            from mesh_motion_protocol.errors import InvalidInput as Unusable  # noqa: PLC0415
         except ImportError as error:
             raise InvalidInput(
                 f"evaluation = 'client' needs the numerics, which cannot be imported: {error}",

@@ -10,15 +10,15 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
 from numpy.typing import NDArray
 
 from benchmarks.one_scale import in_one_scale
 from benchmarks.peers.movers.small_task import small_task
 from benchmarks.peers.task import Task
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
 
 __all__ = ["MotionModelMover"]
 

@@ -9,10 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from mesh_motion_numerics.mesh.cells import CellTable
+
 from benchmarks.peers.openfoam.foam_files import write_dictionary, write_point_field, write_polymesh
 from benchmarks.peers.openfoam.polymesh import PolyMesh
 from benchmarks.peers.task import Task
-from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["TOLERANCES", "Settings", "write_case"]
 

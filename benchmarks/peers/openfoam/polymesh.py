@@ -17,10 +17,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from mesh_motion_numerics.mesh.boundary_facets import LOCAL_FACETS
+from mesh_motion_numerics.mesh.cells import CellTable
 from numpy.typing import NDArray
-
-from mesh_motion_server.numerics.mesh.boundary_facets import LOCAL_FACETS
-from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["FRONT_AND_BACK", "PolyMesh", "PolyPatch"]
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import re
 
-from mesh_motion_client.errors import error_from
-from mesh_motion_protocol.errors import ERROR_CODES
+from mesh_motion_protocol.errors import ERROR_CODES, error_from
 from mesh_motion_protocol.message import ErrorReply
 
 from docs.site.reference.tables import code, table

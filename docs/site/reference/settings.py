@@ -5,12 +5,12 @@ from __future__ import annotations
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
+from mesh_motion_numerics.method import KEYS, Key
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from docs.site.reference.tables import code, comments_behind, table
 from mesh_motion_server.cases import case
-from mesh_motion_server.numerics.method import KEYS, Key
 from mesh_motion_server.settings import ServerSettings
 
 __all__ = ["case_file", "method_keys", "method_settings", "server_settings"]

@@ -12,6 +12,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.correction.correction import correct
+from mesh_motion_numerics.correction.distortion import PNorm
+from mesh_motion_numerics.correction.free_region import FreeRegion
+from mesh_motion_numerics.correction.newton import Accuracy, newton
+from mesh_motion_numerics.correction.trial_nodes import TrialMesh, region_quality, untangle
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.method import Method
 from numpy.typing import NDArray
 
 from docs.studies.beyond._cell_types import KINDS, graded
@@ -19,15 +28,6 @@ from docs.studies.beyond._climb import climbed, shortest
 from docs.studies.beyond._motions import Body, stored
 from docs.studies.moved_bodies import Turn
 from docs.studies.study import Cell, Table
-from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.correction.correction import correct
-from mesh_motion_server.numerics.correction.distortion import PNorm
-from mesh_motion_server.numerics.correction.free_region import FreeRegion
-from mesh_motion_server.numerics.correction.newton import Accuracy, newton
-from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh, region_quality, untangle
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.method import Method
 
 __all__ = ["Ceiling", "ceiling", "ceilings", "draw_shares", "shares_table"]
 

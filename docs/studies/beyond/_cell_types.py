@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+from mesh_motion_numerics.mesh.cells import CellTable
 from numpy.typing import NDArray
 
 from docs.studies.beyond._motions import Body
-from mesh_motion_server.numerics.mesh.cells import CellTable
 
 __all__ = ["KINDS", "graded"]
 

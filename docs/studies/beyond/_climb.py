@@ -10,14 +10,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from mesh_motion_numerics.correction.cell_distortion import cell_gradient
+from mesh_motion_numerics.correction.distortion import PNorm
+from mesh_motion_numerics.correction.free_region import FreeRegion
+from mesh_motion_numerics.correction.trial_nodes import region_quality
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.sparse import csr_array
-
-from mesh_motion_server.numerics.correction.cell_distortion import cell_gradient
-from mesh_motion_server.numerics.correction.distortion import PNorm
-from mesh_motion_server.numerics.correction.free_region import FreeRegion
-from mesh_motion_server.numerics.correction.trial_nodes import region_quality
 
 __all__ = ["climbed", "shortest"]
 

@@ -8,14 +8,13 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from mesh_motion_numerics.correction.correction import CorrectionProblem
+from mesh_motion_numerics.correction.trial_nodes import TrialMesh
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import Factorization, factorize
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import reference_sizes
 from numpy.typing import NDArray
-
-from mesh_motion_server.numerics.correction.correction import CorrectionProblem
-from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import Factorization, factorize
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import reference_sizes
 
 Floats = NDArray[np.float64]
 

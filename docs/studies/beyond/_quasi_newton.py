@@ -12,14 +12,13 @@ import time
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.correction.correction import CorrectionProblem
+from mesh_motion_numerics.correction.distortion import PNorm, determinants, distortion_gradient, mean_distortion
+from mesh_motion_numerics.correction.enrichment.imposed_jacobian import cell_gradients
+from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_numerics.correction.trial_nodes import LEVELS, TrialMesh
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-
-from mesh_motion_server.numerics.correction.correction import CorrectionProblem
-from mesh_motion_server.numerics.correction.distortion import PNorm, determinants, distortion_gradient, mean_distortion
-from mesh_motion_server.numerics.correction.enrichment.imposed_jacobian import cell_gradients
-from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.correction.trial_nodes import LEVELS, TrialMesh
 
 Floats = NDArray[np.float64]
 

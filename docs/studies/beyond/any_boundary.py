@@ -6,20 +6,20 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.assembly import dense_block
+from mesh_motion_numerics.interpolation.kernels import basis_named
+from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScaleFactorization
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.points import padded
+from mesh_motion_numerics.mesh.spacing import local_spacing
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.quality.metrics import cell_quality, cells_at_rest
 from numpy.typing import NDArray
 
 from docs.studies.aerofoil_grids import Grid, c_grid, o_grid, wing
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.assembly import dense_block
-from mesh_motion_server.numerics.interpolation.kernels import basis_named
-from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScaleFactorization
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.points import padded
-from mesh_motion_server.numerics.mesh.spacing import local_spacing
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
 
 Floats = NDArray[np.float64]
 
@@ -135,8 +135,8 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.interpolation.two_scale.factorization.TwoScalePlan",
-        "mesh_motion_server.numerics.interpolation.two_scale.compact_levels.levels_below",
-        "mesh_motion_server.numerics.interpolation.support_radius.suggest_support_radius",
+        "mesh_motion_numerics.interpolation.two_scale.factorization.TwoScalePlan",
+        "mesh_motion_numerics.interpolation.two_scale.compact_levels.levels_below",
+        "mesh_motion_numerics.interpolation.support_radius.suggest_support_radius",
     ),
 )

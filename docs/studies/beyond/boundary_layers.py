@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.motion.motion import MotionModel
 from numpy.typing import NDArray
 
 from docs.studies.beyond._layers import LayerMesh, bent_flag, bent_wing, in_triangles, stored_layer
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.motion.motion import MotionModel
 
 Floats = NDArray[np.float64]
 
@@ -163,10 +163,10 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.motion.boundary_layer.BoundaryLayer",
-        "mesh_motion_server.numerics.mesh.boundary_layer_wall.MovingWall",
-        "mesh_motion_server.numerics.mesh.boundary_layer_nodes.layer_nodes",
-        "mesh_motion_server.numerics.mesh.boundary_layer_stacks.column_feet",
-        "mesh_motion_server.numerics.motion.boundary_layer_fallback.LayerAttempts",
+        "mesh_motion_numerics.motion.boundary_layer.BoundaryLayer",
+        "mesh_motion_numerics.mesh.boundary_layer_wall.MovingWall",
+        "mesh_motion_numerics.mesh.boundary_layer_nodes.layer_nodes",
+        "mesh_motion_numerics.mesh.boundary_layer_stacks.column_feet",
+        "mesh_motion_numerics.motion.boundary_layer_fallback.LayerAttempts",
     ),
 )

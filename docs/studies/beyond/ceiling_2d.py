@@ -73,7 +73,7 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.correction.trial_nodes.polish",
-        "mesh_motion_server.numerics.correction.newton.newton",
+        "mesh_motion_numerics.correction.trial_nodes.polish",
+        "mesh_motion_numerics.correction.newton.newton",
     ),
 )

@@ -35,7 +35,7 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.correction.trial_nodes.polish",
-        "mesh_motion_server.numerics.correction.cell_distortion.cell_blocks",
+        "mesh_motion_numerics.correction.trial_nodes.polish",
+        "mesh_motion_numerics.correction.cell_distortion.cell_blocks",
     ),
 )

@@ -13,15 +13,15 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.interpolation.factor_source import MakeEachTime
+from mesh_motion_numerics.interpolation.support_radius import suggest_support_radius, widest_ball
+from mesh_motion_numerics.mesh.roles import BoundaryRoles
+from mesh_motion_numerics.stopwatch import Stopwatch
+from mesh_motion_protocol.errors import QualityRefused
 from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import ROOT, StoredMesh, Turn, stored
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
-from mesh_motion_server.numerics.interpolation.support_radius import suggest_support_radius, widest_ball
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
-from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 Floats = NDArray[np.float64]
 Motion = Callable[[Floats], Floats]
@@ -143,7 +143,7 @@ def quality(mesh: str, motion: Motion, correction: str, **choices: Any) -> float
     model = stored(mesh).model(allow_invalid=True, correction=correction, quality_threshold=threshold, **choices)
     try:
         return model.move(model.points, motion(model.points[model.roles.moving])).corrected.metric.min
-    except NumericalError as refusal:
+    except QualityRefused as refusal:
         return float("nan") if refusal.best is None else refusal.best
 
 
@@ -294,8 +294,8 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.interpolation.support_radius.suggest_support_radius",
-        "mesh_motion_server.numerics.interpolation.support_radius.suggest_enrichment_radius",
+        "mesh_motion_numerics.interpolation.support_radius.suggest_support_radius",
+        "mesh_motion_numerics.interpolation.support_radius.suggest_enrichment_radius",
         "docs.studies.beyond.default_radii.from_motion",
     ),
 )

@@ -8,17 +8,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.correction.correction import CorrectionProblem, correct
+from mesh_motion_numerics.interpolation.factor_source import MakeEachTime
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.stopwatch import Stopwatch
+from mesh_motion_protocol.errors import QualityRefused
 from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import StoredMesh, Turn, stored
 from docs.studies.refinement import refined
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.correction.correction import CorrectionProblem, correct
-from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 Floats = NDArray[np.float64]
 
@@ -153,7 +153,7 @@ def moved(one: Series, size: float, way: Way, threshold: float | None = None) ->
     )
     try:
         minimum = correct(problem, method).minimum
-    except NumericalError as refusal:
+    except QualityRefused as refusal:
         minimum = float("-inf") if refusal.best is None else refusal.best
     return Reached(0.0 if abs(minimum) < 1e-9 else minimum, time.process_time() - began)
 
@@ -295,7 +295,7 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.correction.correction.correct",
-        "mesh_motion_server.numerics.motion.standard_motion.StandardMotion",
+        "mesh_motion_numerics.correction.correction.correct",
+        "mesh_motion_numerics.motion.standard_motion.StandardMotion",
     ),
 )

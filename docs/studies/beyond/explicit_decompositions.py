@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
 
 from docs.studies.beyond._motions import RADIUS, Body, random_motions, stored
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._cell_corrections import CELL_CORRECTIONS
-from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
 
 #: Mesh → motions of the full study, of the quick one.
 MESHES = {"thesis_block": (40, 6), "correction_slab": (40, 6), "correction_box": (20, 2)}
@@ -78,6 +78,6 @@ STUDY = Study(
     claims,
     (
         "docs.studies.thesis._cell_corrections.polar_correction",
-        "mesh_motion_server.numerics.correction.enrichment.explicit_iterations.explicit_iterations",
+        "mesh_motion_numerics.correction.enrichment.explicit_iterations.explicit_iterations",
     ),
 )

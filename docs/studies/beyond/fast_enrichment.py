@@ -9,20 +9,20 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.correction.correction import CorrectionProblem
+from mesh_motion_numerics.correction.enrichment.coefficients import (
+    optimised_enrichment,
+    optimised_placement,
+)
+from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_numerics.correction.trial_nodes import Polished, TrialMesh
 
 from docs.studies.beyond._motions import RADIUS, Body, random_motions, stored
 from docs.studies.beyond._quasi_newton import VARIABLES, QuasiNewton
 from docs.studies.moved_bodies import stored as patched
 from docs.studies.refinement import refined
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.correction.correction import CorrectionProblem
-from mesh_motion_server.numerics.correction.enrichment.coefficients import (
-    optimised_enrichment,
-    optimised_placement,
-)
-from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.correction.trial_nodes import Polished, TrialMesh
 
 SAME = 0.99  # of our minimum quality: "the same quality"
 _SHARES = (0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)  # of our minimum, at which the picture shows our time
@@ -227,7 +227,7 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.correction.enrichment.coefficients.optimised_enrichment",
-        "mesh_motion_server.numerics.correction.enrichment.space.EnrichmentSpace",
+        "mesh_motion_numerics.correction.enrichment.coefficients.optimised_enrichment",
+        "mesh_motion_numerics.correction.enrichment.space.EnrichmentSpace",
     ),
 )

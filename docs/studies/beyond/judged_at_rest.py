@@ -7,16 +7,16 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.quality.metrics import cell_quality, cells_at_rest
 from numpy.typing import NDArray
 
 from docs.studies.aerofoil_grids import o_grid
 from docs.studies.moved_bodies import StoredMesh, Turn, stored
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.quality.metrics import cell_quality, cells_at_rest
 
 Floats = NDArray[np.float64]
 METRICS = ("size-skew", "relative-size-skew")
@@ -142,8 +142,8 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.quality.metrics.cells_at_rest",
-        "mesh_motion_server.numerics.correction.distortion.corner_simplices",
-        "mesh_motion_server.numerics.motion.layered_walls.LayeredWalls",
+        "mesh_motion_numerics.quality.metrics.cells_at_rest",
+        "mesh_motion_numerics.correction.distortion.corner_simplices",
+        "mesh_motion_numerics.motion.layered_walls.LayeredWalls",
     ),
 )

@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.motion_found import Motion
+from mesh_motion_numerics.quality.metrics import cell_quality
 from numpy.typing import NDArray
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.motion.motion_found import Motion
-from mesh_motion_server.numerics.quality.metrics import cell_quality
 
 Floats = NDArray[np.float64]
 
@@ -220,9 +220,9 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.correction.boundary_constraint.BoundaryConstraint",
-        "mesh_motion_server.numerics.mesh.sliding.SlidingSurfaces",
-        "mesh_motion_server.numerics.interpolation.periodic_interpolant.PeriodicFactorization",
-        "mesh_motion_server.numerics.mesh.periodic_pairs.periodic_pairs",
+        "mesh_motion_numerics.correction.boundary_constraint.BoundaryConstraint",
+        "mesh_motion_numerics.mesh.sliding.SlidingSurfaces",
+        "mesh_motion_numerics.interpolation.periodic_interpolant.PeriodicFactorization",
+        "mesh_motion_numerics.mesh.periodic_pairs.periodic_pairs",
     ),
 )

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.mesh.cells import CellTable
 from numpy.typing import NDArray
 
 from docs.studies.beyond.valid_wherever import Subject, subject, turned
 from docs.studies.moved_bodies import ROOT
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.session.factors import FactorCache
 
 Floats = NDArray[np.float64]
@@ -187,7 +187,7 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.correction.smooth_motion.SmoothMotion",
-        "mesh_motion_server.numerics.motion.motion.MotionModel",
+        "mesh_motion_numerics.correction.smooth_motion.SmoothMotion",
+        "mesh_motion_numerics.motion.motion.MotionModel",
     ),
 )

@@ -9,18 +9,18 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.motion_found import Motion
+from mesh_motion_numerics.quality.metrics import cell_quality
+from mesh_motion_protocol.errors import QualityRefused
 from numpy.typing import NDArray
 
 from docs.studies.beyond.slip_and_periodic import Duct
 from docs.studies.moved_bodies import ROOT, Turn
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
-from mesh_motion_server.numerics.motion.motion_found import Motion
-from mesh_motion_server.numerics.quality.metrics import cell_quality
 
 Floats = NDArray[np.float64]
 Bodies = dict[str, NDArray[np.int64]]
@@ -188,7 +188,7 @@ def tried(mesh: Subject, targets: Floats, **choices: Any) -> Tried:
     begin = time.process_time()
     try:
         motion = model.move(model.points, targets)
-    except NumericalError as refusal:
+    except QualityRefused as refusal:
         return Tried(min(float(refusal.best or 0.0), -1e-12), time.process_time() - begin, None)
     return Tried(motion.corrected.metric.min, time.process_time() - begin, motion)
 
@@ -271,7 +271,7 @@ def _refusals(name: str, count: int) -> list[Cell]:
         try:
             model.move(model.points, targets)
             accepted.append(1e3 * (time.process_time() - begin))
-        except NumericalError as refusal:
+        except QualityRefused as refusal:
             refused.append(1e3 * (time.process_time() - begin))
             model.move(model.points, rest + (refusal.fraction or 0.0) * (targets - rest))
     hardest = [max(times, default=np.nan) for times in (accepted, refused)]
@@ -339,8 +339,8 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.motion.sub_steps.walk",
-        "mesh_motion_server.numerics.motion.body_paths.ways",
-        "mesh_motion_server.numerics.correction.trial_nodes.untangle",
+        "mesh_motion_numerics.motion.sub_steps.walk",
+        "mesh_motion_numerics.motion.body_paths.ways",
+        "mesh_motion_numerics.correction.trial_nodes.untangle",
     ),
 )

@@ -67,5 +67,5 @@ STUDY = Study(
     source="Quality threshold",
     run=run,
     claims=claims,
-    functions=("mesh_motion_server.numerics.motion.motion.MotionModel",),
+    functions=("mesh_motion_numerics.motion.motion.MotionModel",),
 )

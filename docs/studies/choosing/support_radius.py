@@ -6,11 +6,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
 
 from docs.studies.beyond.default_radii import Motion, frame
 from docs.studies.moved_bodies import Turn, stored
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from mesh_motion_server.errors import NumericalError
 
 #: Name → mesh, motion in one step from the reference mesh.
 CASES: dict[str, tuple[str, Motion]] = {
@@ -32,7 +32,7 @@ def lowest(name: str, correction: str, share: float | None) -> float:
     model = mesh.model(correction=correction, support_radius=radius, correction_target="threshold", **invalid)
     try:
         return float(model.move(model.points, motion(model.points[model.roles.moving])).corrected.metric.min)
-    except NumericalError as refusal:
+    except QualityRefused as refusal:
         return float("nan") if refusal.best is None else refusal.best
 
 
@@ -80,5 +80,5 @@ STUDY = Study(
     source="Support radius",
     run=run,
     claims=claims,
-    functions=("mesh_motion_server.numerics.motion.motion.MotionModel",),
+    functions=("mesh_motion_numerics.motion.motion.MotionModel",),
 )

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.correction.enrichment.functions import slope_at_point, values
 
 from docs.studies.study import Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.correction.enrichment.functions import slope_at_point, values
 
 KINDS = ("H1", "H2", "H3")
 
@@ -56,5 +56,5 @@ STUDY = Study(
     source="Enrichment, thesis (4.5)–(4.7)",
     run=run,
     claims=claims,
-    functions=("mesh_motion_server.numerics.correction.enrichment.functions.values",),
+    functions=("mesh_motion_numerics.correction.enrichment.functions.values",),
 )

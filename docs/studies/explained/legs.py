@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
 
 from docs.studies.beyond.valid_wherever import subject, turned
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
-from mesh_motion_server.errors import NumericalError
 
 MESH = "grid of quads"
 DEGREES = (120.0, 180.0)
@@ -20,7 +20,7 @@ def lowest(degrees: float, **choices: Any) -> float | None:
     model = mesh.model(**choices)
     try:
         return float(model.move(model.points, turned(mesh, degrees)).corrected.metric.min)
-    except NumericalError:
+    except QualityRefused:
         return None
 
 
@@ -62,5 +62,5 @@ STUDY = Study(
     source="Sub-steps",
     run=run,
     claims=claims,
-    functions=("mesh_motion_server.numerics.motion.sub_steps.walk",),
+    functions=("mesh_motion_numerics.motion.sub_steps.walk",),
 )

@@ -6,14 +6,14 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import Turn, stored
 from docs.studies.study import Outcome, Picture, Study, Table
 from docs.studies.thesis._predictors import InterpolantField, predict
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 Floats = NDArray[np.float64]
 

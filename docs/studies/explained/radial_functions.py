@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.interpolation.kernels import BASES, values
 
 from docs.studies.study import Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.interpolation.kernels import BASES, values
 
 SHOWN = ("wendland-c0", "wendland-c2", "wendland-c4", "ctps-c1", "tps", "gauss")
 SHARES = (0.25, 0.5, 0.75, 1.0)
@@ -50,5 +50,5 @@ STUDY = Study(
     source="Basis functions",
     run=run,
     claims=claims,
-    functions=("mesh_motion_server.numerics.interpolation.kernels.BASES",),
+    functions=("mesh_motion_numerics.interpolation.kernels.BASES",),
 )

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import Turn, moved, stored
 from docs.studies.study import Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 Floats = NDArray[np.float64]
 
@@ -71,5 +71,5 @@ STUDY = Study(
     source="Correction",
     run=run,
     claims=claims,
-    functions=("mesh_motion_server.numerics.motion.motion.MotionModel",),
+    functions=("mesh_motion_numerics.motion.motion.MotionModel",),
 )

@@ -13,6 +13,9 @@ from typing import Any
 import numpy as np
 from mesh_motion_client import Credentials, Mesh, connect
 from mesh_motion_client import Patch as ClientPatch
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.finite_volume import face_measures
+from mesh_motion_numerics.mesh.roles import Patch
 from numpy.typing import NDArray
 
 from docs.studies.aerofoil_grids import Grid, c_grid, o_grid
@@ -22,9 +25,6 @@ from docs.studies.moved_bodies import StoredMesh, Turn, stored
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.partitions import partitions
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.finite_volume import face_measures
-from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.factors import FactorCache
 
 Floats = NDArray[np.float64]
@@ -316,5 +316,5 @@ STUDY = Study(
     "Open: a run, not a step",
     run,
     claims,
-    ("mesh_motion_server.numerics.motion.motion.MotionModel",),
+    ("mesh_motion_numerics.motion.motion.MotionModel",),
 )

@@ -187,7 +187,7 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.correction.smooth_motion.SmoothMotion",
-        "mesh_motion_server.numerics.motion.motion.MotionModel",
+        "mesh_motion_numerics.correction.smooth_motion.SmoothMotion",
+        "mesh_motion_numerics.motion.motion.MotionModel",
     ),
 )

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from mesh_motion_numerics.correction.correction import CorrectionProblem
+from mesh_motion_numerics.correction.trial_nodes import TrialMesh
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from numpy.typing import NDArray
 
 from docs.studies.thesis._predictors import InterpolantField
-from mesh_motion_server.numerics.correction.correction import CorrectionProblem
-from mesh_motion_server.numerics.correction.trial_nodes import TrialMesh
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 Floats = NDArray[np.float64]
 

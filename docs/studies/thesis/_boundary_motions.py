@@ -6,16 +6,16 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
+from mesh_motion_numerics.reduction import Level, Reduced, ReductionProblem
+from mesh_motion_numerics.reduction.near_surface import BASIS, boundary_spacing, near_surface_radius
 from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import ROOT, StoredMesh, Turn, stored
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.reduction import Level, Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.near_surface import BASIS, boundary_spacing, near_surface_radius
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -22,10 +22,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from mesh_motion_numerics.correction.enrichment.eigen_correction import INCREMENT, eigen_correction
 from numpy.typing import NDArray
 
 from docs.studies.thesis._decompositions import deformation, qr, svd
-from mesh_motion_server.numerics.correction.enrichment.eigen_correction import INCREMENT, eigen_correction
 
 __all__ = ["CELL_CORRECTIONS", "polar_correction", "qr_correction", "svd_correction"]
 

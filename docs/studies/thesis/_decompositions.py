@@ -18,7 +18,7 @@ A cell is inverted when det B ≤ 0. Textbook decompositions then hide a reflect
 always *rotations*, det = +1, and the reflection shows as one negative stretch: the smallest one (``polar``, ``svd``)
 or the last one (``qr``). The thesis calls R lower triangular; with edges as columns the usual upper triangle belongs.
 
-The server itself needs ``eigen`` and ``svd``: :mod:`mesh_motion_server.numerics.decomposition`.
+The server itself needs ``eigen`` and ``svd``: :mod:`mesh_motion_numerics.decomposition`.
 
 References
 ----------
@@ -30,9 +30,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from mesh_motion_numerics.decomposition import deformation, determinant_signs, eigen, nearest_rotation, svd
 from numpy.typing import NDArray
-
-from mesh_motion_server.numerics.decomposition import deformation, determinant_signs, eigen, nearest_rotation, svd
 
 __all__ = ["QR", "Polar", "deformation", "eigen", "polar", "qr", "rotation_angle", "svd"]
 

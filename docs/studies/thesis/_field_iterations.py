@@ -1,6 +1,6 @@
 """Explicit iterations that predict with the gradients of the displacement field, as the thesis does (§5.3).
 
-The exact prediction is the server's own: :mod:`mesh_motion_server.numerics.correction.enrichment.explicit_iterations`.
+The exact prediction is the server's own: :mod:`mesh_motion_numerics.correction.enrichment.explicit_iterations`.
 """
 
 from __future__ import annotations
@@ -8,22 +8,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-
-from docs.studies.thesis._predictors import DisplacementField, predict
-from mesh_motion_server.numerics.correction.correction_problem import CorrectionProblem
-from mesh_motion_server.numerics.correction.enrichment import functions
-from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import (
+from mesh_motion_numerics.correction.correction_problem import CorrectionProblem
+from mesh_motion_numerics.correction.enrichment import functions
+from mesh_motion_numerics.correction.enrichment.explicit_iterations import (
     ExplicitResult,
     ExplicitSettings,
     Iterate,
     Trial,
     explicit_iterations,
 )
-from mesh_motion_server.numerics.correction.enrichment.placement import worst_cell
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import Factorization
-from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
+from mesh_motion_numerics.correction.enrichment.placement import worst_cell
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import Factorization
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
+from numpy.typing import NDArray
+
+from docs.studies.thesis._predictors import DisplacementField, predict
 
 __all__ = ["EnrichmentTerm", "FieldTrial", "SumField", "predicted_iterations"]
 

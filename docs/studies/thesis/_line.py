@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-
-from mesh_motion_server.numerics.correction.enrichment.imposed_gradient import (
+from mesh_motion_numerics.correction.enrichment.imposed_gradient import (
     EnrichedInterpolant,
     ImposedGradient,
     solve_imposed_gradient,
 )
-from mesh_motion_server.numerics.correction.enrichment.placement import local_minima
-from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_numerics.correction.enrichment.placement import local_minima
+from mesh_motion_numerics.mesh.cells import CellTable
+from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 

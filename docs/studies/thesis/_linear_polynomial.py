@@ -10,11 +10,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.interpolation.interpolant import AllCentreFactorization, Interpolant
+from mesh_motion_numerics.interpolation.polynomial import LinearBasis, Polynomial
 from numpy.typing import NDArray
-
-from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.interpolation.interpolant import AllCentreFactorization, Interpolant
-from mesh_motion_server.numerics.interpolation.polynomial import LinearBasis, Polynomial
 
 __all__ = ["WithPolynomial"]
 

@@ -20,6 +20,9 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import CellQuality
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
 from docs.studies.thesis._predictors import (
@@ -28,9 +31,6 @@ from docs.studies.thesis._predictors import (
     predict,
     transformed_quality,
 )
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import CellQuality
 
 __all__ = ["AccumulatedGradients", "ComposedField", "predict_many_steps"]
 
@@ -125,7 +125,7 @@ def predict_many_steps(
         Positions before the first step.
     cells : CellTable
     reference_sizes : (m,) array
-        From :func:`~mesh_motion_server.numerics.quality.metrics.reference_sizes`.
+        From :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`.
     steps : sequence of DisplacementField
         The displacement field of each step, in their order.
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.quality.metrics import cell_quality
 
 from docs.studies.study import Cell, Picture, Table
 from docs.studies.thesis._prediction import (
@@ -25,7 +26,6 @@ from docs.studies.thesis._prediction import (
     rigid,
 )
 from docs.studies.thesis._predictors import InterpolantField
-from mesh_motion_server.numerics.quality.metrics import cell_quality
 
 #: The thesis' formulas (3.21) and (3.24) multiply size and skew without a root.
 METRIC = "size-skew-product"

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import CellQuality, reference_sizes
 from numpy.typing import NDArray
 
 from docs.studies.study import Cell, Table
 from docs.studies.thesis._predictors import DisplacementField, InterpolantField, predict
 from mesh_motion_server.files import read_mesh
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import CellQuality, reference_sizes
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -27,12 +27,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import mesh_motion_kernels as kernels
 import numpy as np
-from numpy.typing import NDArray
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.mesh.cells import CellTable, CellType
-from mesh_motion_server.numerics.quality.metrics import (
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.mesh.cells import CellTable, CellType
+from mesh_motion_numerics.quality.metrics import (
     AtRest,
     CellQuality,
     as_positions,
@@ -42,9 +39,11 @@ from mesh_motion_server.numerics.quality.metrics import (
     sizes_of,
     skews_of,
 )
+from mesh_motion_protocol.errors import InvalidInput
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from mesh_motion_server.numerics.interpolation.two_scale.interpolant import AnyInterpolant
+    from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
 
 __all__ = [
     "PREDICTORS",
@@ -111,7 +110,7 @@ def predict(
         Current positions.
     cells : CellTable
     reference_sizes : (m,) array or CellsAtRest
-        From :func:`~mesh_motion_server.numerics.quality.metrics.reference_sizes` or :func:`.cells_at_rest`.
+        From :func:`~mesh_motion_numerics.quality.metrics.reference_sizes` or :func:`.cells_at_rest`.
     field : DisplacementField
         Displacement since ``points``.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.quality.metrics import reference_sizes
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._many_steps import AccumulatedGradients, predict_many_steps
@@ -20,7 +21,6 @@ from docs.studies.thesis._prediction import (
     thesis_triangles,
 )
 from docs.studies.thesis._predictors import InterpolantField, centre_positions
-from mesh_motion_server.numerics.quality.metrics import reference_sizes
 
 STEPS = (1, 4, 16)
 METRIC = "size-skew-product"

@@ -9,18 +9,18 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.assembly import sparse_matrix
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.interpolation.kernels import BASES
+from mesh_motion_numerics.mesh.roles import BoundaryRoles
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import StoredMesh, Turn, stored
 from docs.studies.study import Outcome, Picture, Study, Table
 from docs.studies.thesis._linear_polynomial import WithPolynomial
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.assembly import sparse_matrix
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.interpolation.kernels import BASES
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 Floats = NDArray[np.float64]
 
@@ -134,7 +134,7 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.interpolation.polynomial.LinearBasis",
+        "mesh_motion_numerics.interpolation.polynomial.LinearBasis",
         "docs.studies.thesis._linear_polynomial.WithPolynomial",
     ),
 )

@@ -10,13 +10,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.motion.motion import MotionModel
 from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import StoredMesh, Turn, stored
 from docs.studies.study import Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.motion.motion import MotionModel
 
 Floats = NDArray[np.float64]
 
@@ -187,5 +187,5 @@ STUDY = Study(
     source="Fig 2.3 (§2.1.3)",
     run=run,
     claims=claims,
-    functions=("mesh_motion_server.numerics.motion.standard_motion.StandardMotion",),
+    functions=("mesh_motion_numerics.motion.standard_motion.StandardMotion",),
 )

@@ -5,15 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.reduction import Reduced, ReductionProblem, error_peaks
+from mesh_motion_numerics.reduction.full_solve import full_weights
+from mesh_motion_numerics.reduction.peaks import error_peaks as peaks_of
+from mesh_motion_numerics.reduction.peaks import nearest_neighbours
+from mesh_motion_numerics.reduction.progress import lengths
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._boundary_motions import MeshMotion, layered, wing
-from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.reduction import Reduced, ReductionProblem, error_peaks
-from mesh_motion_server.numerics.reduction.full_solve import full_weights
-from mesh_motion_server.numerics.reduction.peaks import error_peaks as peaks_of
-from mesh_motion_server.numerics.reduction.peaks import nearest_neighbours
-from mesh_motion_server.numerics.reduction.progress import lengths
 
 SHARES = (1.0, 0.9, 0.7, 0.5, 0.3, 0.1, 0.0)
 
@@ -112,7 +112,7 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.reduction.error_peaks.reduce",
-        "mesh_motion_server.numerics.reduction.peaks.error_peaks",
+        "mesh_motion_numerics.reduction.error_peaks.reduce",
+        "mesh_motion_numerics.reduction.peaks.error_peaks",
     ),
 )

@@ -8,16 +8,17 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from docs.studies.study import Outcome, Picture, Study, Table
-from docs.studies.thesis._boundary_motions import surface_problem
-from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.reduction import (
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.reduction import (
     Reduced,
     ReductionProblem,
     greedy,
     grouped_circular,
     recurrence_cholesky,
 )
+
+from docs.studies.study import Outcome, Picture, Study, Table
+from docs.studies.thesis._boundary_motions import surface_problem
 
 #: m of the grouped algorithm.
 GROUPS = (8, 32, 128)
@@ -133,8 +134,8 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.reduction.grouped_circular.reduce",
-        "mesh_motion_server.numerics.reduction.greedy.reduce",
-        "mesh_motion_server.numerics.reduction.growing_set.GrowingSet",
+        "mesh_motion_numerics.reduction.grouped_circular.reduce",
+        "mesh_motion_numerics.reduction.greedy.reduce",
+        "mesh_motion_numerics.reduction.growing_set.GrowingSet",
     ),
 )

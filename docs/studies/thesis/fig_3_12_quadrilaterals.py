@@ -83,6 +83,6 @@ STUDY = Study(
     functions=(
         "docs.studies.thesis._predictors.predict",
         "docs.studies.thesis._predictors.transformed_quality",
-        "mesh_motion_server.numerics.quality.metrics.cell_quality",
+        "mesh_motion_numerics.quality.metrics.cell_quality",
     ),
 )

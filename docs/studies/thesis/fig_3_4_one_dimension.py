@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.quality.metrics import reference_sizes
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._prediction import Errors, Floats, errors, line, order
 from docs.studies.thesis._predictors import centre_positions
-from mesh_motion_server.numerics.quality.metrics import reference_sizes
 
 RADII = (0.4, 1.0)
 MAGNITUDES = (0.05, 0.10, 0.15)
@@ -139,6 +139,6 @@ STUDY = Study(
     functions=(
         "docs.studies.thesis._predictors.predict",
         "docs.studies.thesis._predictors.centre_positions",
-        "mesh_motion_server.numerics.quality.metrics.reference_sizes",
+        "mesh_motion_numerics.quality.metrics.reference_sizes",
     ),
 )

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from mesh_motion_numerics.correction.enrichment import functions
+
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._line import FINE, Line, best_slope, draw_displacement, draw_parts, np, smallest
-from mesh_motion_server.numerics.correction.enrichment import functions
 
 RADII = (0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
 SHOWN = (0.2, 0.4, 0.6)
@@ -92,5 +93,5 @@ STUDY = Study(
     "Figs 4.10–4.13 (equations 4.9, 4.10)",
     run,
     claims,
-    ("mesh_motion_server.numerics.correction.enrichment.imposed_gradient.solve_imposed_gradient",),
+    ("mesh_motion_numerics.correction.enrichment.imposed_gradient.solve_imposed_gradient",),
 )

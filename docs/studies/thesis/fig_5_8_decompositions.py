@@ -177,9 +177,9 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.decomposition.eigen",
+        "mesh_motion_numerics.decomposition.eigen",
         "docs.studies.thesis._decompositions.polar",
-        "mesh_motion_server.numerics.decomposition.svd",
+        "mesh_motion_numerics.decomposition.svd",
         "docs.studies.thesis._decompositions.qr",
         "docs.studies.thesis._cell_corrections.CELL_CORRECTIONS",
     ),

@@ -13,21 +13,21 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.correction.correction import CorrectionProblem, correct
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import Factorization, Interpolant, factorize
+from mesh_motion_numerics.interpolation.kernels import Basis, basis_named
+from mesh_motion_numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.quality.metrics import reference_sizes
+from mesh_motion_numerics.reduction import REDUCTIONS
+from mesh_motion_numerics.reduction.near_surface import boundary_spacing, near_surface_radius
+from mesh_motion_protocol.errors import QualityRefused
 from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import Turn, stored
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._boundary_motions import MeshMotion, layered, mesh_motion, surface_problem, wing
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.correction.correction import CorrectionProblem, correct
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import Factorization, Interpolant, factorize
-from mesh_motion_server.numerics.interpolation.kernels import Basis, basis_named
-from mesh_motion_server.numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.quality.metrics import reference_sizes
-from mesh_motion_server.numerics.reduction import REDUCTIONS
-from mesh_motion_server.numerics.reduction.near_surface import boundary_spacing, near_surface_radius
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -101,7 +101,7 @@ class ReducedMotion:
         )
         try:
             return correct(problem, method).minimum
-        except NumericalError as refusal:
+        except QualityRefused as refusal:
             return float(refusal.best or 0.0)
 
 
@@ -311,8 +311,8 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.reduction.reduced_motion.interpolate_reduced",
-        "mesh_motion_server.numerics.correction.enrichment.space.EnrichmentSpace",
-        "mesh_motion_server.numerics.correction.enrichment.explicit_iterations.explicit_iterations",
+        "mesh_motion_numerics.reduction.reduced_motion.interpolate_reduced",
+        "mesh_motion_numerics.correction.enrichment.space.EnrichmentSpace",
+        "mesh_motion_numerics.correction.enrichment.explicit_iterations.explicit_iterations",
     ),
 )

@@ -8,14 +8,14 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Integers
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.reduction import REDUCTIONS, Level, Reduced, ReductionProblem, multiscale
+from mesh_motion_numerics.reduction.farthest_first import farthest_first
+from mesh_motion_numerics.reduction.grouped_circular import default_groups
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._boundary_motions import MeshMotion, block, layered, surface_problem, wing
-from mesh_motion_server.numerics.arrays import Integers
-from mesh_motion_server.numerics.blas import one_blas_thread
-from mesh_motion_server.numerics.reduction import REDUCTIONS, Level, Reduced, ReductionProblem, multiscale
-from mesh_motion_server.numerics.reduction.farthest_first import farthest_first
-from mesh_motion_server.numerics.reduction.grouped_circular import default_groups
 
 TOLERANCE = 1e-3
 GEOMETRIC = "multiscale, base farthest first"
@@ -182,7 +182,7 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.reduction.REDUCTIONS",
-        "mesh_motion_server.numerics.reduction.near_surface.near_surface_radius",
+        "mesh_motion_numerics.reduction.REDUCTIONS",
+        "mesh_motion_numerics.reduction.near_surface.near_surface_radius",
     ),
 )

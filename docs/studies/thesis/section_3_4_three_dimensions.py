@@ -93,6 +93,6 @@ STUDY = Study(
     claims=claims,
     functions=(
         "docs.studies.thesis._predictors.predict",
-        "mesh_motion_server.numerics.mesh.cells.CellType",
+        "mesh_motion_numerics.mesh.cells.CellType",
     ),
 )

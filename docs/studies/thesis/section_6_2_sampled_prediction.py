@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.mesh.cells import CellTable
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._prediction import Floats, Mesh, boxes, rigid, thesis_triangles
 from docs.studies.thesis._predictors import InterpolantField, predict
 from docs.studies.thesis._sampling import BOUNDS, ExpandableField, predict_sampled
 from docs.studies.thesis._sampling.groups import group_cells
-from mesh_motion_server.numerics.mesh.cells import CellTable
 
 SIZES = (8, 32, 128, 256)
 THRESHOLD = 0.2

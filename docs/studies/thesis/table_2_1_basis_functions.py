@@ -10,14 +10,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.interpolation.kernels import BASES, Basis, values
+from mesh_motion_numerics.mesh.roles import BoundaryRoles
 from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import Turn, final_quality, stored
 from docs.studies.study import Outcome, Picture, Study, Table
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.interpolation.kernels import BASES, Basis, values
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
 
 Floats = NDArray[np.float64]
 
@@ -167,9 +167,9 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.interpolation.kernels.BASES",
-        "mesh_motion_server.numerics.interpolation.kernels.values",
-        "mesh_motion_server.numerics.interpolation.kernels.slopes",
-        "mesh_motion_server.numerics.interpolation.interpolant.factorize",
+        "mesh_motion_numerics.interpolation.kernels.BASES",
+        "mesh_motion_numerics.interpolation.kernels.values",
+        "mesh_motion_numerics.interpolation.kernels.slopes",
+        "mesh_motion_numerics.interpolation.interpolant.factorize",
     ),
 )

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.reduction import REDUCTIONS, Reduced, ReductionProblem
+from mesh_motion_numerics.reduction.greedy_combined import FULL_EVERY
+from mesh_motion_numerics.reduction.multilevel_subspace import POINTS_PER_LEVEL
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._boundary_motions import surface_problem
-from mesh_motion_server.numerics.reduction import REDUCTIONS, Reduced, ReductionProblem
-from mesh_motion_server.numerics.reduction.greedy_combined import FULL_EVERY
-from mesh_motion_server.numerics.reduction.multilevel_subspace import POINTS_PER_LEVEL
 
 
 @dataclass(frozen=True)
@@ -155,8 +155,8 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_server.numerics.reduction.full_solve.full_operations",
-        "mesh_motion_server.numerics.reduction.incremental_lu.GrowingLU",
-        "mesh_motion_server.numerics.reduction.recurrence_cholesky.reduce",
+        "mesh_motion_numerics.reduction.full_solve.full_operations",
+        "mesh_motion_numerics.reduction.incremental_lu.GrowingLU",
+        "mesh_motion_numerics.reduction.recurrence_cholesky.reduce",
     ),
 )

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from mesh_motion_numerics.correction.enrichment import functions
+
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._line import FINE, NODES, Line, draw_displacement, draw_parts, np, predicted, sizes, smallest
-from mesh_motion_server.numerics.correction.enrichment import functions
 
 FUNCTIONS = ("H1", "H2", "H3")
 MIDDLE = np.array([0.5])
@@ -99,7 +100,7 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.correction.enrichment.imposed_gradient.solve_imposed_gradient",
-        "mesh_motion_server.numerics.correction.enrichment.functions.ENRICHMENT_FUNCTIONS",
+        "mesh_motion_numerics.correction.enrichment.imposed_gradient.solve_imposed_gradient",
+        "mesh_motion_numerics.correction.enrichment.functions.ENRICHMENT_FUNCTIONS",
     ),
 )

@@ -7,6 +7,16 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.correction.enrichment.explicit_iterations import ExplicitSettings
+from mesh_motion_numerics.correction.enrichment.imposed_jacobian import (
+    ImposedSettings,
+    cell_gradients,
+    impose,
+    imposed_jacobians,
+)
+from mesh_motion_numerics.correction.enrichment.placement import Placement
+from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_numerics.quality.metrics import cell_quality
 from numpy.typing import NDArray
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
@@ -14,16 +24,6 @@ from docs.studies.thesis._block import BlockCase, block_case, draw_mesh
 from docs.studies.thesis._cell_corrections import CELL_CORRECTIONS
 from docs.studies.thesis._field_iterations import predicted_iterations
 from docs.studies.thesis._predictors import predict
-from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import ExplicitSettings
-from mesh_motion_server.numerics.correction.enrichment.imposed_jacobian import (
-    ImposedSettings,
-    cell_gradients,
-    impose,
-    imposed_jacobians,
-)
-from mesh_motion_server.numerics.correction.enrichment.placement import Placement
-from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.quality.metrics import cell_quality
 
 Floats = NDArray[np.float64]
 
@@ -268,8 +268,8 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.correction.enrichment.imposed_jacobian.impose",
-        "mesh_motion_server.numerics.correction.enrichment.imposed_jacobian.imposed_jacobians",
-        "mesh_motion_server.numerics.correction.enrichment.space.EnrichmentSpace",
+        "mesh_motion_numerics.correction.enrichment.imposed_jacobian.impose",
+        "mesh_motion_numerics.correction.enrichment.imposed_jacobian.imposed_jacobians",
+        "mesh_motion_numerics.correction.enrichment.space.EnrichmentSpace",
     ),
 )

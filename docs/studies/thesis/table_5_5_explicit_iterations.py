@@ -6,18 +6,18 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.correction.enrichment.explicit_iterations import (
+    ExplicitResult,
+    ExplicitSettings,
+)
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import factorize
 from numpy.typing import NDArray
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._block import BlockCase, block_case, draw_mesh, turned
 from docs.studies.thesis._cell_corrections import CELL_CORRECTIONS
 from docs.studies.thesis._field_iterations import predicted_iterations
-from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import (
-    ExplicitResult,
-    ExplicitSettings,
-)
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
 
 Floats = NDArray[np.float64]
 
@@ -231,8 +231,8 @@ STUDY = Study(
     run,
     claims,
     (
-        "mesh_motion_server.numerics.correction.enrichment.explicit_iterations.explicit_iterations",
-        "mesh_motion_server.numerics.correction.enrichment.eigen_correction.eigen_correction",
+        "mesh_motion_numerics.correction.enrichment.explicit_iterations.explicit_iterations",
+        "mesh_motion_numerics.correction.enrichment.eigen_correction.eigen_correction",
         "docs.studies.thesis._cell_corrections.CELL_CORRECTIONS",
     ),
 )

@@ -9,6 +9,12 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.interpolation.support_radius import suggest_support_radius
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
 from numpy.typing import NDArray
 
 from docs.studies.moved_bodies import StoredMesh, Turn, stored
@@ -16,12 +22,6 @@ from docs.studies.refinement import refined
 from docs.studies.study import Outcome, Picture, Study, Table
 from docs.studies.thesis._volume_reduction import VOLUME_REDUCTIONS, Field, VolumeProblem
 from docs.studies.thesis._volume_reduction.background_grid import INTERPOLATIONS, CartesianGrid
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.interpolation.support_radius import suggest_support_radius
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 Floats = NDArray[np.float64]
 

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from mesh_motion_numerics.arrays import Integers, Marks
 
 from mesh_motion_server.files.cgns.tree import Node
-from mesh_motion_server.numerics.arrays import Integers, Marks
 
 __all__ = ["Condition", "patch_name", "read_conditions"]
 

@@ -9,10 +9,10 @@ https://cgns.github.io/CGNS_docs_current/sids/conv.html#unstructgrid
 from dataclasses import dataclass
 
 import numpy as np
+from mesh_motion_numerics.arrays import Integers
+from mesh_motion_numerics.mesh.cells import CELL_TYPES
 
 from mesh_motion_server.files.cgns.tree import Node
-from mesh_motion_server.numerics.arrays import Integers
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["NFACE", "NGON", "VERTEX", "Elements", "ListedElements", "read_elements"]
 

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
 
 from mesh_motion_server.files.cgns.elements import NFACE, NGON, ListedElements
 from mesh_motion_server.files.cgns.tree import Node
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, from_sides
-from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["NumberedFaces", "join_faces"]
 

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
 
 from mesh_motion_server.files.cgns.conditions import patch_name
 from mesh_motion_server.files.cgns.tree import Node
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, concatenated
 from mesh_motion_server.files.vtk_grid import structured_cells
 from mesh_motion_server.files.vtk_pieces import PatchKey, VtkPiece, joined, renumbered
-from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["numbering", "read_structured"]
 

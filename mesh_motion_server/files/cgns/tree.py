@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.hdf5 import opened_hdf5, whole_of
-from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["Node", "open_cgns"]
 

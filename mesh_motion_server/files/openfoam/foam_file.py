@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.packages import check_unpacked, most_unpacked
-from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["FoamFile", "dictionaries"]
 

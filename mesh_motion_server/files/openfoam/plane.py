@@ -9,10 +9,10 @@ of more than four points becomes triangles around a node in its middle.
 from dataclasses import dataclass
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, FacePatch
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
 
 __all__ = ["Plane", "plane_axes", "project"]
 

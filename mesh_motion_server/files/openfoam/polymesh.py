@@ -10,8 +10,9 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.openfoam.foam_file import FoamFile, dictionaries
@@ -19,7 +20,6 @@ from mesh_motion_server.files.openfoam.plane import plane_axes, project
 from mesh_motion_server.files.polyhedra.cells import find_cells
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, FacePatch
 from mesh_motion_server.files.polyhedra.pieces import divide
-from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["FOAM_FILE", "OPENFOAM", "read_face_mesh", "read_polymesh"]
 

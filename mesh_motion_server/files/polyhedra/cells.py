@@ -2,17 +2,17 @@
 
 The numbers of triangles and quadrilaterals of a cell give its candidate type. One face is its base; the nodes above are
 the other ends of the edges that leave the base's nodes. The cell has the candidate type if its faces are those of
-:data:`~mesh_motion_server.numerics.mesh.local_facets.LOCAL_FACETS`; otherwise it is a polyhedron, like all other cells.
+:data:`~mesh_motion_numerics.mesh.local_facets.LOCAL_FACETS`; otherwise it is a polyhedron, like all other cells.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from mesh_motion_numerics.arrays import Integers, Marks
+from mesh_motion_numerics.mesh.cells import CELL_TYPES
+from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
 
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh
-from mesh_motion_server.numerics.arrays import Integers, Marks
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
-from mesh_motion_server.numerics.mesh.local_facets import LOCAL_FACETS
 
 __all__ = ["FoundCells", "find_cells"]
 

@@ -8,10 +8,9 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers
 
 __all__ = ["FaceMesh", "FacePatch", "corner_normals", "from_sides"]
 

@@ -10,12 +10,12 @@ fit. So is a simple cell with an inverted corner. The mesh's own points keep the
 from dataclasses import dataclass
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.cells import CELL_TYPES
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.files.polyhedra.cells import FoundCells
 from mesh_motion_server.files.polyhedra.face_mesh import FaceMesh, corner_normals
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
 
 __all__ = ["Pieces", "divide"]
 

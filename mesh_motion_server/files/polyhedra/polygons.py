@@ -1,8 +1,7 @@
 """Cells of a plane that are given by their edges: triangles, quadrilaterals, and fans of triangles for others."""
 
 import numpy as np
-
-from mesh_motion_server.numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats, Integers
 
 __all__ = ["polygons"]
 

@@ -28,9 +28,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_protocol.errors import DataLoss
 
-from mesh_motion_server.errors import JournalError
-from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.history.events import FOLDER
 from mesh_motion_server.session.history.segments import list_segments
 
@@ -136,7 +136,7 @@ class BoundaryLog:
         for step in range(1, self.steps + 1):
             try:
                 self.read(step)
-            except JournalError:
+            except DataLoss:
                 return step - 1
         return self.steps
 
@@ -145,13 +145,13 @@ class BoundaryLog:
 
         Raises
         ------
-        JournalError
+        DataLoss
             If the step does not verify, or its record was removed meanwhile.
         """
         place = self._inputs[step - 1]
         found = self._record(place)
         if found is None or found[0].row_bytes < 8:
-            raise JournalError(
+            raise DataLoss(
                 f"{self._paths[place >> _OFFSET_BITS]}: what the boundary did in step {step} does not verify",
                 hint=f"replay the steps before it: --until {step - 1}",
                 details={"step": step},

@@ -20,8 +20,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
-from mesh_motion_server.errors import JournalError
-from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_protocol.errors import DataLoss
+
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.keeper import Keeper
 from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit
@@ -118,5 +119,5 @@ def logged_failure(session: str) -> Iterator[None]:
     """No client waits for an answer: what fails is logged, and the next request is refused."""
     try:
         yield
-    except JournalError as error:
+    except DataLoss as error:
         _LOG.error("session %s could not be stored: %s", session, error)

@@ -4,10 +4,10 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
 from mesh_motion_protocol.digests import state_digest
+from mesh_motion_protocol.errors import DataLoss
 
-from mesh_motion_server.errors import JournalError
-from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, unreadable
 from mesh_motion_server.session.journal.ledger import Foundation, Ledger, slot_of
 from mesh_motion_server.session.journal.records import PAGE, Record, unpack_record
@@ -43,7 +43,7 @@ def read_journal(folder: Path, files: FileSystem) -> Findings:
 
     Raises
     ------
-    JournalError
+    DataLoss
         On damage, a missing file, or another format.
     """
 
@@ -62,7 +62,7 @@ def read_ledger(folder: Path, files: FileSystem) -> Ledger:
 
     Raises
     ------
-    JournalError
+    DataLoss
         On damage of the chain, a missing file, or another format.
     """
     try:
@@ -78,7 +78,7 @@ def _read_chain(files: FileSystem, path: Path) -> list[Record]:
         size, part = files.size(handle), _FIRST_BYTES
         while part < size:
             data = files.read(handle, 0, part)
-            with suppress(JournalError):
+            with suppress(DataLoss):
                 records, end = read_chain(data)
                 if end + PAGE <= len(data) and not any(data[end : end + PAGE]):
                     return records  # no record begins in an empty page
@@ -98,7 +98,7 @@ def read_stored_state(folder: Path, files: FileSystem, ledger: Ledger) -> tuple[
 
     Raises
     ------
-    JournalError
+    DataLoss
         DATA_LOSS.CHECKSUM if they do not match their digest.
     """
     snapshot = ledger.snapshot
@@ -116,10 +116,10 @@ def verified_state(raw: bytes, ledger: Ledger) -> Floats:
     """The last stored state (n, d) from its slot's bytes."""
     last = ledger.snapshot
     if last is None:
-        raise JournalError("no state is stored yet", code="INTERNAL")
+        raise DataLoss("no state is stored yet", code="INTERNAL")
     state = _as_state(raw, ledger.foundation)
     if state is None or state_digest(last.step, state) != last.digest:
-        raise JournalError(
+        raise DataLoss(
             f"the coordinates of committed step {last.step} do not match their digest",
             hint="restore the session's folder from a backup, or discard the session",
             details={"step": last.step},

@@ -10,8 +10,9 @@ import os
 from pathlib import Path
 from typing import Protocol
 
+from mesh_motion_protocol.errors import DataLoss
+
 from mesh_motion_server.absence import is_missing
-from mesh_motion_server.errors import JournalError
 from mesh_motion_server.operation.tally import TALLY
 
 __all__ = [
@@ -122,20 +123,20 @@ def write_file(files: FileSystem, path: Path, data: bytes) -> None:
         files.close(handle)
 
 
-def unreadable(what: str, error: OSError) -> JournalError:
+def unreadable(what: str, error: OSError) -> DataLoss:
     """Make the error of a failed read: nothing is known to be lost, unless the file itself is missing."""
     if isinstance(error, FileNotFoundError):
         missing = f"{os.path.basename(os.fsdecode(error.filename))}: " if error.filename else ""
-        return JournalError(f"{what} cannot be read: {missing}{error.strerror or error}")
+        return DataLoss(f"{what} cannot be read: {missing}{error.strerror or error}")
     return disk_failure(
         f"{what} cannot be read", error, hint="see to the disk that holds the state folder, then try again"
     )
 
 
-def disk_failure(doing: str, error: OSError, consequence: str = "", *, hint: str) -> JournalError:
+def disk_failure(doing: str, error: OSError, consequence: str = "", *, hint: str) -> DataLoss:
     """Make the error of a failed disk operation: the system's message, the error's name, the consequence."""
     name = errno.errorcode.get(error.errno or 0, "unknown")
-    return JournalError(
+    return DataLoss(
         f"{doing}: {error.strerror or error} ({name}){consequence}",
         code="RESOURCE_EXHAUSTED.DISK",
         hint=hint,

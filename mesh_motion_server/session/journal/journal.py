@@ -30,10 +30,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_protocol.errors import DataLoss
 
-from mesh_motion_server.errors import JournalError
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.session.journal.background_call import BackgroundCall
 from mesh_motion_server.session.journal.files import (
     KEPT_COMMITS,
@@ -125,7 +125,7 @@ class Journal:
 
         Raises
         ------
-        JournalError
+        DataLoss
             On damage (DATA_LOSS.CHECKSUM), another format, or an operation that failed.
         """
         found = found or read_journal(folder, files)
@@ -150,7 +150,7 @@ class Journal:
 
         Raises
         ------
-        JournalError
+        DataLoss
             RESOURCE_EXHAUSTED.DISK if an operation failed; the journal is then frozen.
         """
         self._require_fitting(state, entry.step)
@@ -172,7 +172,7 @@ class Journal:
 
         Raises
         ------
-        JournalError
+        DataLoss
             As :meth:`store`, if an earlier one failed.
         """
         self._require_fitting(state, self.ledger.step + 1)
@@ -201,7 +201,7 @@ class Journal:
 
         Raises
         ------
-        JournalError
+        DataLoss
             As :meth:`store`.
         """
         self._require_usable()
@@ -213,7 +213,7 @@ class Journal:
 
         Raises
         ------
-        JournalError
+        DataLoss
             As :meth:`store`.
         """
         last = self.ledger.commits[-1]
@@ -226,14 +226,14 @@ class Journal:
         self._require_usable()
         foundation = self.ledger.foundation
         if state.shape != (foundation.nodes, foundation.dimension):
-            raise JournalError(f"the state of step {step} does not fit its slot: {state.shape}", code="INTERNAL")
+            raise DataLoss(f"the state of step {step} does not fit its slot: {state.shape}", code="INTERNAL")
 
     def raise_epoch(self) -> int:
         """Fence all earlier holders, durably; returns the new epoch.
 
         Raises
         ------
-        JournalError
+        DataLoss
             As :meth:`store`.
         """
         self._require_usable()
@@ -247,12 +247,12 @@ class Journal:
 
         Raises
         ------
-        JournalError
+        DataLoss
             DATA_LOSS.CHECKSUM if they do not match their digest.
         """
         snapshot, foundation = self.ledger.snapshot, self.ledger.foundation
         if snapshot is None:
-            raise JournalError("no state is stored yet", code="INTERNAL")
+            raise DataLoss("no state is stored yet", code="INTERNAL")
         raw = self._files.read(self._handles[1 + snapshot.slot], foundation.record_area, foundation.state_bytes)
         return verified_state(raw, self.ledger)
 
@@ -291,7 +291,7 @@ class Journal:
         """The record's copy and the coordinates, unless these were written ahead, synced."""
         area = self.ledger.foundation.record_area
         if len(packed) > area:
-            raise JournalError(f"a record for slot {slot} takes {len(packed)} bytes of {area}", code="INTERNAL")
+            raise DataLoss(f"a record for slot {slot} takes {len(packed)} bytes of {area}", code="INTERNAL")
         handle = self._handles[1 + slot]
         write_all(self._files, handle, 0, packed)
         if state is not None:
@@ -307,7 +307,7 @@ class Journal:
     def _append(self, packed: bytes) -> None:
         """The record at the manifest's end, synced; then the ledger says so."""
         if self._end + len(packed) > self.ledger.capacity:
-            raise JournalError(f"a record of {len(packed)} bytes does not fit the manifest", code="INTERNAL")
+            raise DataLoss(f"a record of {len(packed)} bytes does not fit the manifest", code="INTERNAL")
         self._witness()
         write_all(self._files, self._handles[0], self._end, packed)
         failpoint("journal.record.unsynced")
@@ -378,7 +378,7 @@ class Journal:
 
     def _require_usable(self) -> None:
         if self.frozen:
-            raise JournalError(
+            raise DataLoss(
                 "the journal is frozen since an earlier operation failed",
                 code="RESOURCE_EXHAUSTED.DISK",
                 hint="see to the disk, then resume the session",

@@ -3,7 +3,8 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_numerics.arrays import Floats
+
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit
 
@@ -44,7 +45,7 @@ class Keeper(ABC):
 
         Raises
         ------
-        JournalError
+        DataLoss
             As :meth:`commit`.
         """
 
@@ -54,7 +55,7 @@ class Keeper(ABC):
 
         Raises
         ------
-        JournalError
+        DataLoss
             If the disk failed, or has failed before.
         """
 
@@ -64,7 +65,7 @@ class Keeper(ABC):
 
         Raises
         ------
-        JournalError
+        DataLoss
             If the disk failed, or has failed before.
         """
 
@@ -74,7 +75,7 @@ class Keeper(ABC):
 
         Raises
         ------
-        JournalError
+        DataLoss
             As :meth:`catch_up`.
         """
 

@@ -22,7 +22,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from mesh_motion_server.errors import JournalError
+from mesh_motion_protocol.errors import DataLoss
+
 from mesh_motion_server.session.journal.records import Record
 from mesh_motion_server.session.journal.replies import RequestId
 
@@ -194,12 +195,12 @@ class Ledger:
 
         Raises
         ------
-        JournalError
+        DataLoss
             If it is of a kind that starts no manifest.
         """
         body = record.body
         if record.kind not in ("build", "checkpoint"):
-            raise JournalError(f"a manifest starts with a record of kind 'build' or 'checkpoint', not {record.kind!r}")
+            raise DataLoss(f"a manifest starts with a record of kind 'build' or 'checkpoint', not {record.kind!r}")
         foundation = Foundation(**{name: body[name] for name in Foundation.__dataclass_fields__ if name in body})
         commits = tuple(Commit.from_body(commit) for commit in body.get("commits", ()))
         if record.format == 1:
@@ -214,7 +215,7 @@ class Ledger:
 
         Raises
         ------
-        JournalError
+        DataLoss
             On an unknown kind, or a step or epoch out of turn.
         """
         body = record.body
@@ -228,7 +229,7 @@ class Ledger:
             return replace(self, commits=commits, snapshot=stored, last=record)
         if record.kind == "snapshot" and self.commits and body["digest"] == self.commits[-1].digest:
             return replace(self, commits=_kept(self.commits, stored, keep), snapshot=stored, last=record)
-        raise JournalError(
+        raise DataLoss(
             f"record {record.sequence} of kind {record.kind!r} does not follow step {self.step}, epoch {self.epoch}",
             details={"record": record.sequence},
         )

@@ -16,13 +16,13 @@ from typing import Any
 
 import msgpack
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.cells import CELL_TYPES
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_protocol.errors import DataLoss
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import JournalError
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
-from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.journal.filesystem import FileSystem, unreadable, write_all
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 
@@ -62,7 +62,7 @@ def read_mesh(path: Path, files: FileSystem, digest: bytes) -> list[PartitionMes
 
     Raises
     ------
-    JournalError
+    DataLoss
         DATA_LOSS.CHECKSUM if the file is missing or not the one that was written; RESOURCE_EXHAUSTED.DISK if the disk
         does not give it; UNIMPLEMENTED.VERSION for another format.
     """
@@ -76,13 +76,13 @@ def read_mesh(path: Path, files: FileSystem, digest: bytes) -> list[PartitionMes
     except OSError as error:
         raise unreadable("the mesh", error) from error
     if hashlib.sha256(data).digest() != digest:
-        raise JournalError(
+        raise DataLoss(
             "the stored mesh does not match its digest",
             hint="restore the session's folder from a backup, or discard the session",
             details={"file": path.name},
         )
     if data[: len(_MAGIC)] != _MAGIC:
-        raise JournalError(
+        raise DataLoss(
             f"the stored mesh has format {data[6]}; this version reads format {_MAGIC[6]}",
             code="UNIMPLEMENTED.VERSION",
             hint="open it with the version of the server that wrote it",

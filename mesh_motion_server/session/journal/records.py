@@ -25,8 +25,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import msgpack
-
-from mesh_motion_server.errors import JournalError
+from mesh_motion_protocol.errors import DataLoss
 
 __all__ = ["FAMILY", "FORMATS", "PAGE", "Record", "find_record", "pack_record", "unpack_record", "verified"]
 
@@ -102,7 +101,7 @@ def verified(packed: bytes) -> Record:
     """The record that :func:`pack_record` has just packed."""
     record = unpack_record(packed)
     if record is None:
-        raise JournalError("a record does not verify right after it was packed", code="INTERNAL")
+        raise DataLoss("a record does not verify right after it was packed", code="INTERNAL")
     return record
 
 

@@ -16,7 +16,8 @@ slot, a state whose coordinates do not match their digest. Nothing is guessed. R
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from mesh_motion_server.errors import JournalError
+from mesh_motion_protocol.errors import DataLoss
+
 from mesh_motion_server.session.journal.ledger import Foundation, Ledger
 from mesh_motion_server.session.journal.records import FAMILY, FORMATS, Record, find_record, unpack_record
 from mesh_motion_server.session.journal.witness import Witness, has_witness
@@ -87,7 +88,7 @@ def examine(manifest: bytes, view_slots: Callable[[Foundation], tuple[SlotView, 
 
     Raises
     ------
-    JournalError
+    DataLoss
         DATA_LOSS.CHECKSUM on damage, with the place; UNIMPLEMENTED.VERSION on another format.
     """
     records, end = read_chain(manifest)
@@ -119,13 +120,13 @@ def read_chain(manifest: bytes) -> tuple[list[Record], int]:
 
     Raises
     ------
-    JournalError
+    DataLoss
         If not even the first one verifies.
     """
     first = unpack_record(manifest)
     if first is None:
         if len(manifest) > 8 and manifest[:6] == FAMILY and manifest[6] not in FORMATS:
-            raise JournalError(
+            raise DataLoss(
                 f"the journal has format {manifest[6]}; this version reads the formats {FORMATS[0]} to {FORMATS[-1]}",
                 code="UNIMPLEMENTED.VERSION",
                 hint="open it with the version of the server that wrote it; nothing was changed",
@@ -172,5 +173,5 @@ def _dirty_slots(slots: tuple[SlotView, SlotView], ledger: Ledger) -> tuple[int,
     )
 
 
-def _damage(what: str, offset: int) -> JournalError:
-    return JournalError(f"the journal is damaged: {what}", hint=_HINT, details={"offset": offset})
+def _damage(what: str, offset: int) -> DataLoss:
+    return DataLoss(f"the journal is damaged: {what}", hint=_HINT, details={"offset": offset})

@@ -8,8 +8,9 @@ committed during the last two writes. A crash of the process loses as much as a 
 import threading
 from collections.abc import Callable
 
-from mesh_motion_server.errors import JournalError
-from mesh_motion_server.numerics.arrays import Floats
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_protocol.errors import DataLoss
+
 from mesh_motion_server.session.journal.files import KEPT_COMMITS
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.keeper import Keeper
@@ -38,7 +39,7 @@ class Backlog:
         (*earlier, entry), state = self._commits, self._state
         self._commits, self._state = (), None
         if state is None:
-            raise JournalError("there is nothing to store", code="INTERNAL")
+            raise DataLoss("there is nothing to store", code="INTERNAL")
         return lambda: self._journal.store(entry, state, earlier)
 
 
@@ -55,7 +56,7 @@ class RelaxedKeeper(Keeper):
         super().__init__(journal)
         self._commits = journal.ledger.commits
         self._backlog = Backlog(journal)
-        self._failure: JournalError | None = None
+        self._failure: DataLoss | None = None
         self._storing = self._over = False
         self._news = threading.Condition()
         self._thread: threading.Thread | None = None
@@ -103,7 +104,7 @@ class RelaxedKeeper(Keeper):
     def _require_working(self) -> None:
         if self._failure is not None:
             failure = self._failure
-            raise JournalError(failure.message, code=failure.code, hint=failure.hint, details=failure.details)
+            raise DataLoss(failure.message, code=failure.code, hint=failure.hint, details=failure.details)
 
     def _run(self) -> None:
         """Store new commits until the session is closed or the disk fails."""
@@ -121,12 +122,12 @@ class RelaxedKeeper(Keeper):
                 return
 
 
-def _failure_of(store: Callable[[], None]) -> JournalError | None:
+def _failure_of(store: Callable[[], None]) -> DataLoss | None:
     """Call ``store``; return its error, if any."""
     try:
         store()
-    except JournalError as error:
+    except DataLoss as error:
         return error
     except Exception as error:
-        return JournalError(f"unexpected {type(error).__name__}: {error}", code="INTERNAL")
+        return DataLoss(f"unexpected {type(error).__name__}: {error}", code="INTERNAL")
     return None

@@ -9,7 +9,7 @@ from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-from mesh_motion_server.errors import SessionError
+from mesh_motion_protocol.errors import SessionError
 
 __all__ = ["ReplyTable", "RequestId"]
 

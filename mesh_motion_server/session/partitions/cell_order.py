@@ -5,9 +5,8 @@ from typing import Any
 
 import mesh_motion_kernels as kernels
 import numpy as np
+from mesh_motion_numerics.arrays import Integers, Shorts
 from numpy.typing import NDArray
-
-from mesh_motion_server.numerics.arrays import Integers, Shorts
 
 __all__ = ["sorted_cells"]
 

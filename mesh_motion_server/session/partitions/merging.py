@@ -11,14 +11,14 @@ box; the lowest partition's are taken.
 from collections.abc import Sequence
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers, Shorts
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_numerics.mesh.coincidence import coincident_nodes
+from mesh_motion_numerics.mesh.morton import morton_codes
+from mesh_motion_numerics.mesh.roles import Patch, nodes_with
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers, Shorts
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES, CellTable
-from mesh_motion_server.numerics.mesh.coincidence import coincident_nodes
-from mesh_motion_server.numerics.mesh.morton import morton_codes
-from mesh_motion_server.numerics.mesh.roles import Patch, nodes_with
 from mesh_motion_server.session.partitions.cell_order import sorted_cells
 from mesh_motion_server.session.partitions.meshes import CellCount, CellOrigin, MergedMesh, PartitionMesh, joined
 

@@ -11,15 +11,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.motion.exact_displacements import differences_of
+from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_protocol.shared_nodes import Torn, united
 from numpy.typing import NDArray
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.points import bounding_box
-from mesh_motion_server.numerics.mesh.roles import Patch
-from mesh_motion_server.numerics.motion.exact_displacements import differences_of
 
 __all__ = ["CellCount", "CellOrigin", "MergedMesh", "PartitionMesh", "joined"]
 

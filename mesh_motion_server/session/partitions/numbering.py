@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_protocol.errors import MeshMotionError
 
-from mesh_motion_server.errors import MeshMotionError
-from mesh_motion_server.numerics.arrays import Floats, Integers
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import Patch
 from mesh_motion_server.session.partitions.meshes import CellOrigin, MergedMesh
 
 __all__ = ["UploadView", "in_senders_numbers", "text_in_senders_numbers", "upload_view"]

@@ -4,12 +4,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Integers
+from mesh_motion_numerics.mesh.cells import CELL_TYPES
+from mesh_motion_numerics.mesh.roles import ROLES, Patch
+from mesh_motion_protocol.errors import InvalidInput, ResourceExhausted
 from numpy.typing import NDArray
 
-from mesh_motion_server.errors import InvalidInput, ResourceError
-from mesh_motion_server.numerics.arrays import Integers
-from mesh_motion_server.numerics.mesh.cells import CELL_TYPES
-from mesh_motion_server.numerics.mesh.roles import ROLES, Patch
 from mesh_motion_server.session.partitions.meshes import PartitionMesh, joined
 
 __all__ = ["ITEMS", "MeshUpload", "Part"]
@@ -109,14 +109,14 @@ class MeshUpload:
         ------
         InvalidInput
             On an unknown item, name or role, a wrong shape or type, or a coordinate that is not finite.
-        ResourceError
+        ResourceExhausted
             If the session's byte budget is passed.
         """
         pile = self._piles[partition]
         self._check(part, partition, pile)
         nbytes = _ITEM_BYTES * part.rows.size
         if self.nbytes + nbytes > self._budget:
-            raise ResourceError(
+            raise ResourceExhausted(
                 f"the upload would take {self.nbytes + nbytes} bytes; a session may take {self._budget}",
                 hint="raise the server's max_session_bytes",
                 details={"bytes": self.nbytes + nbytes, "limit": self._budget},

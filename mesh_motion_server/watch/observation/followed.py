@@ -6,8 +6,8 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
 
-from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.watch.observation.series import Series
 
 __all__ = ["MOST_POINTS", "Followed", "plain_column"]

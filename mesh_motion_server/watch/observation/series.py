@@ -7,8 +7,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
 
-from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.watch.observation.fold import Place, StepFold, number_of
 
 __all__ = ["COLUMNS", "PHASES", "QUALITY", "Columns", "Series", "of_metric", "thinned"]

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_protocol.errors import MeshMotionError
+
 from mesh_motion_server.session.history.events import FOLDER
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.listing import UNREADABLE, Listing

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.session.history.boundary import BoundaryLog
 from mesh_motion_server.session.history.events import read_events
 from mesh_motion_server.watch.observation.fold import StepFold

@@ -11,6 +11,7 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, TypeVar
 
+from mesh_motion_protocol.errors import MeshMotionError
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
@@ -19,7 +20,6 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
-from mesh_motion_server.errors import MeshMotionError
 from mesh_motion_server.transport.telemetry import log
 from mesh_motion_server.watch.page.archive import Archive, as_json, integer
 from mesh_motion_server.watch.page.guard import Guard

@@ -13,7 +13,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, TypeVar
 
-from mesh_motion_server.errors import InvalidInput, SessionError
+from mesh_motion_protocol.errors import InvalidInput, SessionError
+
 from mesh_motion_server.watch.observation.overview import Overview
 from mesh_motion_server.watch.observation.reading import Reading
 

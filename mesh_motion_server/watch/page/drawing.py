@@ -4,8 +4,8 @@ from io import BytesIO
 from pathlib import Path
 
 import matplotlib.figure  # noqa: F401  (loaded with this module, so that the time of a picture is the drawing's)
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.session.journal.mesh_store import MESH
 from mesh_motion_server.watch.pictures.before_after import draw_after
 from mesh_motion_server.watch.pictures.meshes import read_pair
@@ -26,7 +26,7 @@ def draw(session_folder: Path, *, dark: bool) -> bytes:
     ------
     InvalidInput
         If it is too large, or has one dimension.
-    JournalError
+    DataLoss
         If the files do not verify.
     """
     mesh = session_folder / MESH

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
 
-from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.watch.pictures.history import draw_quality
 from mesh_motion_server.watch.pictures.mesh_axes import draw_closeup, draw_mesh
 from mesh_motion_server.watch.pictures.page import Page, blank

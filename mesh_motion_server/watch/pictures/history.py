@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.watch.observation.series import PHASES
 from mesh_motion_server.watch.pictures.page import Page, blank
 from mesh_motion_server.watch.pictures.runs import Run

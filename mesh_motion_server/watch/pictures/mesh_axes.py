@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
 
-from mesh_motion_server.numerics.arrays import Floats
 from mesh_motion_server.watch.pictures.page import Page
 from mesh_motion_server.watch.pictures.palette import INVERTED_COLOUR, colour_scale
 from mesh_motion_server.watch.pictures.slices import Polygons, cut, flat

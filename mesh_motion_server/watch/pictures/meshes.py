@@ -5,15 +5,15 @@ from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.finite_volume import FACE_METRICS, cell_values
+from mesh_motion_numerics.quality.metrics import cell_quality
+from mesh_motion_numerics.quality.orientation import oriented_at_rest
+from mesh_motion_protocol.errors import DataLoss, InvalidInput
 
-from mesh_motion_server.errors import InvalidInput, JournalError
 from mesh_motion_server.files import read_mesh
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.mesh.boundary_facets import boundary_nodes
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.finite_volume import FACE_METRICS, cell_values
-from mesh_motion_server.numerics.quality.metrics import cell_quality
-from mesh_motion_server.numerics.quality.orientation import oriented_at_rest
 from mesh_motion_server.session.journal.files import read_ledger, read_stored_state
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal.mesh_store import MESH
@@ -58,7 +58,7 @@ def read_pair(folder: Path, metric: str | None = None, first: int | None = None,
     ------
     InvalidInput
         If it is not a run, or does not have these steps.
-    JournalError
+    DataLoss
         If the files of a session do not verify.
     """
     check_metric(metric, (*METRICS, *FACE_METRICS))
@@ -124,7 +124,7 @@ def _stored_state(folder: Path, files: PosixFileSystem) -> tuple[int, Floats] | 
     for left in reversed(range(_TRIES)):
         try:
             return read_stored_state(folder, files, read_ledger(folder, files))
-        except JournalError:
+        except DataLoss:
             if not left:
                 raise
     return None

@@ -14,7 +14,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from mesh_motion_server.errors import InvalidInput, ResourceError
+from mesh_motion_protocol.errors import InvalidInput, ResourceExhausted
+
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.watch.pictures.palette import LIGHT, Theme
 from mesh_motion_server.watch.terminal.text import plain
@@ -162,7 +163,7 @@ def save(figure: Any, path: Path, page: Page) -> None:
     ------
     InvalidInput
         For a suffix that is not in :data:`FORMATS`.
-    ResourceError
+    ResourceExhausted
         If the file cannot be written.
     """
     kind = format_of(path)
@@ -176,7 +177,7 @@ def save(figure: Any, path: Path, page: Page) -> None:
                 figure.get_layout_engine().execute(figure)
             figure.savefig(file, format=kind, dpi=page.dpi, metadata=nothing)
     except OSError as error:
-        raise ResourceError(f"{path}: the picture cannot be written: {error.strerror or error}") from None
+        raise ResourceExhausted(f"{path}: the picture cannot be written: {error.strerror or error}") from None
 
 
 def _make_inert(figure: Any) -> None:

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.method import KEYS
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.arrays import Floats
-from mesh_motion_server.numerics.method import KEYS
 from mesh_motion_server.session.spec import SPEC, StoredSpec, spec_bytes
 from mesh_motion_server.watch.observation.follow import events_in_brief
 from mesh_motion_server.watch.observation.series import COLUMNS, PHASES, Columns, Series, of_metric, thinned
@@ -102,7 +102,7 @@ def read_runs(folders: Sequence[Path], metric: str | None = None) -> list[Run]:
     ------
     InvalidInput
         If a folder is not a run, or has no history.
-    JournalError
+    DataLoss
         If the ``spec.json`` of a session cannot be read.
     """
     check_metric(metric, METRICS)

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-
-from mesh_motion_server.numerics.arrays import Floats, Integers, Marks
-from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.cells import CellTable
 
 __all__ = ["Plane", "Snapshot", "choose_plane", "choose_window"]
 

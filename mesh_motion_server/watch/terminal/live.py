@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
+from mesh_motion_protocol.errors import SessionError
 from rich.live import Live
 
-from mesh_motion_server.errors import SessionError
 from mesh_motion_server.watch.terminal.console import console
 from mesh_motion_server.watch.terminal.sources import FolderSource, Unreadable
 from mesh_motion_server.watch.terminal.table import Look, look_at, rendered, without_server

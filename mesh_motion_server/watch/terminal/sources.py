@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from mesh_motion_server.errors import MeshMotionError
+from mesh_motion_protocol.errors import MeshMotionError
+
 from mesh_motion_server.session.spec import SPEC
 from mesh_motion_server.watch.observation.overview import Overview
 from mesh_motion_server.watch.observation.reading import Reading

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from mesh_motion_protocol.errors import SessionError
 from rich.console import Group, RenderableType
 
-from mesh_motion_server.errors import SessionError
 from mesh_motion_server.watch.observation.series import PHASES
 from mesh_motion_server.watch.observation.verdict import Verdict, duration, server_gone
 from mesh_motion_server.watch.terminal.console import Table, inert

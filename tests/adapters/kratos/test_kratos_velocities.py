@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from mesh_motion_server.numerics.motion.time_levels import STORED_ARRAYS, TimeLevel, level_after, scheme_velocity
+from mesh_motion_numerics.motion.time_levels import STORED_ARRAYS, TimeLevel, level_after, scheme_velocity
 
 PLAYER = Path(__file__).with_name("velocities_in_kratos.py")
 TIMES = np.array([0.0, 0.1, 0.25, 0.3, 0.5, 0.55])

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from foam_cases import BOX, PRISMS, FoamCase
-
-from mesh_motion_server.numerics.mesh.swept_volumes import swept_volumes
+from mesh_motion_numerics.mesh.swept_volumes import swept_volumes
 
 SOURCE = Path(__file__).with_name("swept_faces.C")
 HEADERS = ("OpenFOAM", "OSspecific/POSIX", "finiteVolume", "meshTools")

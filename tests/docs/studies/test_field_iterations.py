@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from correction_cases import case as body_case
 from correction_cases import thesis_case
+from mesh_motion_numerics.correction.correction import CorrectionProblem
+from mesh_motion_numerics.correction.enrichment import functions
+from mesh_motion_numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.quality.mesh_summary import lowest_quality
 
 from docs.studies.thesis._cell_corrections import CELL_CORRECTIONS
 from docs.studies.thesis._field_iterations import EnrichmentTerm, predicted_iterations
 from docs.studies.thesis._predictors import InterpolantField
-from mesh_motion_server.numerics.correction.correction import CorrectionProblem
-from mesh_motion_server.numerics.correction.enrichment import functions
-from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import ExplicitSettings, explicit_iterations
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.quality.mesh_summary import lowest_quality
 
 
 def field_of(problem: CorrectionProblem) -> InterpolantField:

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.mesh.cells import CellTable
 
 from docs.studies.run import judged_runs
 from docs.studies.run.judged_runs import BOUNDS, RUNS, Walk, failures, judged, least_shape, phases
-from mesh_motion_server.numerics.mesh.cells import CellTable
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 QUAD = CellTable.from_arrays({"quad": np.array([[0, 1, 2, 3]])})

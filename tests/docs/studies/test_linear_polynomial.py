@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.interpolation.kernels import BASES
 
 from docs.studies.thesis._linear_polynomial import WithPolynomial
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.interpolation.kernels import BASES
 
 DEFINITE = sorted(name for name, basis in BASES.items() if not basis.unusable and basis.order == 0)
 SOLVERS = ("dense", "sparse", "iterative")

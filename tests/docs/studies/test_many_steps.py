@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
+from mesh_motion_protocol.errors import InvalidInput
 
 from docs.studies.thesis._many_steps import AccumulatedGradients, ComposedField, predict_many_steps
 from docs.studies.thesis._predictors import PREDICTORS, CallableField, InterpolantField
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 
 def square(n: int) -> tuple[np.ndarray, CellTable]:

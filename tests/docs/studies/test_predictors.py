@@ -5,13 +5,13 @@ from itertools import permutations
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
+from mesh_motion_protocol.errors import InvalidInput
 
 from docs.studies.thesis._predictors import PREDICTORS, CallableField, InterpolantField, predict
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
 
 Mesh = tuple[np.ndarray, CellTable]
 

@@ -5,18 +5,18 @@ import numpy as np
 import pytest
 from box_meshes import box_mesh
 from frame_meshes import rotation
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import Interpolant, factorize
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.paths import fit_rigid_motion
+from mesh_motion_numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest, reference_sizes
+from mesh_motion_protocol.errors import InvalidInput
 
 from docs.studies.thesis._linear_polynomial import WithPolynomial
 from docs.studies.thesis._sampling import BOUNDS, ExpandableField, SampledQuality, predict_sampled
 from docs.studies.thesis._sampling.expansion import EXPANDABLE, expand, monomials
 from docs.studies.thesis._sampling.groups import group_cells
 from docs.studies.thesis._sampling.remainder import remainders
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import Interpolant, factorize
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.paths import fit_rigid_motion
-from mesh_motion_server.numerics.quality.metrics import QUALITY_METRICS, cell_quality, cells_at_rest, reference_sizes
 
 KINDS = ("quad", "quad + triangle", "tetra", "hexahedron", "wedge", "pyramid")
 

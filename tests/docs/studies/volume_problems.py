@@ -1,10 +1,10 @@
 """A problem that every volume reduction is tested on."""
 
 import numpy as np
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import factorize
 
 from docs.studies.thesis._volume_reduction import VolumeProblem
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
 
 
 def problem_of(d: int = 2, *, length: float | None = None, n: int = 9, shift: float = 0.05) -> VolumeProblem:

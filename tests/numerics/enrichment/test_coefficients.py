@@ -3,17 +3,16 @@
 import numpy as np
 import pytest
 from correction_cases import CASES, RADIUS, case, stored
-from scipy.sparse import bsr_matrix
-
-from mesh_motion_server.numerics.correction.distortion import PNorm, corner_blocks, distortion_gradient, mean_distortion
-from mesh_motion_server.numerics.correction.enrichment import coefficients as module
-from mesh_motion_server.numerics.correction.enrichment.coefficients import (
+from mesh_motion_numerics.correction.distortion import PNorm, corner_blocks, distortion_gradient, mean_distortion
+from mesh_motion_numerics.correction.enrichment import coefficients as module
+from mesh_motion_numerics.correction.enrichment.coefficients import (
     RADIUS_CYCLE,
     optimised_enrichment,
     optimised_placement,
 )
-from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.correction.trial_nodes import Polished
+from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_numerics.correction.trial_nodes import Polished
+from scipy.sparse import bsr_matrix
 
 
 def space_of(name: str, count: int = 20) -> EnrichmentSpace:

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from mesh_motion_server.numerics.correction.enrichment.eigen_correction import eigen_correction
+from mesh_motion_numerics.correction.enrichment.eigen_correction import eigen_correction
 
 
 def corrected(B) -> np.ndarray:

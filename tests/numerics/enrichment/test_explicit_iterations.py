@@ -6,19 +6,18 @@ import numpy as np
 import pytest
 from correction_cases import THESIS, rigid, stored, thesis_case
 from correction_cases import case as body_case
-
-from mesh_motion_server.numerics.correction.enrichment.explicit_iterations import (
+from mesh_motion_numerics.correction.enrichment.explicit_iterations import (
     ExplicitSettings,
     explicit_iterations,
     mean_gradient,
 )
-from mesh_motion_server.numerics.correction.enrichment.placement import Placement
-from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.quality.mesh_summary import lowest_quality
-from mesh_motion_server.numerics.quality.metrics import cell_quality
+from mesh_motion_numerics.correction.enrichment.placement import Placement
+from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.mesh_summary import lowest_quality
+from mesh_motion_numerics.quality.metrics import cell_quality
 
 
 @pytest.mark.parametrize(

@@ -2,15 +2,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from mesh_motion_server.numerics.correction.enrichment.functions import (
+from mesh_motion_numerics.correction.enrichment.functions import (
     ENRICHMENT_FUNCTIONS,
     gradients,
     slope_at_point,
     values,
 )
-from mesh_motion_server.numerics.interpolation.kernels import BASES
-from mesh_motion_server.numerics.interpolation.kernels import values as phi_values
+from mesh_motion_numerics.interpolation.kernels import BASES
+from mesh_motion_numerics.interpolation.kernels import values as phi_values
 
 KINDS = sorted(ENRICHMENT_FUNCTIONS)
 

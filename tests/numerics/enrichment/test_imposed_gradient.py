@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-
-from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.correction.enrichment.imposed_gradient import (
+from mesh_motion_numerics.correction.enrichment.imposed_gradient import (
     ImposedGradient,
     bracketing_slopes,
     enriched_displacement,
     solve_imposed_gradient,
 )
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 
 NODES = np.linspace(0, 1, 21)
 CENTRES = (NODES[1:] + NODES[:-1]) / 2
@@ -112,7 +111,7 @@ def test_a_point_outside_is_named():
 
 def test_two_points_in_one_place_are_refused():
     boundary, displacement = contraction(0.2, 0.8, 0.15, -0.15)
-    with pytest.raises(NumericalError, match="singular"):
+    with pytest.raises(QualityRefused, match="singular"):
         solve_imposed_gradient(boundary, displacement, np.array([0.5, 0.5]), ImposedGradient(0.3, 1.0))
 
 

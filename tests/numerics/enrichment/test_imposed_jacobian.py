@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 from box_meshes import box_mesh
 from correction_cases import CASES, RADIUS, case, stored
-
-from docs.studies.thesis._cell_corrections import CELL_CORRECTIONS
-from mesh_motion_server.numerics.correction.enrichment import functions
-from mesh_motion_server.numerics.correction.enrichment.imposed_gradient import ImposedGradient, solve_imposed_gradient
-from mesh_motion_server.numerics.correction.enrichment.imposed_jacobian import (
+from mesh_motion_numerics.correction.enrichment import functions
+from mesh_motion_numerics.correction.enrichment.imposed_gradient import ImposedGradient, solve_imposed_gradient
+from mesh_motion_numerics.correction.enrichment.imposed_jacobian import (
     ImposedJacobians,
     ImposedSettings,
     cell_gradients,
     impose,
     imposed_jacobians,
 )
-from mesh_motion_server.numerics.correction.enrichment.placement import Placement
-from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.interpolation.kernels import basis_named, slopes, values
+from mesh_motion_numerics.correction.enrichment.placement import Placement
+from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.interpolation.kernels import basis_named, slopes, values
+
+from docs.studies.thesis._cell_corrections import CELL_CORRECTIONS
 
 
 def space_at(points: np.ndarray, factorization, kind: str = "H1", radius: float = RADIUS) -> EnrichmentSpace:

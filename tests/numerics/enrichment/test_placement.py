@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-
-from mesh_motion_server.numerics.correction.enrichment.placement import (
+from mesh_motion_numerics.correction.enrichment.placement import (
     gap_middle,
     local_minima,
     spread_placement,
     worst_cell,
 )
-from mesh_motion_server.numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.cells import CellTable
 
 
 @pytest.fixture

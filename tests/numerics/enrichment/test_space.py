@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 from correction_cases import case
-
-from mesh_motion_server.numerics.correction.enrichment.placement import Placement
-from mesh_motion_server.numerics.correction.enrichment.space import EnrichmentSpace
+from mesh_motion_numerics.correction.enrichment.placement import Placement
+from mesh_motion_numerics.correction.enrichment.space import EnrichmentSpace
 
 NAMES = ["dx -0.3", "3D box 0.25 + bend"]
 

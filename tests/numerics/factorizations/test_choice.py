@@ -1,11 +1,10 @@
 import numpy as np
 import pytest
-
-from mesh_motion_server.numerics.interpolation.assembly import dense_block, mean_row_entries, sparse_matrix
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.factorizations import choice
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.interpolation.kernels import BASES, values
+from mesh_motion_numerics.interpolation.assembly import dense_block, mean_row_entries, sparse_matrix
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.factorizations import choice
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.interpolation.kernels import BASES, values
 
 C2 = BASES["wendland-c2"]
 

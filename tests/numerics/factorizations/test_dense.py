@@ -2,10 +2,9 @@ import os
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.interpolation.factorizations.dense import PanelCholesky
+from mesh_motion_protocol.errors import QualityRefused
 from scipy.linalg import lapack
-
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.interpolation.factorizations.dense import PanelCholesky
 
 
 def random_definite(n, seed=0):
@@ -40,13 +39,13 @@ def test_the_right_hand_side_is_left_alone():
 def test_a_lost_pivot_is_an_error(bad):
     matrix = random_definite(800)
     matrix[bad] = matrix[:, bad] = 0.0
-    with pytest.raises(NumericalError, match="singular to working precision"):
+    with pytest.raises(QualityRefused, match="singular to working precision"):
         PanelCholesky(800, panels_of(matrix))
 
 
 def test_a_pivot_of_rounding_is_an_error():
     matrix = np.array([[1.0, 1.0], [1.0, 1.0 + 1e-15]])
-    with pytest.raises(NumericalError, match="singular"):
+    with pytest.raises(QualityRefused, match="singular"):
         PanelCholesky(2, panels_of(matrix))
 
 

@@ -1,12 +1,11 @@
 import numpy as np
 import pytest
-
-from mesh_motion_server.errors import NumericalError
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.factorizations import iterative
-from mesh_motion_server.numerics.interpolation.factorizations.iterative import ConjugateGradients
-from mesh_motion_server.numerics.interpolation.factorizations.preconditioner import SparseInverse
-from mesh_motion_server.numerics.interpolation.kernels import BASES, values
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.factorizations import iterative
+from mesh_motion_numerics.interpolation.factorizations.iterative import ConjugateGradients
+from mesh_motion_numerics.interpolation.factorizations.preconditioner import SparseInverse
+from mesh_motion_numerics.interpolation.kernels import BASES, values
+from mesh_motion_protocol.errors import QualityRefused
 
 C2 = BASES["wendland-c2"]
 
@@ -61,7 +60,7 @@ def test_a_solution_that_does_not_come_is_an_error(monkeypatch):
     monkeypatch.setattr(iterative, "_MAX_ITERATIONS", 2)
     points = sphere(500)
     solver = ConjugateGradients(CentreLayout.build(points, C2, 3.0), C2, 3.0)
-    with pytest.raises(NumericalError, match="stopped at a relative residual of"):
+    with pytest.raises(QualityRefused, match="stopped at a relative residual of"):
         solver.solve(np.sin(3 * points))
 
 

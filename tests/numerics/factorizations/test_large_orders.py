@@ -4,26 +4,25 @@ import os
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from two_scale_boundaries import boundary, sphere, walls
-
-from mesh_motion_server.errors import ResourceError
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.assembly import mean_row_entries
-from mesh_motion_server.numerics.interpolation.centres import CentreLayout
-from mesh_motion_server.numerics.interpolation.factorizations.memory_bound import (
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.assembly import mean_row_entries
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.factorizations.memory_bound import (
     FACTOR_BYTES,
     check_dense,
     check_sparse,
     dense_bytes,
     sparse_bytes,
 )
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.interpolation.kernels import BASES
-from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScalePlan
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.method_check import check_method
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.interpolation.kernels import BASES
+from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan
+from mesh_motion_numerics.mesh.roles import BoundaryRoles
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.method_check import check_method
+from mesh_motion_protocol.errors import ResourceExhausted
+from numpy.typing import NDArray
+from two_scale_boundaries import boundary, sphere, walls
 
 Floats = NDArray[np.float64]
 
@@ -110,7 +109,7 @@ def test_what_would_take_too_much_is_refused_before_it_is_tried(
     order: int, solver: str, basis: str, gigabytes: str
 ) -> None:
     points, _ = cloud(order)
-    with pytest.raises(ResourceError, match=rf"of {order} control points .*needs about {gigabytes} GB") as refused:
+    with pytest.raises(ResourceExhausted, match=rf"of {order} control points .*needs about {gigabytes} GB") as refused:
         factorize(points, basis=basis, support_radius=LARGE, solver=solver)
     assert "smaller support radius" in refused.value.hint or "reduction" in refused.value.hint
     assert refused.value.details["limit_bytes"] == FACTOR_BYTES
@@ -120,18 +119,18 @@ def test_a_session_is_refused_when_it_is_opened() -> None:
     points, moving = cloud(100_000)
     none = np.empty(0, dtype=np.int64)
     roles = BoundaryRoles(np.flatnonzero(moving), np.flatnonzero(~moving), none, none)
-    with pytest.raises(ResourceError, match=r"needs about 40\.0 GB"):
+    with pytest.raises(ResourceExhausted, match=r"needs about 40\.0 GB"):
         check_method(Method(basis="tps"), points, roles)
     check_method(Method(), points, roles)
 
 
 def test_the_bounds() -> None:
     check_dense(32_768)
-    with pytest.raises(ResourceError, match="32769 control points"):
+    with pytest.raises(ResourceExhausted, match="32769 control points"):
         check_dense(32_769)
     assert dense_bytes(32_768) == FACTOR_BYTES
     check_sparse(100_000, 60.0)
-    with pytest.raises(ResourceError, match="300 others in reach"):
+    with pytest.raises(ResourceExhausted, match="300 others in reach"):
         check_sparse(100_000, 300.0)
 
 

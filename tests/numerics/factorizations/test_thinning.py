@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
+from mesh_motion_numerics.interpolation.factorizations.thinning import nearest_preceding, nested_levels
 from scipy.spatial import cKDTree
-
-from mesh_motion_server.numerics.interpolation.factorizations.thinning import nearest_preceding, nested_levels
 
 
 @pytest.mark.parametrize("d", [1, 2, 3])

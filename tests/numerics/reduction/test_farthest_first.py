@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-
-from mesh_motion_server.numerics.reduction.farthest_first import farthest_first
+from mesh_motion_numerics.reduction.farthest_first import farthest_first
 
 POINTS = np.random.default_rng(5).random((300, 3))
 

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.reduction import REDUCTIONS
+from mesh_motion_numerics.reduction.grouped_circular import default_groups, reduce
+from mesh_motion_numerics.reduction.growing_set import GrowingSet
 from reduced_motions import problem
-
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.reduction import REDUCTIONS
-from mesh_motion_server.numerics.reduction.grouped_circular import default_groups, reduce
-from mesh_motion_server.numerics.reduction.growing_set import GrowingSet
 
 
 @pytest.mark.parametrize("boundary", ["slab", "wing"])

@@ -3,12 +3,11 @@
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
+from mesh_motion_numerics.reduction import REDUCTIONS, ReductionProblem, recurrence_cholesky
+from mesh_motion_numerics.reduction.growing_columns import GrowingColumns
+from mesh_motion_numerics.reduction.incremental_lu import GrowingLU
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 from reduced_motions import problem
-
-from mesh_motion_server.errors import InvalidInput, NumericalError
-from mesh_motion_server.numerics.reduction import REDUCTIONS, ReductionProblem, recurrence_cholesky
-from mesh_motion_server.numerics.reduction.growing_columns import GrowingColumns
-from mesh_motion_server.numerics.reduction.incremental_lu import GrowingLU
 
 
 def matrix(nodes: np.ndarray) -> np.ndarray:
@@ -50,7 +49,7 @@ def test_a_wrong_row_shows(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_nodes_that_coincide_are_refused(name: str) -> None:
     points = np.array([[0.0, 0.0], [1e-9, 0.0], [1.0, 0.0]])
     of = ReductionProblem(points, np.array([[1.0], [2.0], [0.0]]), support_radius=2.0, tolerance=0.0)
-    with pytest.raises(NumericalError, match="singular to working precision"):
+    with pytest.raises(QualityRefused, match="singular to working precision"):
         REDUCTIONS[name](of)
 
 

@@ -4,10 +4,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.reduction.multi_step import SPACINGS, reduce
 from reduced_motions import problem
-
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.reduction.multi_step import SPACINGS, reduce
 
 OF = problem("wing", tolerance=1e-6)
 REDUCED = reduce(OF)

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.reduction import REDUCTIONS, ReductionProblem
+from mesh_motion_numerics.reduction.multilevel_subspace import reduce
 from reduced_motions import problem
-
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.reduction import REDUCTIONS, ReductionProblem
-from mesh_motion_server.numerics.reduction.multilevel_subspace import reduce
 
 
 def test_every_level_interpolates_what_those_before_it_left() -> None:

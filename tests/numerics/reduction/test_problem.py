@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.method import KEYS
-from mesh_motion_server.numerics.reduction import REDUCTIONS, ReductionProblem
+from mesh_motion_numerics.method import KEYS
+from mesh_motion_numerics.reduction import REDUCTIONS, ReductionProblem
+from mesh_motion_protocol.errors import InvalidInput
 
 POINTS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 MOVED = np.array([[0.0, 0.1], [0.3, 0.4], [-0.5, 0.0]])

@@ -4,17 +4,17 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.interpolation.factor_source import MakeEachTime
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import BoundaryRoles
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.prepared_mesh import with_radii
+from mesh_motion_numerics.motion.standard_motion import StandardMotion, StandardTrial
+from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
+from mesh_motion_numerics.stopwatch import Stopwatch
 from trial_stages import displacement_by
 
 from docs.studies.aerofoil_grids import TRAILING_EDGES, Grid, c_grid, o_grid, wing
-from mesh_motion_server.numerics.interpolation.factor_source import MakeEachTime
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.prepared_mesh import with_radii
-from mesh_motion_server.numerics.motion.standard_motion import StandardMotion, StandardTrial
-from mesh_motion_server.numerics.quality.metrics import cell_quality, reference_sizes
-from mesh_motion_server.numerics.stopwatch import Stopwatch
 
 Floats = np.ndarray
 

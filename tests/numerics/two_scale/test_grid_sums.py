@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import Interpolant, factorize
+from mesh_motion_numerics.interpolation.kernels import BASES
+from mesh_motion_numerics.interpolation.two_scale.boxes import nested_boxes
+from mesh_motion_numerics.interpolation.two_scale.grid_sums import grid_sums, on_grid, on_grid_transposed
+from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedGrid
+from mesh_motion_numerics.mesh.spacing import local_spacing
 from two_scale_boundaries import sphere, walls
-
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import Interpolant, factorize
-from mesh_motion_server.numerics.interpolation.kernels import BASES
-from mesh_motion_server.numerics.interpolation.two_scale.boxes import nested_boxes
-from mesh_motion_server.numerics.interpolation.two_scale.grid_sums import grid_sums, on_grid, on_grid_transposed
-from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedGrid
-from mesh_motion_server.numerics.mesh.spacing import local_spacing
 
 POINTS = np.vstack([sphere(120, 0.15), walls(5)])
 COUNTS, LOW, SPACING = (37, 30, 37), np.full(3, -2.0 / 32.0), 1.0 / 32.0

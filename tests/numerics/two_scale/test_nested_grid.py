@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.interpolation.two_scale.boxes import MARGIN, nested_boxes
+from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedGrid
+from mesh_motion_numerics.mesh.spacing import local_spacing
+from mesh_motion_numerics.threads import limited_to
 from numpy.typing import NDArray
-
-from mesh_motion_server.numerics.interpolation.two_scale.boxes import MARGIN, nested_boxes
-from mesh_motion_server.numerics.interpolation.two_scale.nested_grid import NestedGrid
-from mesh_motion_server.numerics.mesh.spacing import local_spacing
-from mesh_motion_server.numerics.threads import limited_to
 
 Floats = NDArray[np.float64]
 

@@ -4,21 +4,20 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.interpolant import factorize
+from mesh_motion_numerics.interpolation.two_scale.coarse_points import coarse_points
+from mesh_motion_numerics.interpolation.two_scale.compact_levels import compact_levels
+from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScaleFactorization, TwoScalePlan
+from mesh_motion_numerics.interpolation.two_scale.plans import AUTOMATIC_FROM, TwoScalePlans
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.mesh.spacing import local_spacing
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.motion import MotionModel
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from two_scale_boundaries import boundary, graded_circle, graded_sphere, sphere, square, walls
-
-from mesh_motion_server.numerics.interpolation import evaluation
-from mesh_motion_server.numerics.interpolation.interpolant import factorize
-from mesh_motion_server.numerics.interpolation.two_scale.coarse_points import coarse_points
-from mesh_motion_server.numerics.interpolation.two_scale.compact_levels import compact_levels
-from mesh_motion_server.numerics.interpolation.two_scale.factorization import TwoScaleFactorization, TwoScalePlan
-from mesh_motion_server.numerics.interpolation.two_scale.plans import AUTOMATIC_FROM, TwoScalePlans
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.roles import BoundaryRoles, Patch
-from mesh_motion_server.numerics.mesh.spacing import local_spacing
-from mesh_motion_server.numerics.method import Method
-from mesh_motion_server.numerics.motion.motion import MotionModel
 
 Floats = NDArray[np.float64]
 
@@ -176,7 +175,7 @@ def test_a_session_moves_in_two_scales(displacement: str, monkeypatch: pytest.Mo
     targets = points[patches["left"].nodes] + np.array([0.1, 0.0])
     moved = {}
     for scales, most in (("one", AUTOMATIC_FROM), ("two", 0)):
-        monkeypatch.setattr("mesh_motion_server.numerics.interpolation.two_scale.plans.AUTOMATIC_FROM", most)
+        monkeypatch.setattr("mesh_motion_numerics.interpolation.two_scale.plans.AUTOMATIC_FROM", most)
         model = MotionModel.build(points, cells, patches, Method(support_radius=2.0, displacement=displacement))
         motion = model.move(points, targets)
         moved[scales] = motion.points

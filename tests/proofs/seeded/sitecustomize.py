@@ -79,7 +79,8 @@ def a_lookup_that_takes_its_time_after_the_delay_began() -> None:
 
 @fault
 def another_hint_where_there_is_a_session() -> None:
-    from mesh_motion_server.errors import SessionError
+    from mesh_motion_protocol.errors import SessionError
+
     from mesh_motion_server.transport import control
 
     request, not_found, control_of = control.Control.request, control.not_found, []
@@ -166,7 +167,8 @@ def a_record_without_its_reply() -> None:
 
 @fault
 def an_error_that_is_answered_as_none() -> None:
-    from mesh_motion_server.errors import JournalError
+    from mesh_motion_protocol.errors import DataLoss
+
     from mesh_motion_server.session.session import Session
 
     attempt = Session._write
@@ -174,7 +176,7 @@ def an_error_that_is_answered_as_none() -> None:
     def careless(self, write, after):
         try:
             attempt(self, write, after)
-        except JournalError:
+        except DataLoss:
             self._now = after
 
     Session._write = careless

@@ -25,10 +25,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from mesh_motion_numerics.quality.quality_summary import Distribution, QualitySummary
 from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.messages import Commit, Fetch, Join, Move
 
-from mesh_motion_server.numerics.quality.quality_summary import Distribution, QualitySummary
 from mesh_motion_server.service.dispatch import SessionHost
 from mesh_motion_server.session import replay
 from mesh_motion_server.session.journal import journal as journal_module

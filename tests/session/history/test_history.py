@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mesh_motion_protocol.errors import DataLoss
 from mesh_motion_protocol.messages import Build, Close, Commit, Move, Rollback
 from raising import raising
 
-from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.history import History
 from mesh_motion_server.session.history.boundary import BoundaryLog, pack_input, pack_outcome
 from mesh_motion_server.session.history.events import last_committed, line_of, lines_backwards, parse_line, read_events
@@ -342,7 +342,7 @@ def test_a_log_that_is_removed_while_it_is_read_has_no_steps(tmp_path: Path) -> 
     assert (log.read(1).digest, log.verified()) == (b"digest", 1)
     path.unlink()
     assert (log.digest(1), log.verified()) == (b"", 0)
-    with pytest.raises(JournalError, match="step 1 does not verify"):
+    with pytest.raises(DataLoss, match="step 1 does not verify"):
         log.read(1)
 
 
@@ -423,7 +423,7 @@ def test_a_flipped_byte_is_found(tmp_path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[-1] ^= 1
     path.write_bytes(data)
-    with pytest.raises(JournalError, match="does not verify"):
+    with pytest.raises(DataLoss, match="does not verify"):
         BoundaryLog(tmp_path).read(1)
 
 

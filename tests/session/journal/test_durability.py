@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mesh_motion_protocol.errors import DataLoss
 from mesh_motion_protocol.messages import Close, Commit, Fetch, Move, Status
 from raising import raising
 
-from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session import replay as replay_module
 from mesh_motion_server.session.inspection import inspect_session
 from mesh_motion_server.session.journal.files import read_journal
@@ -205,7 +205,7 @@ def diverging(opened: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
 def test_a_recomputation_that_differs_is_refused(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     with (
         monkeypatch.context() as patch,
-        pytest.raises(JournalError, match="computing step 1 again gave digest") as caught,
+        pytest.raises(DataLoss, match="computing step 1 again gave digest") as caught,
     ):
         diverging(opened, patch)
     assert caught.value.code == "DATA_LOSS.RECOVERY_DIVERGED"
@@ -233,7 +233,7 @@ def test_a_recomputation_that_is_refused_has_diverged(opened: Any, monkeypatch: 
     driver.advance(1)
     with monkeypatch.context() as patch:
         patch.setattr(StandIn, "_areas", lambda self, points: np.array([1.0 if points is self.points else -1.0]))
-        with pytest.raises(JournalError, match=r"gave FAILED_PRECONDITION.QUALITY") as caught:
+        with pytest.raises(DataLoss, match=r"gave FAILED_PRECONDITION.QUALITY") as caught:
             opened.again()
     assert caught.value.code == "DATA_LOSS.RECOVERY_DIVERGED"
 

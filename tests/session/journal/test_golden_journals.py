@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 from loaded_scripts import loaded
 from mesh_motion_protocol.codec import encode
+from mesh_motion_protocol.errors import DataLoss
 
-from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.inspection import inspect_session
 from mesh_motion_server.session.journal import journal as journal_module
 from mesh_motion_server.session.journal.files import read_journal
@@ -189,7 +189,7 @@ def test_what_a_later_version_wrote_is_refused_and_left_alone(
     folder = tmp_path / "sessions" / SESSION
     change(folder)
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    with pytest.raises(JournalError, match=says) as caught:
+    with pytest.raises(DataLoss, match=says) as caught:
         _resume(builder, tmp_path)
     assert caught.value.code == "UNIMPLEMENTED.VERSION"
     assert "version of the server that wrote it" in caught.value.hint

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from mesh_motion_protocol.digests import state_digest
+from mesh_motion_protocol.errors import DataLoss
 from raising import raising
 
-from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.journal import journal as journal_module
 from mesh_motion_server.session.journal.files import KEPT_COMMITS, read_journal, read_ledger
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
@@ -143,7 +143,7 @@ def test_a_disk_that_fails_ahead_freezes(tmp_path: Path, any_size: None, followi
     write(tmp_path, 0).close()
     journal, state = reopen(tmp_path, Broken()), state_of(1)
     journal.write_ahead(state)
-    with pytest.raises(JournalError, match="committing step 1: broken") as caught:
+    with pytest.raises(DataLoss, match="committing step 1: broken") as caught:
         journal.store(entry_of(1), state) if following == "store" else journal.write_ahead(state)
     assert caught.value.code == "RESOURCE_EXHAUSTED.DISK"
     assert journal.frozen
@@ -191,13 +191,13 @@ def test_sequence_numbers_and_the_chain_run_over_the_whole_life(tmp_path: Path) 
 def test_a_missing_file_is_reported(tmp_path: Path, name: str) -> None:
     write(tmp_path, 3).close()
     (tmp_path / name).unlink()
-    with pytest.raises(JournalError, match="No such file"):
+    with pytest.raises(DataLoss, match="No such file"):
         reopen(tmp_path)
 
 
 def test_a_step_out_of_turn_is_refused(tmp_path: Path) -> None:
     journal = write(tmp_path, 1)
-    with pytest.raises(JournalError, match="does not follow step 1"):
+    with pytest.raises(DataLoss, match="does not follow step 1"):
         journal.store(entry_of(3), state_of(3))
     assert journal.frozen
     journal.close()
@@ -207,7 +207,7 @@ def test_a_state_of_the_wrong_size_is_refused_before_anything_is_written(tmp_pat
     journal = write(tmp_path, 1)
     short = state_of(2)[1:]
     for refuse in (lambda: journal.store(entry_of(2), short), lambda: journal.write_ahead(short)):
-        with pytest.raises(JournalError, match="the state of step 2 does not fit"):
+        with pytest.raises(DataLoss, match="the state of step 2 does not fit"):
             refuse()
     assert not journal.frozen
     journal.store(entry_of(2), state_of(2))
@@ -251,7 +251,7 @@ def test_a_damaged_state_names_its_step(tmp_path: Path) -> None:
     with (tmp_path / "slot-0").open("r+b") as file:
         file.seek(FOUNDATION.record_area + 5)
         file.write(b"\xff")
-    with pytest.raises(JournalError, match="committed step 2") as error:
+    with pytest.raises(DataLoss, match="committed step 2") as error:
         reopen(tmp_path)
     assert error.value.code == "DATA_LOSS.CHECKSUM"
     assert error.value.details == {"step": 2}
@@ -343,7 +343,7 @@ def test_a_manifest_is_filled_to_its_last_page_before_it_is_replaced(tmp_path: P
 def test_a_record_that_does_not_fit_is_refused(tmp_path: Path, capacity: int, receipt: int, says: str) -> None:
     journal = Journal.create(tmp_path, PosixFileSystem(), FOUNDATION, capacity=capacity)
     commit = Commit(1, state_digest(1, state_of(1)), (), bytes(receipt))
-    with pytest.raises(JournalError, match=says) as caught:
+    with pytest.raises(DataLoss, match=says) as caught:
         journal.store(commit, state_of(1))
     assert (caught.value.code, journal.frozen, journal.ledger.step) == ("INTERNAL", True, 0)
     assert (tmp_path / "manifest").stat().st_size == capacity
@@ -354,7 +354,7 @@ def test_an_error_of_the_disk_without_a_number_is_reported(monkeypatch: pytest.M
     journal = write(tmp_path, 0)
     with monkeypatch.context() as patch:
         patch.setattr(PosixFileSystem, "sync", raising(OSError("the disk is gone")))
-        with pytest.raises(JournalError, match=r"the disk is gone \(unknown\)") as caught:
+        with pytest.raises(DataLoss, match=r"the disk is gone \(unknown\)") as caught:
             journal.raise_epoch()
     assert caught.value.details == {"errno": "unknown"}
     journal.close()

@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from mesh_motion_protocol.errors import DataLoss
 
-from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.journal.files import read_journal
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.ledger import Commit
@@ -43,13 +43,13 @@ OPERATIONS = [
 def test_after_a_failure_nothing_more_is_written(operation: Any) -> None:
     journal, files = lived("replay")
     files.fail_at = files.count + 1
-    with pytest.raises(JournalError) as failed:
+    with pytest.raises(DataLoss) as failed:
         operation(journal)
     assert failed.value.code == "RESOURCE_EXHAUSTED.DISK"
     assert failed.value.details == {"errno": "EIO"}
     for later in OPERATIONS:
         count = files.count
-        with pytest.raises(JournalError, match="frozen since an earlier operation failed") as refused:
+        with pytest.raises(DataLoss, match="frozen since an earlier operation failed") as refused:
             later(journal)
         assert (refused.value.code, files.count) == ("RESOURCE_EXHAUSTED.DISK", count)
 
@@ -57,7 +57,7 @@ def test_after_a_failure_nothing_more_is_written(operation: Any) -> None:
 def test_a_snapshot_of_the_wrong_size_is_refused_before_anything_is_written() -> None:
     journal, files = lived("replay")
     count = files.count
-    with pytest.raises(JournalError, match="the state of step 2 does not fit its slot"):
+    with pytest.raises(DataLoss, match="the state of step 2 does not fit its slot"):
         journal.snapshot(state_of(2)[1:])
     assert (journal.frozen, files.count) == (False, count)
 
@@ -87,7 +87,7 @@ def test_what_opening_found_in_the_page_cache_is_on_the_disk_then() -> None:
     for fail_at in range(1, 100):
         journal, files = lived("full", steps=2)
         files.fail_at = files.count + fail_at
-        with suppress(JournalError):
+        with suppress(DataLoss):
             journal.store(entry_of(3), state_of(3))
         journal.close()
         files.fail_at = None
@@ -108,7 +108,7 @@ def test_a_logged_step_that_was_witnessed_and_is_gone_is_missed() -> None:
     manifest[3 * PAGE : 4 * PAGE] = bytes(PAGE)
     assert read_journal(FOLDER, files).ledger.step == 2  # as a crash may have left it
     manifest[2 * PAGE : 3 * PAGE] = bytes(PAGE)
-    with pytest.raises(JournalError, match="does not verify, and it did"):
+    with pytest.raises(DataLoss, match="does not verify, and it did"):
         read_journal(FOLDER, files)
 
 
@@ -117,7 +117,7 @@ def test_opening_witnesses_the_last_record() -> None:
     journal.close()
     Journal.open(FOLDER, files).close()
     files.entries[FOLDER / "manifest"].cache[2 * PAGE : 3 * PAGE] = bytes(PAGE)
-    with pytest.raises(JournalError, match="does not verify, and it did"):
+    with pytest.raises(DataLoss, match="does not verify, and it did"):
         read_journal(FOLDER, files)
 
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mesh_motion_protocol.errors import DataLoss
 
-from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.journal.files import read_journal, read_ledger, verified_state, verify_state, view_slot
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal.journal import Journal
@@ -63,7 +63,7 @@ def test_files_that_were_read_are_given_back() -> None:
 
 @pytest.mark.parametrize("read", [read_journal, read_ledger])
 def test_a_journal_that_is_not_there_is_reported(read: Any) -> None:
-    with pytest.raises(JournalError, match="the journal cannot be read"):
+    with pytest.raises(DataLoss, match="the journal cannot be read"):
         read(FOLDER, ModelFiles())
 
 
@@ -76,10 +76,10 @@ def test_a_stored_state_is_verified(tmp_path: Path) -> None:
     verify_state(tmp_path, files, journal.ledger)
     slot = tmp_path / "slot-0"
     slot.write_bytes(slot.read_bytes()[:-1])
-    with pytest.raises(JournalError, match="committed step 2 do not match"):
+    with pytest.raises(DataLoss, match="committed step 2 do not match"):
         verify_state(tmp_path, files, journal.ledger)
     slot.unlink()
-    with pytest.raises(JournalError, match="a slot cannot be read"):
+    with pytest.raises(DataLoss, match="a slot cannot be read"):
         verify_state(tmp_path, files, journal.ledger)
     journal.close()
 
@@ -87,7 +87,7 @@ def test_a_stored_state_is_verified(tmp_path: Path) -> None:
 def test_where_no_state_is_stored_none_is_verified(tmp_path: Path) -> None:
     journal = Journal.create(tmp_path, PosixFileSystem(), FOUNDATION, capacity=CAPACITY)
     for read in (journal.read_state, lambda: verified_state(bytes(FOUNDATION.state_bytes), journal.ledger)):
-        with pytest.raises(JournalError, match="no state is stored yet"):
+        with pytest.raises(DataLoss, match="no state is stored yet"):
             read()
     journal.close()
 

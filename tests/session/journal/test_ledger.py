@@ -4,8 +4,8 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from mesh_motion_protocol.errors import DataLoss
 
-from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.journal.ledger import BoundaryInput, Commit, Foundation, Ledger, Snapshot
 from mesh_motion_server.session.journal.records import PAGE, Record, pack_record, unpack_record
 from mesh_motion_server.session.journal.replies import RequestId
@@ -118,13 +118,13 @@ def test_a_batch_brings_the_commits_that_were_passed_over() -> None:
 def test_what_does_not_follow_is_refused(foundation: Foundation, body: dict[str, Any]) -> None:
     first = commit(1).as_body() if foundation is FULL else logged(1)
     ledger = after(foundation, first)
-    with pytest.raises(JournalError, match=r"record 9 of kind .* does not follow step 1, epoch 1") as caught:
+    with pytest.raises(DataLoss, match=r"record 9 of kind .* does not follow step 1, epoch 1") as caught:
         ledger.after(record(body, foundation.format, sequence=9), 8)
     assert caught.value.details == {"record": 9}
 
 
 def test_a_snapshot_needs_a_commit() -> None:
-    with pytest.raises(JournalError, match="does not follow step 0"):
+    with pytest.raises(DataLoss, match="does not follow step 0"):
         after(REPLAY, snapshot(0, 1))
 
 

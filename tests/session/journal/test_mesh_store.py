@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_motion_protocol.errors import DataLoss
 
-from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal.mesh_store import has_its_length, read_mesh, write_mesh
 from proofs.stand_in import grid_mesh, split_mesh
@@ -33,13 +33,13 @@ def test_every_damaged_byte_is_found(tmp_path: Path) -> None:
     data = path.read_bytes()
     for offset in range(len(data)):
         path.write_bytes(data[:offset] + bytes([data[offset] ^ 1]) + data[offset + 1 :])
-        with pytest.raises(JournalError, match="does not match its digest"):
+        with pytest.raises(DataLoss, match="does not match its digest"):
             read_mesh(path, FILES, digest)
     path.write_bytes(data[:-1])
-    with pytest.raises(JournalError, match="does not match its digest"):
+    with pytest.raises(DataLoss, match="does not match its digest"):
         read_mesh(path, FILES, digest)
     path.unlink()
-    with pytest.raises(JournalError, match="cannot be read") as caught:
+    with pytest.raises(DataLoss, match="cannot be read") as caught:
         read_mesh(path, FILES, digest)
     assert caught.value.code == "DATA_LOSS.CHECKSUM"
 

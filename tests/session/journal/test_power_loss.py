@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 from believing_journal import believe_every_slot
+from mesh_motion_protocol.errors import DataLoss
 
-from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.journal import journal as journal_module
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.ledger import Commit, Ledger
@@ -98,7 +98,7 @@ class OneSlot:
         return self._files.open(self._only(path), writable=writable)  # type: ignore[no-any-return]
 
 
-FOUND = (BrokenPromise, JournalError, OSError)
+FOUND = (BrokenPromise, DataLoss, OSError)
 
 
 @pytest.mark.parametrize("names", [("slot-0", "slot-1"), ("manifest",), ("manifest.new",), ("folder",)])

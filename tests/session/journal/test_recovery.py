@@ -4,8 +4,8 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from mesh_motion_protocol.errors import DataLoss
 
-from mesh_motion_server.errors import JournalError
 from mesh_motion_server.session.journal.ledger import Commit, Foundation, Ledger, slot_of
 from mesh_motion_server.session.journal.records import FAMILY, PAGE, Record, pack_record, unpack_record
 from mesh_motion_server.session.journal.recovery import SlotView, examine, read_chain
@@ -84,28 +84,28 @@ PACKED = chain("commit", "epoch", "commit")
     ],
 )
 def test_damage_is_refused(found: tuple[Any, ...]) -> None:
-    with pytest.raises(JournalError) as caught:
+    with pytest.raises(DataLoss) as caught:
         judge(*found)
     assert caught.value.code == "DATA_LOSS.CHECKSUM"
     assert caught.value.hint
 
 
 def test_a_manifest_starts_with_what_it_rests_on() -> None:
-    with pytest.raises(JournalError, match="starts with a record of kind 'build' or 'checkpoint', not 'epoch'"):
+    with pytest.raises(DataLoss, match="starts with a record of kind 'build' or 'checkpoint', not 'epoch'"):
         Ledger.start(record_of(chain("epoch")[1]))
 
 
 def test_a_first_record_that_does_not_verify_is_damage_or_another_format() -> None:
     damaged = bytearray(chain()[0])
     damaged[100] ^= 1
-    with pytest.raises(JournalError, match="first record") as caught:
+    with pytest.raises(DataLoss, match="first record") as caught:
         read_chain(bytes(damaged))
     assert caught.value.code == "DATA_LOSS.CHECKSUM"
     other = FAMILY + b"\x63\n\0"
-    with pytest.raises(JournalError, match="format 99") as caught:
+    with pytest.raises(DataLoss, match="format 99") as caught:
         read_chain(other)
     assert caught.value.code == "UNIMPLEMENTED.VERSION"
-    with pytest.raises(JournalError, match="first record"):
+    with pytest.raises(DataLoss, match="first record"):
         read_chain(other[:8])
 
 
@@ -130,7 +130,7 @@ def test_a_witness_of_what_is_there_says_nothing(witnessed: int | None) -> None:
 
 
 def test_a_record_that_was_durable_and_is_not_there_is_damage() -> None:
-    with pytest.raises(JournalError, match="does not verify, and it did"):
+    with pytest.raises(DataLoss, match="does not verify, and it did"):
         replayed("epoch", "epoch", witnessed=2)
 
 

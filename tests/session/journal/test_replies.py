@@ -3,8 +3,8 @@
 import tracemalloc
 
 import pytest
+from mesh_motion_protocol.errors import SessionError
 
-from mesh_motion_server.errors import SessionError
 from mesh_motion_server.session.journal.replies import ReplyTable, RequestId
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mesh_motion_numerics.mesh.morton import morton_codes
 
-from mesh_motion_server.numerics.mesh.morton import morton_codes
 from mesh_motion_server.session.partitions.merging import canonical_order
 
 

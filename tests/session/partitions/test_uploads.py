@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mesh_motion_protocol.errors import InvalidInput, ResourceExhausted
 
-from mesh_motion_server.errors import InvalidInput, ResourceError
 from mesh_motion_server.session.partitions.uploads import MeshUpload, Part
 
 
@@ -66,7 +66,7 @@ def test_the_byte_budget_counts_all_partitions() -> None:
     upload = MeshUpload(2, 2, 100)
     upload.add(0, nodes([[0, 0]] * 3))
     upload.add(1, nodes([[0, 0]] * 3))
-    with pytest.raises(ResourceError, match="would take 112 bytes; a session may take 100"):
+    with pytest.raises(ResourceExhausted, match="would take 112 bytes; a session may take 100"):
         upload.add(1, nodes([[0, 0]]))
     assert upload.nbytes == 96
 

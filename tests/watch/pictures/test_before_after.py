@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.mesh.finite_volume import FACE_METRICS, face_measures
+from mesh_motion_protocol.errors import InvalidInput
 from tiny_meshes import tiny_mesh
 
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.mesh.finite_volume import FACE_METRICS, face_measures
 from mesh_motion_server.watch.pictures.snapshot import Snapshot
 
 pytest.importorskip("matplotlib")

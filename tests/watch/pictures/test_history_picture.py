@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.watch.pictures.runs import Run, read_played, read_runs
 
 pytest.importorskip("matplotlib")

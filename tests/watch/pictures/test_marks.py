@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.mesh.cells import CellTable
 
-from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.watch.pictures.before_after import MeshPair, draw_before_after
 from mesh_motion_server.watch.pictures.mesh_axes import draw_mesh
 from mesh_motion_server.watch.pictures.page import Page, blank, styled

@@ -7,8 +7,7 @@ from typing import Any
 from xml.etree import ElementTree as Xml
 
 import pytest
-
-from mesh_motion_server.errors import InvalidInput, ResourceError
+from mesh_motion_protocol.errors import InvalidInput, ResourceExhausted
 
 pytest.importorskip("matplotlib")
 
@@ -81,7 +80,7 @@ def test_another_suffix_is_refused(tmp_path: Path) -> None:
 
 def test_a_place_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(ResourceError, match="the picture cannot be written"):
+    with pytest.raises(ResourceExhausted, match="the picture cannot be written"):
         save(picture(), tmp_path / "file" / "a.png", Page())
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from histories import lowest_quality, write_history
+from mesh_motion_protocol.errors import InvalidInput
 
-from mesh_motion_server.errors import InvalidInput
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.watch.pictures.meshes import read_pair
 from mesh_motion_server.watch.pictures.runs import read_runs

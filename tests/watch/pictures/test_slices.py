@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mesh_motion_numerics.mesh.cells import CellTable
 from tiny_meshes import tiny_meshes
 
-from mesh_motion_server.numerics.mesh.cells import CellTable
 from mesh_motion_server.watch.pictures.slices import cut, flat
 
 SOLIDS = {name: mesh for name, mesh in tiny_meshes(3) if mesh[0].shape[1] == 3}

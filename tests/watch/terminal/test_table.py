@@ -10,9 +10,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 import pytest
+from mesh_motion_protocol.errors import SessionError
 from rich.console import Console
 
-from mesh_motion_server.errors import SessionError
 from mesh_motion_server.watch.observation.verdict import Verdict
 from mesh_motion_server.watch.terminal.sources import FolderSource
 from mesh_motion_server.watch.terminal.table import Look, look_at, rendered, values_of, without_server

@@ -21,10 +21,9 @@ from math import factorial, prod
 
 import mesh_motion_kernels as kernels
 import numpy as np
+from mesh_motion_numerics.interpolation.interpolant import Interpolant
+from mesh_motion_numerics.mesh.points import padded
 from numpy.typing import NDArray
-
-from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
-from mesh_motion_server.numerics.mesh.points import padded
 
 __all__ = ["EXPANDABLE", "expand", "monomials", "radial_derivatives", "third_order_norms"]
 

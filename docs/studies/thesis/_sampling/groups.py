@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from mesh_motion_numerics.mesh.morton import morton_codes
 from numpy.typing import NDArray
-
-from mesh_motion_server.numerics.mesh.morton import morton_codes
 
 __all__ = ["Groups", "group_cells", "group_points"]
 

@@ -20,17 +20,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-
-from docs.studies.thesis._sampling.cell_bounds import bounded_quality
-from docs.studies.thesis._sampling.expansion import EXPANDABLE, expand, third_order_norms
-from docs.studies.thesis._sampling.groups import Groups, group_cells
-from docs.studies.thesis._sampling.remainder import remainders
-from mesh_motion_server.errors import InvalidInput
-from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
-from mesh_motion_server.numerics.mesh.cells import CellTable
-from mesh_motion_server.numerics.mesh.paths import RigidMotion
-from mesh_motion_server.numerics.quality.metrics import (
+from mesh_motion_numerics.interpolation.interpolant import Interpolant
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.paths import RigidMotion
+from mesh_motion_numerics.quality.metrics import (
     AtRest,
     CellQuality,
     as_positions,
@@ -40,6 +33,13 @@ from mesh_motion_server.numerics.quality.metrics import (
     skews_of,
     subset_quality,
 )
+from mesh_motion_protocol.errors import InvalidInput
+from numpy.typing import NDArray
+
+from docs.studies.thesis._sampling.cell_bounds import bounded_quality
+from docs.studies.thesis._sampling.expansion import EXPANDABLE, expand, third_order_norms
+from docs.studies.thesis._sampling.groups import Groups, group_cells
+from docs.studies.thesis._sampling.remainder import remainders
 
 __all__ = ["BOUNDS", "DEFAULT_GROUP_SIZE", "ExpandableField", "SampledQuality", "predict_sampled"]
 
@@ -160,7 +160,7 @@ def predict_sampled(
         Current positions.
     cells : CellTable
     reference_sizes : (m,) array or CellsAtRest
-        From :func:`~mesh_motion_server.numerics.quality.metrics.reference_sizes` or :func:`.cells_at_rest`.
+        From :func:`~mesh_motion_numerics.quality.metrics.reference_sizes` or :func:`.cells_at_rest`.
     field : ExpandableField or None
         The displacement; None if it is no single interpolant, or one that cannot be expanded: all is evaluated in full.
     displacement : callable

@@ -26,11 +26,11 @@ from functools import lru_cache
 
 import mesh_motion_kernels as kernels
 import numpy as np
+from mesh_motion_numerics.interpolation.interpolant import Interpolant
 from numpy.typing import NDArray
 
 from docs.studies.thesis._sampling.expansion import radial_derivatives
 from docs.studies.thesis._sampling.groups import Groups, group_points
-from mesh_motion_server.numerics.interpolation.interpolant import Interpolant
 
 __all__ = ["remainders"]
 

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import mesh_motion_kernels as kernels
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -31,7 +32,6 @@ from docs.studies.thesis._volume_reduction.problem import (
     VolumeProblem,
 )
 from docs.studies.thesis._volume_reduction.wall_function import restriction
-from mesh_motion_server.errors import InvalidInput
 
 __all__ = ["INTERPOLATIONS", "CartesianGrid", "GridField", "reduce"]
 

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
-
-from mesh_motion_server.errors import InvalidInput
 
 __all__ = ["Field", "VolumeDisplacement", "VolumeField", "VolumeProblem"]
 

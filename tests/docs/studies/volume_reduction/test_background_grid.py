@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mesh_motion_protocol.errors import InvalidInput
 from volume_problems import problem_of
 
 from docs.studies.thesis._volume_reduction.background_grid import CartesianGrid, GridField, reduce
-from mesh_motion_server.errors import InvalidInput
 
 
 def interpolated(grid: CartesianGrid, function, points: np.ndarray) -> np.ndarray:

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from mesh_motion_protocol.errors import InvalidInput
 from volume_problems import problem_of
 
 from docs.studies.thesis._volume_reduction import VOLUME_REDUCTIONS, VolumeProblem
-from mesh_motion_server.errors import InvalidInput
 
 NAMES = sorted(VOLUME_REDUCTIONS)
 

@@ -1,0 +1,206 @@
+"""Boundary nodes that a correction may move: along their slip or symmetry surface, and periodic images alike.
+
+Each step of the Newton iterations is tangential, trial positions are projected back exactly, and no facet that faces
+outwards may turn over. So nodes stay on their surface and within its rim, rims on their curves, and corners in place.
+Periodic nodes are one unknown per orbit, so the mesh is improved across a periodic side as anywhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.correction.free_region import FreeRegion
+from mesh_motion_numerics.correction.linked_unknowns import LinkedUnknowns, StepSolver, System
+from mesh_motion_numerics.correction.outward_facets import OutwardFacets
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
+from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
+from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
+from mesh_motion_numerics.mesh.surface_constraints import OnPlanes
+
+__all__ = ["BoundaryConstraint", "RegionConstraint"]
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryConstraint:
+    """The constraint of the boundary nodes of a mesh.
+
+    Attributes
+    ----------
+    released : (n,) bool array
+        Nodes that may move.
+    sliding : SlidingSurfaces or None
+        Surfaces of the nodes that slide.
+    facets : OutwardFacets
+        Facets of the sliding patches.
+    """
+
+    released: Marks
+    sliding: SlidingSurfaces | None
+    periodic: PeriodicNodes | None
+    facets: OutwardFacets
+
+    @classmethod
+    def build(
+        cls,
+        points: Floats,
+        cells: CellTable,
+        patches: Mapping[str, Patch],
+        sliding: SlidingSurfaces | None,
+        periodic: PeriodicNodes | None,
+    ) -> BoundaryConstraint | None:
+        """The constraint of a mesh with reference coordinates ``points`` (n, d); None if no boundary node may move.
+
+        Parameters
+        ----------
+        points : (n, d) array, mesh length unit
+        """
+        released = np.zeros(len(points), dtype=bool)
+        if periodic is not None:
+            released[periodic.members] = True
+        for patch in patches.values():
+            if patch.role in ("moving", "fixed", *SLIDING_ROLES):
+                released[patch.nodes] = False
+        if sliding is not None:
+            released[sliding.nodes] = sliding.freedom() > 0
+        released &= ~_on_other_facets(len(points), cells, patches)
+        if periodic is not None:
+            released &= ~_torn(released, periodic) & ~_sliding_on_axis(periodic, sliding)
+        if not released.any():
+            return None
+        chosen = None if sliding is None else sliding.of(released[sliding.nodes])
+        facets = OutwardFacets.of_pieces(points, () if sliding is None else sliding.pieces)
+        return cls(released, chosen, periodic, facets)
+
+    def smooth(self) -> BoundaryConstraint | None:
+        """That of the nodes whose directions are the same everywhere: on planes, and periodic; None without any."""
+        released, sliding = self.released.copy(), self.sliding
+        if sliding is not None:
+            plane = np.zeros(len(sliding.nodes), dtype=bool)
+            for rows, surface in sliding.groups:
+                plane[rows] = isinstance(surface, OnPlanes)
+            released[sliding.nodes[~plane]] = False
+            sliding = sliding.of(plane)
+        if self.periodic is not None:
+            released &= ~_torn(released, self.periodic)
+        return replace(self, released=released, sliding=sliding) if released.any() else None
+
+    def closed(self, marked: Marks) -> Marks:
+        """The marked (n,) nodes and their periodic images."""
+        return marked if self.periodic is None else self.periodic.closed(marked)
+
+    def of(self, region: FreeRegion) -> RegionConstraint | None:
+        """The constraint of a region's free nodes; None if they all are free."""
+        free = np.zeros(len(self.released), dtype=bool)
+        free[region.free] = True
+        free &= self.released
+        if not free.any():
+            return None
+        local = np.full(len(free), -1, dtype=np.int64)
+        local[region.nodes] = np.arange(len(region.nodes))
+        representatives, orbits = np.arange(region.n_free), None
+        if self.periodic is not None:
+            orbits = self.periodic.of(free[self.periodic.members])
+            representatives[local[orbits.members]] = local[orbits.roots]
+        sliding = None
+        if self.sliding is not None:
+            nodes = self.sliding.nodes
+            own = nodes if self.periodic is None else self.periodic.root_of(nodes)
+            sliding = self.sliding.of(free[nodes] & (own == nodes))
+        links = LinkedUnknowns.build(region.adjacency, representatives)
+        return RegionConstraint(links, sliding, orbits, local, self.facets.among(free, local))
+
+
+@dataclass(frozen=True, eq=False)
+class RegionConstraint:
+    """The constraint of a region's free nodes: sliding nodes with periodic images are roots.
+
+    ``local`` (n,) is the region's numbering.
+    """
+
+    links: LinkedUnknowns
+    sliding: SlidingSurfaces | None
+    orbits: PeriodicNodes | None
+    local: Integers
+    facets: OutwardFacets
+
+    def step(self, points: Floats, hessian: Floats, right: Floats, solve: StepSolver) -> Floats:
+        """A tangential step (f, d), alike for periodic images: admissible to first order.
+
+        Parameters
+        ----------
+        points : (l, d) array, mesh length unit
+            Admissible positions of the region's nodes.
+        hessian : (b, d, d) array
+            In the pattern of the region's :class:`NodeAdjacency`.
+        right : (f, d) array
+            −g.
+        """
+        return self.solver(points, hessian, lambda adjacency, blocks: partial(solve, adjacency, blocks))(right)
+
+    def solver(self, points: Floats, hessian: Floats, system: System) -> Callable[[Floats], Floats]:
+        """What makes such steps (f, d) of right sides (f, d); ``system`` prepares the representatives' one once."""
+        matrices = self._matrices(points)
+        solve = system(self.links.adjacency, self.links.reduce(matrices, hessian))
+        return lambda right: self.links.expand(matrices, solve(self.links.gather(matrices, right)))
+
+    def _matrices(self, points: Floats) -> Floats:
+        """(f, d, d) M of the free nodes' links, with local positions (l, d)."""
+        d = points.shape[1]
+        matrices = np.broadcast_to(np.eye(d), (len(self.links.targets), d, d)).copy()
+        if self.sliding is not None:
+            rows = self.local[self.sliding.nodes]
+            matrices[rows] = self.sliding.tangents(points[rows])
+        if self.orbits is not None:
+            matrices[self.local[self.orbits.members]] = self.orbits.matrices @ matrices[self.local[self.orbits.roots]]
+        return matrices
+
+    def retract(self, points: Floats, trial: Floats) -> Floats | None:
+        """The trial points (l, d) put back onto the surfaces, images alike; None if a facet turned over."""
+        trial = self.placed(trial)
+        turned = self.facets.outward(points) & ~self.facets.outward(trial)
+        return None if turned.any() else trial
+
+    def placed(self, points: Floats) -> Floats:
+        """The points (l, d) put back onto the surfaces in place, images alike."""
+        if self.sliding is not None:
+            rows = self.local[self.sliding.nodes]
+            points[rows] = self.sliding.project(points[rows])
+        if self.orbits is not None:
+            points[self.local[self.orbits.members]] = self.orbits.images(points[self.local[self.orbits.roots]])
+        return points
+
+
+def _torn(released: Marks, periodic: PeriodicNodes) -> Marks:
+    """(n,) periodic nodes with an image that is not released."""
+    members = np.zeros(len(released), dtype=bool)
+    members[periodic.members] = True
+    return periodic.closed(members & ~released)
+
+
+def _sliding_on_axis(periodic: PeriodicNodes, sliding: SlidingSurfaces | None) -> Marks:
+    """(n,) nodes on an axis of rotation that slide too: they stay held, as both constraints are not combined."""
+    found = np.zeros(len(periodic.reference), dtype=bool)
+    if sliding is not None:
+        found[np.intersect1d(periodic.members[periodic.on_axis], sliding.nodes)] = True
+    return found
+
+
+def _on_other_facets(n: int, cells: CellTable, patches: Mapping[str, Patch]) -> Marks:
+    """(n,) nodes with a boundary facet that belongs to no sliding and no periodic patch."""
+    sides = [patch.nodes for patch in patches.values() if patch.role in ("periodic", *SLIDING_ROLES)]
+    found = np.zeros(n, dtype=bool)
+    for facets in boundary_facets(cells).values():
+        other = np.ones(len(facets), dtype=bool)
+        for nodes in sides:
+            inside = np.zeros(n, dtype=bool)
+            inside[nodes] = True
+            other &= ~inside[facets].all(axis=1)
+        found[facets[other]] = True
+    return found

@@ -1,0 +1,88 @@
+"""The input of a correction: a predicted motion, which correction to use, and how far to raise the quality."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mesh_motion_numerics.arrays import Floats, Marks
+from mesh_motion_numerics.correction.boundary_constraint import BoundaryConstraint
+from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
+from mesh_motion_numerics.interpolation.interpolant import Factorization
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.quality.metrics import AtRest
+
+__all__ = ["SMALL_MESH", "CorrectionProblem", "goal", "target_quality"]
+
+
+SMALL_MESH = {1: 1_000_000, 2: 30_000, 3: 5_000}
+"""Free nodes, by dimension, up to which "auto" goes for the maximum: a second or two there, of hexahedra several."""
+
+_VALID = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectionProblem:
+    """A predicted motion.
+
+    Attributes
+    ----------
+    start : (n, d) array, mesh length unit
+        Positions from which the standard motion starts.
+    standard : (n, d) array, mesh length unit
+        Node positions of the standard motion.
+    held : (n,) bool array
+        Nodes that no correction may move.
+    reference_sizes : (m,) array, length^d, or CellsAtRest
+    factorization : Factorization
+        Of the boundary at ``start``.
+    reference : (n, d) array, mesh length unit, optional
+        Nodes of the reference mesh, the ideal shape of cells that are not simplices; ``start`` by default.
+    constraint : BoundaryConstraint, optional
+        Held nodes that ``optimised`` may move: along their surface, or in pairs.
+    valid : (n, d) array, mesh length unit, optional
+        A valid mesh with the held nodes of ``standard``, if one is known: ``optimised`` begins from it instead of
+        untangling ``standard``, and the other corrections leave it as it is.
+    known : float, optional
+        Smallest quality of ``standard``, if it was already judged and no cell is inverted.
+    last : (n, d) array, mesh length unit, optional
+        Positions at the end of the last step; ``start`` by default.
+    elsewhere : Elsewhere, optional
+        The rest of the mesh, if this is a region of it; for target "threshold" only.
+    """
+
+    start: Floats
+    standard: Floats
+    held: Marks
+    cells: CellTable
+    reference_sizes: AtRest
+    factorization: Factorization
+    reference: Floats | None = None
+    constraint: BoundaryConstraint | None = None
+    valid: Floats | None = None
+    known: float | None = None
+    last: Floats | None = None
+    elsewhere: Elsewhere | None = None
+
+    @property
+    def committed(self) -> Floats:
+        """Positions (n, d) at the end of the last step."""
+        return self.start if self.last is None else self.last
+
+    @property
+    def begin(self) -> Floats:
+        """Start positions (n, d) of the correction."""
+        return self.standard if self.valid is None else self.valid
+
+
+def target_quality(problem: CorrectionProblem, method: Method) -> float:
+    """The quality at which a correction stops; inf for the best possible."""
+    free = int(np.count_nonzero(~problem.held))
+    small = free <= SMALL_MESH[problem.start.shape[1]]
+    maximum = method.correction_target == "maximum" or (method.correction_target == "auto" and small)
+    return float("inf") if maximum else goal(method)
+
+
+def goal(method: Method) -> float:
+    """The threshold, or just a valid mesh if the threshold would accept inverted cells."""
+    return max(method.quality_threshold, _VALID)

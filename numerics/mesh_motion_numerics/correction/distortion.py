@@ -1,0 +1,252 @@
+"""The distortion ℓ of corner simplices, its p-mean over a mesh, and the derivatives with respect to the nodes.
+
+A corner simplex with the edges ``A`` (columns) has the Jacobian ``J = A P`` from its ideal, ``τ = det J`` and
+``q = |J|²_F``. Its distortion ::
+
+    ℓ   = log q − log d − (2/d) log τ + (a/m) log cosh(m log τ)                  τ > 0
+    ℓ_ε = log q − log d − (2/d + a) log χ + a log((1 + τ²)/2)                    untangling, any τ
+          χ = (τ + √(τ² + ε²))/2
+
+With the size's weight a = ½, ℓ is log(1/size-skew) of a simplex except for the smoothing of |log τ| (m → ∞ removes it);
+other weights stand for other metrics. In 1D there is no shape: the first three terms cancel and only the size
+counts. ℓ_ε is finite for inverted cells. ℓ may contain, with a weight b, the angles between the edges a_k as well ::
+
+    b (Σ_k log |a_k| − log τ) + constant,     0 at rest
+
+since the shape takes a squeezed rectangle for as bad as a rhombus, and a finite-volume solver does not. The mesh's
+distortion is the p-mean, a smooth maximum ::
+
+    E = max ℓ + (1/p) log mean exp(p (ℓ − max ℓ)),      w = softmax(p ℓ)
+
+The first term is the mean-ratio shape measure (Knupp 2001), χ the regularised determinant of Escobar et al. (2003),
+Garanzha et al. (2021).
+
+References
+----------
+P. M. Knupp, Algebraic mesh quality metrics, SIAM J. Sci. Comput. 23 (2001) 193-218.
+J. M. Escobar et al., Simultaneous untangling and smoothing of tetrahedral meshes, CMAME 192 (2003) 2775-2787.
+V. Garanzha et al., Foldover-free maps in 50 lines of code, ACM Trans. Graph. 40 (2021).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.cells import CellTable, CellType
+from mesh_motion_numerics.quality.metrics import AtRest, sizes_of, skews_of
+
+__all__ = [
+    "FLOOR",
+    "CornerSimplices",
+    "PNorm",
+    "angles_of",
+    "corner_blocks",
+    "corner_distortions",
+    "corner_simplices",
+    "determinants",
+    "distortion_gradient",
+    "mean_distortion",
+]
+
+FLOOR = 0.1
+"""Weight that every corner keeps in the Hessian, in units of the mean weight: no node is without stiffness."""
+
+_FLAT_SKEW = 0.3  # simplices of a lower skew at rest are flat on purpose
+_DEGENERATE = 1e-6  # reference corners flatter than this (det / product of edge lengths) take the cell type's ideal
+
+
+@dataclass(frozen=True)
+class PNorm:
+    """Selects the smooth maximum and the distortion.
+
+    Attributes
+    ----------
+    p : float
+        Exponent: 1 is the mean, large values approach the maximum.
+    m : float
+        Sharpness of the size term's |log τ|.
+    epsilon : float
+        Regularisation of the determinant; 0 is the barrier (every τ must be positive).
+    size_weight : float
+        a: weight of the size relative to the shape.
+    of : {"corners", "cells"}
+        Measure every corner simplex against the reference mesh, or whole cells as the metric does
+        (:mod:`.cell_distortion`), which is the same for simplices and needs ε = 0.
+    """
+
+    p: float
+    m: float
+    epsilon: float = 0.0
+    size_weight: float = 0.5
+    of: str = "corners"
+
+
+@dataclass(frozen=True, eq=False)
+class CornerSimplices:
+    """Corner simplices with their map to the ideal.
+
+    Attributes
+    ----------
+    nodes : (c, d + 1) int32 array
+        Nodes (k, a, b[, c]) of each corner.
+    ideal : (c, d, d) array
+        P: the Jacobian from the ideal simplex is ``[x_a − x_k, …] P``, of determinant 1 where the size is unchanged.
+    offset : (c,) array or None
+        Added to the distortions: the logarithm of the skew at rest, if they are relative to it.
+    angles : (c,) array or None
+        Obliqueness Σ log |a_k| − log |det A| at rest of the corners whose angles count, negative of others.
+    """
+
+    nodes: NDArray[np.int32]
+    ideal: Floats
+    offset: Floats | None = None
+    angles: Floats | None = None
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    @property
+    def dimension(self) -> int:
+        """1, 2 or 3."""
+        return int(self.nodes.shape[1]) - 1
+
+    def of(self, rows: Integers) -> CornerSimplices:
+        """Some of the corners (k,)."""
+        offset, angles = (None if values is None else values[rows] for values in (self.offset, self.angles))
+        return CornerSimplices(self.nodes[rows], self.ideal[rows], offset, angles)
+
+    def with_angles(self, reference: Floats, counted: Marks) -> CornerSimplices:
+        """The same where the angles of ``counted`` (c,) corners count against those at ``reference`` (n, d), at rest.
+
+        Those of a corner that is degenerate at rest do not.
+        """
+        edges = reference[self.nodes[:, 1:]] - reference[self.nodes[:, :1]]
+        lengths, dets = np.linalg.norm(edges, axis=2).prod(axis=1), np.abs(np.linalg.det(edges))
+        counted = counted & (dets > _DEGENERATE * lengths)
+        oblique = np.log(np.divide(lengths, dets, where=counted, out=np.ones(len(self))))
+        return replace(self, angles=np.where(counted, np.maximum(oblique, 0.0), -1.0))
+
+
+def corner_simplices(reference: Floats, cells: CellTable, reference_sizes: AtRest) -> CornerSimplices:
+    """All corner simplices of some cells.
+
+    Parameters
+    ----------
+    reference : (n, d) array, mesh length unit
+        Nodes of the reference mesh: the ideal shape of quad, hexahedron, wedge and pyramid corners.
+    reference_sizes : (m,) array, length^d, or CellsAtRest
+        Σ_k det A_k of each cell in the reference mesh: the ideal size.
+
+    Notes
+    -----
+    A triangle or tetrahedron is measured against the equilateral simplex of its reference size, because its skew is
+    absolute. If the skews at rest are known, the measure is relative to the skew at rest, and a simplex that is flat at
+    rest is measured against itself: a higher skew of a boundary layer's cells would destroy the layer. Other cells are
+    always measured against their own corners, because a boundary layer's quads are flat on purpose.
+    """
+    nodes, ideals, offsets = [], [], []
+    all_sizes, skews = sizes_of(reference_sizes), skews_of(reference_sizes)
+    for block, first in cells.numbered():
+        corners = block.nodes[:, block.type.corner_array]  # (m, k, d + 1)
+        rows, count = slice(first, first + len(block)), corners.shape[1]
+        nodes.append(corners.reshape(-1, corners.shape[2]).astype(np.int32, order="C"))
+        itself, offset = np.full(len(block), not block.type.is_simplex), np.zeros(len(block))
+        if skews is not None and block.type.is_simplex:
+            itself = skews[rows] < _FLAT_SKEW
+            offset = np.where(itself, 0.0, np.log(skews[rows]))
+        sizes = np.repeat(all_sizes[rows] / count, count)
+        ideals.append(_ideal_maps(reference, nodes[-1], sizes, block.type, np.repeat(itself, count)))
+        offsets.append(np.repeat(offset, count))
+    return CornerSimplices(
+        np.concatenate(nodes), np.concatenate(ideals), None if skews is None else np.concatenate(offsets)
+    )
+
+
+def _ideal_maps(
+    reference: Floats, corners: NDArray[np.int32], dets: Floats, cell_type: CellType, itself: Marks
+) -> Floats:
+    """(c, d, d) maps P of the corners (c, d + 1) of one cell type.
+
+    P comes from the type's ideal with determinants ``dets`` (c,), or from the reference corner where ``itself`` (c,).
+    """
+    w, d = cell_type.ideal_array, cell_type.dimension
+    scale = (abs(np.linalg.det(w)) / np.abs(dets)) ** (1 / d)
+    ideal: Floats = scale[:, None, None] * np.linalg.inv(w)
+    if not itself.any():
+        return ideal
+    edges = np.swapaxes(reference[corners[:, 1:]] - reference[corners[:, :1]], 1, 2)
+    lengths = np.linalg.norm(edges, axis=1).prod(axis=1)
+    least = 0.0 if cell_type.is_simplex else _DEGENERATE
+    itself = itself & (np.linalg.det(edges) > least * lengths)
+    ideal[itself] = np.linalg.inv(edges[itself])
+    return ideal
+
+
+def mean_distortion(points: Floats, simplices: CornerSimplices, norm: PNorm) -> tuple[float, Floats]:
+    """E and the weights w (c,) of the corners at the points (n, d).
+
+    E is ``inf`` where the barrier is violated (ε = 0 and some τ ≤ 0) or anything is not finite.
+    """
+    measure = corner_distortions(points, simplices, norm)
+    return kernels.p_mean(measure, norm.p), measure
+
+
+def corner_distortions(points: Floats, simplices: CornerSimplices, norm: PNorm) -> Floats:
+    """ℓ (c,) of every corner at the points (n, d); ``inf`` where the barrier is violated."""
+    measure, offset = np.empty(len(simplices)), np.empty(0) if simplices.offset is None else simplices.offset
+    kernels.distortions(*_arrays(points, simplices), angles_of(simplices), offset, *_law(norm), measure)
+    return measure
+
+
+def distortion_gradient(points: Floats, simplices: CornerSimplices, weights: Floats, norm: PNorm) -> Floats:
+    """Gradient of E by corner: (c, d + 1, d), the corner's share of dE/dx of each of its nodes."""
+    gradient = np.empty((*simplices.nodes.shape, simplices.dimension))
+    arrays = *_arrays(points, simplices), angles_of(simplices)
+    kernels.distortion_gradients(*arrays, weights, *_law(norm), gradient)
+    return gradient
+
+
+def corner_blocks(
+    points: Floats,
+    simplices: CornerSimplices,
+    weights: Floats,
+    norm: PNorm,
+    blocks: NDArray[np.float32],
+    *,
+    least_weight: float = 0.0,
+    floor: float = FLOOR,
+) -> None:
+    """Update the blocks (c, d², d²) of the corners heavier than ``least_weight`` in place.
+
+    They are positive semi-definite: the negative part of the Hessian, of ℓ and the p-mean's rank-one term, with respect
+    to J is dropped (kernels/src/correction/corner.h). Row ``j d + k`` and column ``a d + b`` couple the coordinate a of
+    the edge j, which ends at node j + 1, with b of the edge k; the entries of node 0 are minus the sums. Single
+    precision is enough for a model of the curvature and halves the memory.
+    """
+    least = floor / len(weights), least_weight
+    kernels.corner_blocks(*_arrays(points, simplices), weights, *least, norm.p, *_law(norm), blocks)
+
+
+def determinants(points: Floats, simplices: CornerSimplices) -> Floats:
+    """τ (c,) of every corner at the points (n, d)."""
+    out = np.empty(len(simplices))
+    kernels.determinants(*_arrays(points, simplices), out)
+    return out
+
+
+def angles_of(simplices: CornerSimplices) -> Floats:
+    """b (c,) as the kernels take it: empty without weights."""
+    return np.empty(0) if simplices.angles is None else simplices.angles
+
+
+def _arrays(points: Floats, simplices: CornerSimplices) -> tuple[Floats, NDArray[np.int32], Floats]:
+    return np.ascontiguousarray(points), simplices.nodes, simplices.ideal
+
+
+def _law(norm: PNorm) -> tuple[float, float, float]:
+    return norm.m, norm.epsilon, norm.size_weight

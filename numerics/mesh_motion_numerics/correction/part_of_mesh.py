@@ -1,0 +1,53 @@
+"""A region of a mesh whose other cells are elsewhere, and what a correction must know of those.
+
+A correction that frees the nodes of bad cells sees those cells and some rings about them. It gives bitwise the
+positions that it gives with the whole mesh, as long as it frees no node that has cells elsewhere, and no cell elsewhere
+is nearly bad. Where that does not suffice, :class:`RegionTooSmall` says so, and a larger region is to be tried.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mesh_motion_numerics.arrays import Integers, Marks
+
+__all__ = ["Elsewhere", "RegionTooSmall"]
+
+
+class RegionTooSmall(Exception):
+    """The correction would free nodes that have cells elsewhere.
+
+    Parameters
+    ----------
+    nodes : (k,) int64 array
+        Indices of these nodes.
+    """
+
+    def __init__(self, nodes: Integers) -> None:
+        super().__init__("the region is too small")
+        self.nodes = nodes
+
+
+@dataclass(frozen=True, eq=False)
+class Elsewhere:
+    """The rest of a mesh.
+
+    Attributes
+    ----------
+    rim : (n,) bool array
+        Nodes of the region that have cells elsewhere.
+    free : int
+        Number of nodes elsewhere that a correction might free.
+    extremes : (float, float)
+        The smallest relative skew and the smallest size of the cells elsewhere.
+    """
+
+    rim: Marks
+    free: int
+    extremes: tuple[float, float]
+
+    def require_here(self, free: Marks) -> None:
+        """Raise RegionTooSmall if a node (n,) that is to be free has cells elsewhere."""
+        nodes = np.flatnonzero(free & self.rim)
+        if len(nodes):
+            raise RegionTooSmall(nodes)

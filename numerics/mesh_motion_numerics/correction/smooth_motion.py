@@ -1,0 +1,403 @@
+"""The motion that is a smooth function of the boundary: interpolation, and a correction where cells would suffer.
+
+A correction that starts at one threshold and stops at another makes nodes jump from step to step, and a flow solver
+takes every jump for a mesh velocity. Here the corrected mesh is a minimum that depends on the boundary alone::
+
+    y = argmin  Σ_c w_c ψ(f_c(y)) + a/2 Σ_c w_c [ |∇v|²_F + mean_k |v_k|² / ((l h_c)² σ_k) ],      v = y − y_plain
+
+f_c is the distortion of a corner simplex against the cell at rest (:mod:`.distortion`), with its barrier. Of quads and
+hexahedra it grows with the angles that they lose: the shape alone takes a squeezed rectangle for as bad as a sheared
+one, which a flow solver does not. w_c is one over the number of a cell's corners, h_c the cell's size at rest. Cells do
+not resist until f_c exceeds the onset::
+
+    ψ'' = (1 + k s / K)^K − 1,      ψ(onset) = ψ'(onset) = 0,      s = max(f − onset, 0)
+
+σ is 1 at the cells that resist in the plain mesh, spreads over a fixed number of rings as averages, and is exactly 0
+beyond: there v has infinite mass, so the nodes stay in their plain positions. ψ and σ have two continuous derivatives,
+so y is a continuously differentiable function of the boundary; where no cell of the plain mesh is beyond the onset,
+y = y_plain exactly, at the cost of the plain motion. Nothing depends on the way or on the number of steps: a start only
+changes the time.
+
+A power resists as an exponential does where s is small. Further away it grows less: where a whole gap is squeezed, an
+exponential makes cells that hardly differ resist 1e16 times as much as others, and the minimum is not determined.
+
+Nodes on plane slip and symmetry walls and periodic nodes are free as well, along the wall and alike. Nodes on curved
+walls keep their plain positions: a polygon's tangents are not a smooth function of the boundary.
+
+Newton's iterations are exact near the minimum; further away, and where the function is not convex, every corner's
+Hessian loses its negative part. They end where the step is below :data:`_TOLERANCE`, or report that they did not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from copy import copy
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.correction.boundary_constraint import BoundaryConstraint
+from mesh_motion_numerics.correction.distortion import (
+    CornerSimplices,
+    PNorm,
+    angles_of,
+    corner_distortions,
+    corner_simplices,
+    distortion_gradient,
+)
+from mesh_motion_numerics.correction.free_region import free_region
+from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
+from mesh_motion_numerics.correction.smooth_region import ROUGH, SmoothRegion
+from mesh_motion_numerics.mesh.cells import CellTable, CellType
+from mesh_motion_numerics.quality.metrics import CellsAtRest, cells_at_rest
+from mesh_motion_numerics.stopwatch import check_time
+
+__all__ = ["FAR", "RAMP", "RINGS", "Law", "SmoothMotion", "Smoothed", "onset_of"]
+
+RINGS = 8
+"""About the cells that resist, in which nodes are free."""
+
+RAMP = 0.6
+"""Of f: over which a cell of the plain mesh becomes active."""
+FAR = 1e3
+"""Of f: further does not count."""
+_ONSET = 0.9  # quality at which a cell resists …
+_LARGE, _LATE_ONSET = 30_000, 0.5  # … and in a mesh of more nodes: fewer are free there, or a step takes seconds
+_CHUNK = 1 << 19  # corners whose neighbours are counted together: a few hundred megabytes
+_PINNED = 1e-8  # σ below which a node keeps its plain position
+_TOLERANCE = 1e-9  # largest Newton step of a node, as a share of the mesh's extent
+_ITERATIONS = 40
+_ARMIJO, _HALVINGS = 1e-4, 40
+
+
+def onset_of(n_nodes: int) -> float:
+    """The quality of its worst corner at which a cell of a mesh of so many nodes resists."""
+    return _ONSET if n_nodes <= _LARGE else _LATE_ONSET
+
+
+@dataclass(frozen=True)
+class Law:
+    """The resistance ψ of a cell.
+
+    Attributes
+    ----------
+    onset : float
+        Distortion at which a cell begins to resist.
+    stiffness, power : float
+        k and K.
+    norm : PNorm
+        Weight and sharpness of the size in f.
+    """
+
+    onset: float = -math.log(_ONSET)
+    stiffness: float = 28.0
+    power: float = 8.0
+    norm: PNorm = field(default_factory=lambda: PNorm(1.0, 16.0))
+
+    @classmethod
+    def of(cls, n_nodes: int) -> Law:
+        """That of a mesh of so many nodes."""
+        return cls(onset=-math.log(onset_of(n_nodes)))
+
+    def resistance(self, distortion: Floats) -> tuple[Floats, Floats, Floats]:
+        """ψ, ψ′ and ψ″ of (c,) distortions; ψ is inf where the distortion is."""
+        k, n = self.stiffness, self.power
+        x = k * np.clip(distortion - self.onset, 0.0, FAR)
+        grown, bent, bulged = (np.expm1((n + i) * np.log1p(x / n)) for i in range(3))
+        bend, small = (n - 1) / n, x < 1e-3  # the differences below would have no digit left
+        value = (
+            np.where(
+                small, x**3 / 6 * (1 + bend * x / 4), n * n / ((n + 1) * (n + 2)) * bulged - n / (n + 1) * x - x * x / 2
+            )
+            / k**2
+        )
+        slope = np.where(small, x * x / 2 * (1 + bend * x / 3), n / (n + 1) * bent - x) / k
+        return np.where(np.isfinite(distortion), value, np.inf), slope, grown
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """A corrected motion.
+
+    Attributes
+    ----------
+    points : (n, d) array, mesh length unit
+    freed : int
+        Number of nodes that were free.
+    converged : bool
+        Whether the iterations ended at the minimum.
+    residual : float, mesh length unit
+        The last Newton step's largest displacement of a node.
+    """
+
+    points: Floats
+    freed: int = 0
+    iterations: int = 0
+    converged: bool = True
+    residual: float = 0.0
+
+
+@dataclass(eq=False)
+class SmoothMotion:
+    """The correction of one mesh; its result depends on the plain motion only.
+
+    Attributes
+    ----------
+    reference : (n, d) array, mesh length unit
+        Nodes of the reference mesh.
+    held : (n,) bool array
+        Nodes that keep their plain positions.
+    constraint : BoundaryConstraint, optional
+        Of the nodes that are not held but slide along planes or move alike.
+    elsewhere : Elsewhere, optional
+        The rest of the mesh, if this is a region of it.
+    """
+
+    reference: Floats
+    cells: CellTable
+    held: Marks
+    law: Law = field(default_factory=Law)
+    constraint: BoundaryConstraint | None = None
+    elsewhere: Elsewhere | None = None
+    _later: SmoothMotion | None = None
+    _last: tuple[bytes, SmoothRegion] | None = None  # of the latest free nodes: the next step's are often the same
+
+    @classmethod
+    def build(
+        cls, reference: Floats, cells: CellTable, held: Marks, constraint: BoundaryConstraint | None
+    ) -> SmoothMotion:
+        """That of a mesh whose ``held`` (n,) nodes may move as the ``constraint`` admits."""
+        smooth = None if constraint is None else constraint.smooth()
+        held = held if smooth is None else held & ~smooth.released
+        return cls(reference, cells, held, Law.of(len(reference)), smooth)
+
+    def later(self, shift: float) -> SmoothMotion:
+        """The same where a cell begins to resist at a distortion that is larger by the ``shift``."""
+        if shift == 0.0:
+            return self
+        self._later = self._later or copy(self)  # with what is prepared
+        self._later.law = replace(self.law, onset=self.law.onset + shift)
+        return self._later
+
+    @cached_property
+    def _at_rest(self) -> CellsAtRest:
+        return cells_at_rest(self.reference, self.cells)
+
+    @cached_property
+    def corners(self) -> CornerSimplices:
+        return self._with_angles(
+            corner_simplices(self.reference, self.cells, self._at_rest), self.cells, self.reference
+        )
+
+    def _with_angles(self, simplices: CornerSimplices, cells: CellTable, reference: Floats) -> CornerSimplices:
+        """The corners of some cells; of quads and hexahedra the angles count."""
+        counted = [np.repeat(_is_box(block.type), len(block) * len(block.type.corners)) for block in cells]
+        return simplices.with_angles(reference, np.concatenate(counted))
+
+    @cached_property
+    def _extent(self) -> float:
+        return float(np.ptp(self.reference, axis=0).max())
+
+    def correct(self, plain: Floats, start: Callable[[], Floats] | None = None) -> Smoothed:
+        """The corrected motion.
+
+        Parameters
+        ----------
+        plain : (n, d) array, mesh length unit
+            y_plain.
+        start : callable, optional
+            Makes a mesh (n, d) near the result, with the held nodes of ``plain``, if some cell resists: the iterations
+            begin there unless it is tangled.
+
+        Returns
+        -------
+        Smoothed
+            Not converged if the iterations could not begin, since both meshes are tangled, or did not end.
+
+        Raises
+        ------
+        RegionTooSmall
+            If the mesh is a region of another one, and nodes with cells elsewhere would be free.
+        """
+        region = self.region(plain)
+        if region is None:
+            return Smoothed(plain)
+        nodes, n = region.free.nodes, region.free.n_free
+        rest = plain[nodes]
+        starts = [rest] if start is None else [region.admitted(np.concatenate([start()[nodes[:n]], rest[n:]])), rest]
+        begin = next((points for points in starts if np.isfinite(self._distortions(points, region).max())), None)
+        if begin is None:
+            return Smoothed(plain, n, 0, False, math.inf)
+        found = self._descend(begin, rest, region)
+        points = plain.copy()
+        points[nodes[:n]] = found.points[:n]
+        return replace(found, points=points)
+
+    # --- region ------------------------------------------------------------------------------------------------------
+
+    def region(self, plain: Floats) -> SmoothRegion | None:
+        """The free nodes with their penalty; None if no cell of the plain mesh resists."""
+        activations = self.activations(plain)
+        if not activations:
+            return None
+        sigma = activations[-1][self.alike]
+        if self.elsewhere is not None:
+            self.elsewhere.require_here(sigma > 0.0)
+        marked = (sigma > _PINNED) & ~self.held
+        if not marked.any():
+            return None
+        key = np.packbits(marked).tobytes()
+        if self._last is None or self._last[0] != key:
+            free = free_region(self.reference, self.cells, self._at_rest, marked)
+            simplices = self._with_angles(free.simplices, free.cells, self.reference[free.nodes])
+            constraint = None if self.constraint is None else self.constraint.of(free)
+            self._last = key, SmoothRegion.build(replace(free, simplices=simplices), constraint, self.reference)
+        return self._last[1].with_activation(sigma)
+
+    def activations(self, plain: Floats) -> list[Floats]:
+        """σ (n,) of the plain mesh (n, d) before and after each ring, of one node of those alike; none if all are 0."""
+        distortion = corner_distortions(plain, self.corners, self.law.norm)
+        x = np.clip((np.minimum(distortion, FAR) - self.law.onset) / RAMP, 0.0, 1.0)
+        active = np.flatnonzero(x)
+        if not len(active):
+            return []
+        x, corners = x[active], self.alike[self.corners.nodes[active]]
+        calm = np.ones(len(plain))
+        np.multiply.at(calm, corners, (1.0 - x**3 * (10.0 + x * (6.0 * x - 15.0)))[:, None])
+        found = [1.0 - calm]
+        for _ in range(RINGS):
+            found.append(found[-1] + (1.0 - found[-1]) * (self.averages @ found[-1]))
+        return found
+
+    @cached_property
+    def alike(self) -> Integers:
+        """(n,) the node whose activation each has: periodic images are one node."""
+        own = np.arange(len(self.reference))
+        periodic = None if self.constraint is None else self.constraint.periodic
+        return own if periodic is None else periodic.root_of(own)
+
+    @cached_property
+    def averages(self) -> csr_matrix:
+        """(n, n): the mean over a node's neighbours, as often as they share a corner."""
+        n = len(self.reference)
+        pairs = csr_matrix((n, n))
+        for first in range(0, len(self.corners), _CHUNK):
+            nodes = self.alike[self.corners.nodes[first : first + _CHUNK]].astype(np.int32)
+            k = nodes.shape[1]
+            one, other = np.repeat(nodes, k, axis=1).ravel(), np.tile(nodes, (1, k)).ravel()
+            apart = one != other
+            ones = np.ones(np.count_nonzero(apart))
+            pairs = pairs + coo_matrix((ones, (one[apart], other[apart])), shape=(n, n)).tocsr()
+        pairs.data /= np.repeat(np.asarray(pairs.sum(axis=1)).ravel(), np.diff(pairs.indptr))
+        return pairs
+
+    # --- minimum -----------------------------------------------------------------------------------------------------
+
+    def _descend(self, points: Floats, rest: Floats, region: SmoothRegion) -> Smoothed:
+        """Newton's iterations."""
+        n, tolerance = region.free.n_free, _TOLERANCE * self._extent
+        energy, distortion = self._energy(points, rest, region)
+        exact, residual, last = True, math.inf, math.inf  # last: the step before, if it was an exact one
+        accuracy = ROUGH  # of conjugate gradients: each step's allows the next one to be as small as an exact step's
+        for done in range(_ITERATIONS):
+            check_time()
+            try:
+                step, slope, exact = self._step(points, rest, region, distortion, accuracy, exact=exact)
+            except ArithmeticError:
+                return Smoothed(points, n, done, False, residual)
+            residual = float(np.abs(step).max())
+            length = 1.0
+            for _ in range(_HALVINGS):
+                trial = points.copy()
+                trial[:n] += length * step
+                trial = region.admitted(trial)
+                lower, after = self._energy(trial, rest, region)
+                if lower <= energy + _ARMIJO * length * slope + 1e-14 * abs(energy):
+                    break
+                length *= 0.5
+            else:
+                if not exact:
+                    return Smoothed(points, n, done, residual < 1e3 * tolerance, residual)
+                exact = False
+                continue
+            points, energy, distortion = trial, lower, after
+            whole = exact and length == 1.0
+            shrunk = (residual / last) ** 2 if whole and last < math.inf else math.inf
+            next_step = residual * max(shrunk, 0.0 if region.is_factorized else accuracy)
+            if (residual < tolerance and (exact or residual < 1e-3 * tolerance)) or next_step < 1e-2 * tolerance:
+                return Smoothed(points, n, done + 1, True, residual)
+            last, accuracy = (residual, min(ROUGH, shrunk)) if whole else (math.inf, ROUGH)
+            exact = length == 1.0 and -slope < 0.5 * max(energy, 1e-12)
+        return Smoothed(points, n, _ITERATIONS, False, residual)
+
+    def _step(
+        self, points: Floats, rest: Floats, region: SmoothRegion, distortion: Floats, accuracy: float, *, exact: bool
+    ) -> tuple[Floats, float, bool]:
+        """Newton's step (f, d), the slope along it, and whether the exact Hessian leads down and gave it."""
+        for kind in (True, False) if exact else (False,):
+            gradient, hessian = self.model(points, rest, region, distortion, exact=kind)
+            try:
+                step = region.solver(points, hessian, accuracy)(-gradient)
+            except ArithmeticError:
+                if not kind:
+                    raise
+                continue
+            slope = float(np.vdot(gradient, step))
+            if slope < 0.0:
+                break
+        return step, slope, kind
+
+    def _distortions(self, points: Floats, region: SmoothRegion) -> Floats:
+        """f (c,) of the region's corners with local positions (l, d)."""
+        return corner_distortions(points, region.free.simplices, self.law.norm)
+
+    def _energy(self, points: Floats, rest: Floats, region: SmoothRegion) -> tuple[float, Floats]:
+        """The function to minimise at the local positions (l, d), and the corners' distortions."""
+        distortion, n = self._distortions(points, region), region.free.n_free
+        if not np.isfinite(distortion).all():
+            return math.inf, distortion
+        active = np.flatnonzero(distortion > self.law.onset)
+        resistance = float(region.weights[active] @ self.law.resistance(distortion[active])[0])
+        return resistance + region.pull(points[:n] - rest[:n])[0], distortion
+
+    def model(
+        self, points: Floats, rest: Floats, region: SmoothRegion, distortion: Floats, *, exact: bool
+    ) -> tuple[Floats, Floats]:
+        """Gradient (f, d) and Hessian (b, d, d) in the region's pattern."""
+        n, d, adjacency = region.free.n_free, points.shape[1], region.free.adjacency
+        active = np.flatnonzero(distortion > self.law.onset)
+        _, slope, bend = self.law.resistance(distortion[active])
+        weights = region.weights[active]
+        simplices = region.free.simplices.of(active)
+        shares = np.zeros((len(distortion), d + 1, d))
+        shares[active] = distortion_gradient(points, simplices, weights * slope, self.law.norm)
+        gradient = adjacency.gather(shares) + region.pull(points[:n] - rest[:n])[1]
+        blocks = self.corner_hessians(points, simplices, weights * slope, weights * bend, exact=exact)
+        rows = np.full(len(distortion), -1, dtype=np.int32)
+        rows[active] = np.arange(len(active))
+        hessian = region.blocks.copy()
+        kernels.add_corners(adjacency.starts, adjacency.entries, adjacency.slots, rows, blocks, hessian)
+        return gradient, hessian
+
+    def corner_hessians(
+        self, points: Floats, simplices: CornerSimplices, slope: Floats, bend: Floats, *, exact: bool
+    ) -> Floats:
+        """(c, d², d²) second derivatives of the resistance by the corners' edges, as :func:`.corner_blocks` has them.
+
+        ``slope`` and ``bend`` (c,) are w ψ′ and w ψ″; a block that is not exact is positive semi-definite.
+        """
+        d = points.shape[1]
+        blocks = np.empty((len(simplices), d * d, d * d))
+        arrays = points, simplices.nodes, simplices.ideal, angles_of(simplices), slope, bend
+        kernels.corner_hessians(*arrays, self.law.norm.m, self.law.norm.size_weight, exact, blocks)
+        return blocks
+
+
+def _is_box(kind: CellType) -> bool:
+    """Whether a cell type is the quad or the hexahedron."""
+    return not kind.is_simplex and len(kind.corners) == 2**kind.dimension

@@ -1,0 +1,156 @@
+"""The free nodes of a smooth motion: what its penalty needs of them, and the solution of their Newton systems.
+
+The function that is minimised is in :mod:`.smooth_motion`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.correction.boundary_constraint import RegionConstraint
+from mesh_motion_numerics.correction.distortion import CornerSimplices
+from mesh_motion_numerics.correction.free_region import Elimination, FreeRegion, NodeAdjacency
+
+__all__ = ["SmoothRegion"]
+
+PENALTY = 4.0  # a
+LENGTH = 10.0  # l, in cells
+_DIRECT_UNKNOWNS = {1: 100_000, 2: 100_000, 3: 6_000}  # a larger factorization is slower than conjugate gradients
+ROUGH = 0.03  # residual of a Newton system far from the minimum, as a share of the right-hand side
+_EXACT = 1e-13
+_CG_ITERATIONS = 5000
+
+
+@dataclass(eq=False)
+class SmoothRegion:
+    """Free nodes, and the penalty's matrix K, one number for each block of the Hessian's pattern.
+
+    Attributes
+    ----------
+    free : FreeRegion
+    constraint : RegionConstraint or None
+        Of its free nodes that slide or move alike.
+    elimination : tuple of three arrays, or None
+        Order and pattern of the Newton systems' factor; None where conjugate gradients are faster.
+    weights : (c,) array
+        w_c of its corners.
+    gradient : (b,) array, 1 / length²
+    mass : (f,) array, 1 / length²
+        Of the free nodes, for σ = 1.
+    """
+
+    free: FreeRegion
+    constraint: RegionConstraint | None
+    elimination: Elimination | None
+    weights: Floats
+    gradient: Floats
+    mass: Floats
+    penalty: Floats = field(default_factory=lambda: np.empty(0))
+
+    @classmethod
+    def build(cls, free: FreeRegion, constraint: RegionConstraint | None, reference: Floats) -> SmoothRegion:
+        """Of a region of the mesh with its nodes at ``reference`` (n, d) at rest."""
+        weights = _corner_weights(free)
+        of_corners, shares = _penalty_of(free.simplices, reference[free.nodes], weights)
+        adjacency, d = free.adjacency, free.simplices.dimension
+        corner, place = np.divmod(adjacency.entries, d + 1)
+        here = adjacency.slots >= 0
+        rows = of_corners[corner, place][here]
+        gradient = _sums(adjacency.slots[here], rows, len(adjacency.columns))
+        node = np.repeat(np.arange(free.n_free), np.diff(adjacency.starts))
+        mass = _sums(node, shares[corner], free.n_free)
+        unknowns, places = adjacency, reference[free.free]
+        if constraint is not None:
+            unknowns, places = constraint.links.adjacency, places[constraint.links.roots]
+        direct = places.size <= _DIRECT_UNKNOWNS[d]
+        elimination = unknowns.elimination(places) if direct else None
+        return cls(free, constraint, elimination, weights, gradient, mass)
+
+    def with_activation(self, sigma: Floats) -> SmoothRegion:
+        """The same with the penalty for σ (n,) of all nodes."""
+        penalty = self.gradient.copy()
+        penalty[self.free.adjacency.row_starts[:-1]] += self.mass / sigma[self.free.free]
+        return replace(self, penalty=PENALTY * penalty)
+
+    def solver(self, points: Floats, hessian: Floats, accuracy: float = _EXACT) -> Callable[[Floats], Floats]:
+        """The steps (f, d) of H (b, d, d) dx = right (f, d) that nodes at local positions (l, d) can take.
+
+        H is factorized once, for as many right sides as are given to the function that is returned. Conjugate gradients
+        stop where the residual is below ``accuracy`` times the right side.
+
+        Raises
+        ------
+        ArithmeticError
+            If H is factorized and not positive definite.
+        """
+        if self.constraint is None:
+            return self._system(self.free.adjacency, hessian, accuracy)
+        return self.constraint.solver(points, hessian, partial(self._system, accuracy=accuracy))
+
+    @property
+    def is_factorized(self) -> bool:
+        """Whether steps are exact."""
+        return self.elimination is not None
+
+    def _system(self, adjacency: NodeAdjacency, hessian: Floats, accuracy: float) -> Callable[[Floats], Floats]:
+        if self.elimination is None:
+            pattern, until = (adjacency.row_starts, adjacency.columns), (accuracy, _CG_ITERATIONS)
+
+            def iterate(right: Floats) -> Floats:
+                step = np.empty_like(right)
+                kernels.block_conjugate_gradients(*pattern, hessian, adjacency.aggregates, right, *until, step)
+                return step
+
+            return iterate
+        solve = adjacency.factorized(hessian, self.elimination)
+        if solve is None:
+            raise ArithmeticError("the matrix is not positive definite")
+        return solve
+
+    def admitted(self, points: Floats) -> Floats:
+        """The local positions (l, d) put back onto walls, images alike: rounding does not add up."""
+        return points if self.constraint is None else self.constraint.placed(points)
+
+    @cached_property
+    def blocks(self) -> Floats:
+        """K (b, d, d)."""
+        d = self.free.simplices.dimension
+        return np.ascontiguousarray(self.penalty[:, None, None] * np.eye(d))
+
+    def pull(self, offset: Floats) -> tuple[float, Floats]:
+        """½ vᵀ K v and K v (f, d) of the free nodes' v (f, d)."""
+        product = np.empty_like(offset)
+        pattern = self.free.adjacency.row_starts, self.free.adjacency.columns
+        return 0.5 * kernels.block_product(*pattern, self.blocks, np.ascontiguousarray(offset), product), product
+
+
+def _sums(places: NDArray[np.integer], values: Floats, count: int) -> Floats:
+    """The sum (count,) of the values (e,) at each of their places (e,)."""
+    return np.bincount(places, weights=values, minlength=count).astype(np.float64, copy=False)
+
+
+def _penalty_of(simplices: CornerSimplices, reference: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """The corners' parts of the penalty's matrix, 1 / length², with their nodes at ``reference`` (n, d) at rest.
+
+    w_c times the products of the nodes' shape functions' gradients (c, d + 1, d + 1), and each node's share
+    w_c / ((d + 1) (l h_c)²) of the mass (c,).
+    """
+    edges = reference[simplices.nodes[:, 1:]] - reference[simplices.nodes[:, :1]]
+    inverse = np.swapaxes(np.linalg.inv(edges), 1, 2)  # (c, d, d): rows are the gradients of the edges' nodes
+    gradients = np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
+    size = np.abs(np.linalg.det(edges)) ** (2 / simplices.dimension)
+    matrices = np.einsum("c,cai,cbi->cab", weights, gradients, gradients)
+    return matrices, weights / (size * LENGTH**2 * (simplices.dimension + 1))
+
+
+def _corner_weights(free: FreeRegion) -> Floats:
+    """w_c of the corners of a region's cells."""
+    counts = [(len(block), len(block.type.corners)) for block in free.cells]
+    return np.concatenate([np.full(cells * corners, 1.0 / corners) for cells, corners in counts])

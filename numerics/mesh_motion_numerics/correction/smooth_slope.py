@@ -1,0 +1,221 @@
+"""The derivative of the smooth motion by the plain one: dy of dy_plain, and its transpose.
+
+At the minimum y of E(y, y_plain) (:mod:`.smooth_motion`) the gradient by the free nodes vanishes, whatever the plain
+motion is. So (implicit function theorem) ::
+
+    H dy_free = K dp_free − H_held dp_held − PENALTY m (y − p) d(1/σ),      dσ by the chain of averages
+
+with the Hessian H of the free nodes, its coupling H_held to the nodes about them, and the penalty's matrix K(σ). The
+activation σ depends on the plain mesh, so no correction is frozen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
+
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.correction.distortion import corner_distortions, distortion_gradient
+from mesh_motion_numerics.correction.smooth_motion import FAR, RAMP, RINGS, SmoothMotion
+from mesh_motion_numerics.correction.smooth_region import PENALTY, SmoothRegion
+
+__all__ = ["SmoothSlope", "not_at_minimum"]
+
+#: Largest Newton step at the mesh, as a share of its extent, with which it counts as the minimum.
+_AT_MINIMUM = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothSlope:
+    """The derivative at one mesh.
+
+    Attributes
+    ----------
+    plain, points : (n, d) arrays, mesh length unit
+        The plain motion and the corrected one.
+    region : SmoothRegion or None
+        The free nodes; None if no cell resists, and both are the same.
+    """
+
+    motion: SmoothMotion
+    plain: Floats
+    points: Floats
+    region: SmoothRegion | None
+
+    @classmethod
+    def build(cls, motion: SmoothMotion, plain: Floats, points: Floats) -> SmoothSlope:
+        """That at the ``points`` which the correction of the ``plain`` motion has found.
+
+        Raises
+        ------
+        QualityRefused
+            If they are not the minimum: the mesh was corrected in another way.
+        """
+        region = motion.region(plain)
+        made = cls(motion, plain, points, region)
+        if region is not None:
+            free = region.free.free
+            if not np.isfinite(made._distortions).all():
+                raise not_at_minimum()
+            step = made._solved(-made._gradient)
+            if np.abs(step).max() > _AT_MINIMUM * np.ptp(motion.reference, axis=0).max():
+                raise not_at_minimum()
+            points = points.copy()  # one more step: the derivative is as exact as the minimum
+            points[free] += step
+            made = replace(made, points=points)
+        return made
+
+    def apply(self, plain_change: Floats) -> Floats:
+        """(n, d) dy of dy_plain (n, d)."""
+        if self.region is None:
+            return plain_change
+        free, nodes, out = self.region.free.free, self.region.free.nodes, plain_change.copy()
+        held = plain_change[nodes]
+        held[: len(free)] = 0.0
+        right = self.region.pull(plain_change[free])[1] - self._coupled(held)[: len(free)]
+        right -= self._pull_by_activation * self._activated(plain_change)[free, None]
+        out[free] = self._solved(right)
+        return out
+
+    def transpose(self, weights: Floats) -> Floats:
+        """(n, d) what dy_plain counts for weights (n, d) of dy."""
+        if self.region is None:
+            return weights
+        free, nodes, out = self.region.free.free, self.region.free.nodes, weights.copy()
+        solved = self._solved(weights[free])
+        local = np.zeros((len(nodes), weights.shape[1]))
+        local[: len(free)] = solved
+        out[free] = self.region.pull(solved)[1]
+        out[nodes[len(free) :]] -= self._coupled(local)[len(free) :]
+        activated = np.zeros(len(weights))
+        activated[free] = -np.sum(self._pull_by_activation * solved, axis=1)
+        return out + self._activated_transposed(activated)
+
+    # --- the minimum -------------------------------------------------------------------------------------------------
+
+    @property
+    def _required(self) -> SmoothRegion:
+        assert self.region is not None
+        return self.region
+
+    @cached_property
+    def _local(self) -> Floats:
+        return self.points[self._required.free.nodes]
+
+    @cached_property
+    def _distortions(self) -> Floats:
+        return corner_distortions(self._local, self._required.free.simplices, self.motion.law.norm)
+
+    @cached_property
+    def _model(self) -> tuple[Floats, Floats]:
+        region = self._required
+        rest = self.plain[region.free.nodes]
+        return self.motion.model(self._local, rest, region, self._distortions, exact=True)
+
+    @property
+    def _gradient(self) -> Floats:
+        return self._model[0]
+
+    def _solved(self, right: Floats) -> Floats:
+        """H⁻¹ of (f, d) in the directions that nodes can take."""
+        return self._solver(np.ascontiguousarray(right))
+
+    @cached_property
+    def _solver(self) -> Callable[[Floats], Floats]:
+        """The Hessian's factor, for every vector."""
+        try:
+            return self._required.solver(self._local, self._model[1])
+        except ArithmeticError as error:
+            raise not_at_minimum() from error
+
+    @cached_property
+    def _active(self) -> Integers:
+        return np.flatnonzero(self._distortions > self.motion.law.onset)
+
+    @cached_property
+    def _blocks(self) -> Floats:
+        """(c, j, k, a, b) second derivatives of the active corners' resistance by their edges j, k."""
+        region, law, active, d = self._required, self.motion.law, self._active, self.plain.shape[1]
+        _, slope, bend = law.resistance(self._distortions[active])
+        simplices, weights = region.free.simplices.of(active), region.weights[active]
+        blocks = self.motion.corner_hessians(self._local, simplices, weights * slope, weights * bend, exact=True)
+        return blocks.reshape(-1, d, d, d, d)
+
+    def _coupled(self, local: Floats) -> Floats:
+        """(l, d) the resistance's Hessian times (l, d) of all local nodes."""
+        nodes, out = self._required.free.simplices.nodes[self._active], np.zeros_like(local)
+        edges = local[nodes[:, 1:]] - local[nodes[:, :1]]
+        forces = np.einsum("cjkab,ckb->cja", self._blocks, edges)
+        np.add.at(out, nodes[:, 1:], forces)
+        np.subtract.at(out, nodes[:, 0], forces.sum(axis=1))
+        return out
+
+    # --- the activation ----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _pull_by_activation(self) -> Floats:
+        """(f, d) derivative of K (y − p) by each free node's own σ."""
+        region = self._required
+        free = region.free.free
+        by_sigma = -PENALTY * region.mass / self._sigma[-1][self.motion.alike[free]] ** 2
+        return np.asarray(by_sigma[:, None] * (self.points[free] - self.plain[free]))
+
+    @cached_property
+    def _ramp(self) -> tuple[Integers, Floats, Floats]:
+        """The corners (c,) whose activation varies, dx/df of log(1 − s(x)) and their distortion's gradients by node."""
+        motion = self.motion
+        distortion = np.minimum(corner_distortions(self.plain, motion.corners, motion.law.norm), FAR)
+        x = (distortion - motion.law.onset) / RAMP
+        rows = np.flatnonzero((x > 0.0) & (x < 1.0))
+        x = x[rows]
+        slope = 30.0 * x**2 * (1.0 - x) ** 2 / RAMP / (1.0 - x**3 * (10.0 + x * (6.0 * x - 15.0)))
+        gradients = distortion_gradient(self.plain, motion.corners.of(rows), np.ones(len(rows)), motion.law.norm)
+        return rows, slope, gradients
+
+    @cached_property
+    def _sigma(self) -> list[Floats]:
+        """σ (n,) after each ring."""
+        return self.motion.activations(self.plain)
+
+    def _rings(self) -> Iterator[tuple[Floats, Floats]]:
+        """1 − σ and 1 − A σ before each ring."""
+        for sigma in self._sigma[:RINGS]:
+            yield 1.0 - sigma, 1.0 - self.motion.averages @ sigma
+
+    def _activated(self, change: Floats) -> Floats:
+        """(n,) dσ of dp (n, d)."""
+        rows, slope, gradients = self._ramp
+        nodes, alike = self.motion.corners.nodes[rows], self.motion.alike
+        of_corner = slope * np.einsum("cai,cai->c", gradients, change[nodes])
+        sigma = np.zeros(len(change))
+        np.add.at(sigma, alike[nodes], of_corner[:, None])
+        sigma *= 1.0 - self._sigma[0]
+        for calm, calm_about in self._rings():
+            sigma = sigma * calm_about + calm * (self.motion.averages @ sigma)
+        return np.asarray(sigma[alike])
+
+    def _activated_transposed(self, weights: Floats) -> Floats:
+        """(n, d) what dp counts for weights (n,) of dσ."""
+        rows, slope, gradients = self._ramp
+        nodes, alike = self.motion.corners.nodes[rows], self.motion.alike
+        sigma: Floats = np.bincount(alike, weights=weights, minlength=len(weights)).astype(np.float64)
+        for calm, calm_about in reversed([*self._rings()]):
+            sigma = sigma * calm_about + self.motion.averages.T @ (calm * sigma)
+        sigma = sigma * (1.0 - self._sigma[0])
+        of_corner = slope * sigma[alike[nodes]].sum(axis=1)
+        out = np.zeros_like(self.plain)
+        np.add.at(out, nodes, of_corner[:, None, None] * gradients)
+        return out
+
+
+def not_at_minimum() -> QualityRefused:
+    """The error for a mesh that a motion with a derivative has not led to."""
+    return QualityRefused(
+        "the mesh was corrected in another way than by the smooth correction: its motion has no derivative here",
+        code="FAILED_PRECONDITION",
+        hint="ask at a step whose MOVED has no warning of it",
+    )

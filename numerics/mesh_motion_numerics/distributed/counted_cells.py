@@ -1,0 +1,121 @@
+"""The cells of a partition, judged in one pass that counts their values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_numerics.distributed.order_statistics import BINS, FEW, WHOLE, BinContent, Way, content
+from mesh_motion_numerics.distributed.summaries import WORST, PartialSummary, Questions
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.metrics import (
+    CellsAtRest,
+    as_positions,
+    judged,
+    metric_code,
+    rest_for,
+    subset_quality,
+)
+from mesh_motion_numerics.quality.quality_summary import reported_metrics, worst_cells
+
+__all__ = ["CountedCells"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class CountedCells:
+    """The cells of a partition, judged one time after the other.
+
+    Of each value the place is kept, in four bytes: its bin, and which of the bin's parts it is in. So the counts of all
+    bins are known. Where the values themselves are asked for, the few cells that have them are judged again.
+
+    Parameters
+    ----------
+    cells : CellTable
+        m cells.
+    at_rest : CellsAtRest
+    metric : str
+        Ranks the worst cells.
+    """
+
+    def __init__(self, cells: CellTable, at_rest: CellsAtRest, metric: str) -> None:
+        self.metric, self._cells, self._at_rest = metric, cells, at_rest
+        self._names = reported_metrics(metric)
+        self._places = np.zeros((len(self._names), len(cells)), dtype=np.uint32)
+        self._known: dict[tuple[str, Way], BinContent] = {}
+
+    def judge(self, points: Floats) -> PartialSummary:
+        """Judge the cells with nodes at points (n, d), which must stay as they are until the next time."""
+        self._points = as_positions(points, self._cells.dimension)
+        extents, counts, worst, inverted = kernels.counted_cells(
+            self._points, *self._arguments(self.metric), WORST, BINS, self._places
+        )
+        by_name = dict(zip(self._names, extents.tolist(), strict=True))
+        self._known = {
+            (name, WHOLE): self._whole(name, own, least, most)
+            for own, (name, (_, least, most)) in zip(counts, by_name.items(), strict=True)
+        }
+        quality, centres = subset_quality(points, self._cells, self._at_rest, worst), self._cells.centres(points, worst)
+        return PartialSummary(
+            cells=len(self._cells),
+            inverted=inverted,
+            sums={name: total for name, (total, _, _) in by_name.items()},
+            minima={name: least for name, (_, least, _) in by_name.items()},
+            contents={name: self._known[name, WHOLE] for name in self._names},
+            worst=worst_cells(worst, quality, centres, self.metric),
+        )
+
+    def contents(self, questions: Questions) -> tuple[BinContent, ...]:
+        """What bins have, of the cells as they were judged last."""
+        missing = [one for one in questions if one not in self._known]
+        for name in dict.fromkeys(name for name, _ in missing):
+            ways = [way for of, way in missing if of == name]
+            for depth, find in ((1, self._find_counts), (2, self._find_values)):
+                if some := [way for way in ways if min(len(way), 2) == depth]:
+                    find(name, some)
+        return tuple(self._known[one] for one in questions)
+
+    def _find_counts(self, name: str, ways: Sequence[Way]) -> None:
+        """Bins of the first division."""
+        bins = np.array([way[0][2] for way in ways], dtype=np.uint32)
+        counts = kernels.counts_in_parts(self._places_of(name), bins, BINS)
+        for way, own in zip(ways, counts, strict=True):
+            filled = np.flatnonzero(own)
+            if own.sum() <= FEW or len(filled) == 1:  # then the values have to be sent, or may be
+                self._known[name, way] = content(self._values(name, way[0][2] * BINS + filled), way)
+            else:
+                self._known[name, way] = BinContent(filled.astype(np.uint16), own[filled].astype(np.uint32), None, None)
+
+    def _find_values(self, name: str, ways: Sequence[Way]) -> None:
+        """Bins of further divisions."""
+        values = self._values(name, np.array([way[0][2] * BINS + way[1][2] for way in ways]))
+        self._known |= {(name, way): content(values, way) for way in ways}
+
+    def _whole(self, name: str, counts: Ints, least: float, most: float) -> BinContent:
+        """All values of a metric, with their counts (BINS,), minimum and maximum."""
+        if len(self._cells) <= FEW:
+            return content(self._values(name, np.unique(self._places_of(name))), WHOLE)
+        filled = np.flatnonzero(counts)
+        alike = (np.array([least]), np.array([len(self._cells)])) if least == most else (None, None)
+        return BinContent(filled.astype(np.uint16), counts[filled].astype(np.uint32), *alike)
+
+    def _values(self, name: str, places: NDArray[Any]) -> Floats:
+        """The values of a metric at places."""
+        found: Floats = kernels.values_at(
+            self._points, *self._arguments(name), self._places_of(name), places.astype(np.uint32)
+        )
+        return found
+
+    def _places_of(self, name: str) -> NDArray[np.uint32]:
+        """Where the values (m,) of a metric are."""
+        places: NDArray[np.uint32] = self._places[self._names.index(name)]
+        return places
+
+    def _arguments(self, name: str) -> tuple[Any, ...]:
+        """Of the compiled loops, behind the points."""
+        return (*judged(self._cells, rest_for(name, self._at_rest)), metric_code(name))

@@ -1,0 +1,156 @@
+"""The mesh of one rank of a client, when the server has the boundary only: moves the nodes, judges the cells.
+
+It needs the numerics of the server's package, scipy among it, but no server.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
+from numpy.typing import NDArray
+
+from mesh_motion_numerics.correction.trial_nodes import signed
+from mesh_motion_numerics.distributed.counted_cells import CountedCells
+from mesh_motion_numerics.distributed.field import Field
+from mesh_motion_numerics.distributed.judging import first_questions, read_questions, told
+from mesh_motion_numerics.distributed.order_statistics import WHOLE
+from mesh_motion_numerics.distributed.region import Extent, Region, region_told
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.evaluation import NearOperators
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
+from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.quality.mesh_check import checked_cells, nodes_in_no_cell
+from mesh_motion_numerics.quality.metrics import WORST_CORNER, cell_quality, cells_at_rest, corner_quality
+
+__all__ = ["Rank"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Rank:
+    """The nodes and cells of one partition.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+        Reference coordinates.
+    cells : mapping of str to (m, k) int array
+        By type; nodes in rows of ``points``.
+    patch_nodes : (p,) int64 array
+        Nodes on patches.
+
+    Attributes
+    ----------
+    nodes : (b,) int64 array
+        Nodes that the server must know, ascending: those on patches, on the boundary of this partition (also towards
+        others, where another partition may have a patch), and those that span its box.
+
+    Raises
+    ------
+    InvalidInput
+        If a cell is unusable, or a node is in none.
+    """
+
+    def __init__(self, points: Floats, cells: Mapping[str, NDArray[np.integer]], patch_nodes: Ints) -> None:
+        self._given = CellTable.from_arrays(cells)
+        _check_in_cells(self._given, len(points))
+        read = checked_cells(points, self._given)
+        self._points, self._cells = points, read.cells
+        self._at_rest = cells_at_rest(points, read.cells, read.sizes)
+        spanning = np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])
+        self.nodes: Ints = np.unique(np.concatenate([patch_nodes, boundary_nodes(read.cells), spanning]))
+        self._last: tuple[Field, AnyInterpolant, NearOperators | None] | None = None
+        self._judged: CountedCells | None = None
+        self._moved = np.empty_like(points)  # kept: new memory takes as long as half of the judging
+
+    def displacement(self, field: Field, known: Floats) -> Floats:
+        """(n, d) displacement from the reference mesh: by a field, and ``known`` (b, d) of :attr:`nodes`."""
+        found = self._positions(field)
+        found -= self._points
+        found[self.nodes] = known
+        return found
+
+    def velocity(self, field: Field, known: Floats) -> Floats:
+        """(n, d) velocity: by a field of velocities, and ``known`` (b, d) of :attr:`nodes`."""
+        interpolant, prepared = self._prepared(field)
+        found = evaluation.displacement(interpolant, self._points, prepared)
+        found[self.nodes] = known
+        return found
+
+    def counted(self, field: Field, weights: Floats, others: Ints) -> Floats:
+        """(r, d) what weights (n, d) of the nodes count for a field's coefficients, but of :attr:`nodes` and others."""
+        own = np.ones(len(self._points), dtype=bool)
+        own[self.nodes] = own[others] = False
+        return field.counted(self._points[own], np.ascontiguousarray(weights[own]))
+
+    def region(self, field: Field, known: Floats, extent: Extent, around: Ints) -> Region:
+        """The cells that are bad after the displacement by a field and ``known`` (b, d), and those about them.
+
+        Ids are indices of this rank's nodes; ``around`` (k,) nodes there may be more.
+        """
+        positions = self._positions(field)
+        positions[self.nodes] = self._points[self.nodes] + known
+        quality = cell_quality(positions, self._cells, self._at_rest)
+        interior = len(self._points) - len(self.nodes)
+        if extent.metric == WORST_CORNER:
+            values = corner_quality(positions, self._cells, self._at_rest, quality.skew)
+        else:
+            values = signed(quality, extent.metric)
+        return region_told(self._points, positions, self._given, quality, values, extent, around, interior=interior)
+
+    def _positions(self, field: Field) -> Floats:
+        """(n, d) positions to which a field takes the nodes, except :attr:`nodes`."""
+        interpolant, prepared = self._prepared(field)
+        found = evaluation.displacement(interpolant, self._points, prepared)
+        found += self._points
+        return found
+
+    def _prepared(self, field: Field) -> tuple[AnyInterpolant, NearOperators | None]:
+        """The interpolant of a field, and what does not change while only coefficients do."""
+        last = self._last
+        if last is not None and field.differs_in_coefficients_only(last[0]):
+            return field.interpolant(last[1]), last[2]
+        self._last = last = None  # first: two of them need not fit into memory
+        interpolant, prepared = field.interpolant(), None
+        if isinstance(interpolant, TwoScaleInterpolant):
+            prepared = evaluation.prepare(interpolant, self._points, unasked=self.nodes)
+        self._last = field, interpolant, prepared
+        return interpolant, prepared
+
+    def judge(self, displacement: Floats, metric: str) -> Callable[[list[dict[str, Any]]], dict[str, Any]]:
+        """Judge the cells with the nodes displaced by (n, d); returns what gives JUDGE's fields for questions."""
+        if self._judged is None or self._judged.metric != metric:
+            self._judged = CountedCells(self._cells, self._at_rest, metric)
+        judged = self._judged
+        part = judged.judge(np.add(self._points, displacement, out=self._moved))
+        answers = {(name, WHOLE): found for name, found in part.contents.items()}
+
+        def fields(further: list[dict[str, Any]]) -> dict[str, Any]:
+            questions = (*first_questions(metric), *read_questions(further))
+            unanswered = tuple(one for one in questions if one not in answers)
+            answers.update(zip(unanswered, judged.contents(unanswered), strict=True))
+            return told(part, self._place, questions, [answers[one] for one in questions])
+
+        return fields
+
+    def _place(self, cell: int) -> tuple[str, int]:
+        """Type of a cell, and its number among those of its type."""
+        block, row = self._cells.locate(cell)
+        return block.type.name, row
+
+
+def _check_in_cells(cells: CellTable, count: int) -> None:
+    """Each of ``count`` nodes is in a cell: another one may lie outside the box for which the field comes."""
+    alone = nodes_in_no_cell(count, cells)
+    if len(alone):
+        raise InvalidInput(
+            f"evaluation = 'client': node {alone[0]} is in no cell of this partition ({len(alone)} such nodes)",
+            code="INVALID_ARGUMENT.MESH",
+            hint="leave it out, or open the session with evaluation = 'server'",
+            details={"node": int(alone[0])},
+        )

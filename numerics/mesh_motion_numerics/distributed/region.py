@@ -1,0 +1,191 @@
+"""The bad cells of a partition with the cells about them, as plain values and arrays: the content of CORRECT.
+
+A rank sends the cells whose quality is below a bound, all cells within some rings about them or about given nodes, and
+of each node whether all of the rank's cells at it are among these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_numerics.correction.free_region import cells_of_nodes, grow, nodes_of_cells
+from mesh_motion_numerics.distributed.judging import reading, require
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_numerics.quality.metrics import CellQuality
+
+__all__ = ["ALL", "Extent", "Region", "region_told"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: No quality is above: that of all cells is below.
+ALL = 2.0
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Which cells are sent.
+
+    Attributes
+    ----------
+    metric : str
+    below : float
+        Those whose quality is below; :data:`ALL`: all cells.
+    rings : int
+        And those within so many rings of cells about these, or about given nodes.
+    """
+
+    metric: str
+    below: float
+    rings: int
+
+    @classmethod
+    def of(cls, plain: Mapping[str, Any]) -> Self:
+        """Read the map ``region`` of a message."""
+        return cls(str(plain["metric"]), float(plain["below"]), int(plain["rings"]))
+
+    def as_plain(self) -> dict[str, Any]:
+        """The map ``region`` of a message."""
+        return {"metric": self.metric, "below": self.below, "rings": self.rings}
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """What one rank sent.
+
+    Attributes
+    ----------
+    extent : Extent
+    ids : (r,) int64 array
+        Global ids of the nodes.
+    whole : (r,) bool array
+        Whether all cells of the rank at the node are sent.
+    points, positions : (r, d) arrays, mesh length unit
+        In the reference mesh, and where the field takes them.
+    cells : dict
+        Type → (m, k) rows of nodes.
+    interior : int
+        Number of nodes of the rank that the server has not.
+    extremes : (float, float)
+        Smallest relative skew and size of the cells that are not sent; 1 without such cells.
+    """
+
+    extent: Extent
+    ids: Ints
+    whole: NDArray[np.bool_]
+    points: Floats
+    positions: Floats
+    cells: Mapping[str, Ints]
+    interior: int
+    extremes: tuple[float, float]
+
+    @classmethod
+    def read(cls, told: Mapping[str, Any], *, partition: int) -> Self:
+        """From the fields of a CORRECT.
+
+        Raises
+        ------
+        InvalidInput
+            If they do not fit together.
+        """
+        with reading("CORRECT", partition):
+            return cls._read(told)
+
+    @classmethod
+    def _read(cls, told: Mapping[str, Any]) -> Self:
+        part, nodes, corners = told["part"], told["nodes"], told["corners"].reshape(-1)
+        points, positions = (np.asarray(told[name], dtype=np.float64) for name in ("points", "positions"))
+        require(nodes.ndim == 2 and nodes.shape[1] == 2, "nodes: expected two columns")
+        require(len(points) == len(nodes) == len(positions), "expected as many points and positions as nodes")
+        require(points.shape == positions.shape, "expected points and positions of one dimension")
+        require(bool(np.isfinite(points).all() and np.isfinite(positions).all()), "expected finite coordinates")
+        require(not len(corners) or (corners.min() >= 0 and corners.max() < len(nodes)), "corners: no such node")
+        cells, taken = {}, 0
+        for name, count in part["cells"].items():
+            entries = CELL_TYPES[name].n_nodes * int(count)
+            require(entries > 0, f"cells: expected a positive number of {name}")
+            cells[str(name)] = corners[taken : taken + entries].reshape(int(count), -1)
+            taken += entries
+        require(taken == len(corners), f"corners: expected {taken}, got {len(corners)}")
+        skew, size = (float(value) for value in part["least"])
+        whole = nodes[:, 1].astype(bool)
+        interior = int(part["interior"])
+        require(interior >= 0, "interior: expected a number of nodes")
+        return cls(Extent.of(part), nodes[:, 0], whole, points, positions, cells, interior, (skew, size))
+
+    def fields(self) -> dict[str, Any]:
+        """The fields of a CORRECT."""
+        corners = [rows.reshape(-1) for rows in self.cells.values()]
+        return {
+            "part": self.extent.as_plain()
+            | {"interior": self.interior, "least": list(self.extremes)}
+            | {"cells": {name: len(rows) for name, rows in self.cells.items()}},
+            "nodes": np.column_stack([self.ids, self.whole]).astype(np.int64),
+            "points": self.points,
+            "positions": self.positions,
+            "corners": np.concatenate([np.empty(0, dtype=np.int32), *corners]).astype(np.int32)[:, None],
+        }
+
+
+def region_told(
+    points: Floats,
+    positions: Floats,
+    cells: CellTable,
+    quality: CellQuality,
+    values: Floats,
+    extent: Extent,
+    around: Ints,
+    *,
+    interior: int,
+) -> Region:
+    """The cells of a rank that are sent; ids are its own indices.
+
+    Parameters
+    ----------
+    points, positions : (n, d) arrays, mesh length unit
+        Of all its nodes.
+    cells : CellTable
+    quality, values : CellQuality, (m,) array
+        Of all its cells at the positions; the metric of the extent.
+    extent : Extent
+    around : (k,) int64 array
+        Nodes about which the region lies too.
+    interior : int
+        As in :class:`Region`.
+    """
+    bad = values < extent.below
+    marked = nodes_of_cells(cells, bad, len(points))
+    marked[around] = True
+    marked = grow(cells, marked, extent.rings)
+    chosen = bad | cells_of_nodes(cells, marked)
+    here = nodes_of_cells(cells, chosen, len(points))
+    nodes = np.flatnonzero(here)
+    local = np.empty(len(points), dtype=np.int64)
+    local[nodes] = np.arange(len(nodes))
+    rows = {
+        block.type.name: local[block.nodes[chosen[first : first + len(block)]]] for block, first in cells.numbered()
+    }
+    return Region(
+        extent,
+        nodes,
+        marked[nodes],
+        points[nodes],
+        positions[nodes],
+        {name: cells for name, cells in rows.items() if len(cells)},
+        interior,
+        _extremes(quality, ~chosen, extent.metric),
+    )
+
+
+def _extremes(quality: CellQuality, chosen: NDArray[np.bool_], metric: str) -> tuple[float, float]:
+    """The smallest relative skew, where the metric takes it, and the smallest size of the chosen (m,) cells."""
+    size = float(np.min(quality.size, where=chosen, initial=1.0))
+    if metric != "relative-size-skew":
+        return 1.0, size
+    relative = np.where(quality.inverted, 0.0, quality.relative_shape)
+    return float(np.min(relative, where=chosen, initial=1.0)), size

@@ -1,0 +1,106 @@
+"""Joins the quality of a mesh from its partitions: each sends its part in some kilobytes.
+
+Minimum, percentiles, worst cells and the number of inverted ones are those of the whole mesh to the last bit; a mean is
+a sum in another order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from mesh_motion_numerics.distributed.order_statistics import WHOLE, BinContent, Way, narrowed
+from mesh_motion_numerics.quality.quality_summary import (
+    Distribution,
+    QualitySummary,
+    WorstCell,
+    percentile_ranks,
+    reported_metrics,
+)
+
+__all__ = ["WORST", "PartialSummary", "Questions", "joined"]
+
+Questions = tuple[tuple[str, Way], ...]
+"""Metrics, and the bin of each that is asked for."""
+
+#: Worst cells that a partition names.
+WORST = 10
+
+
+@dataclass(frozen=True, eq=False)
+class PartialSummary:
+    """The quality of one partition's cells.
+
+    Attributes
+    ----------
+    cells, inverted : int
+    sums, minima : dict of str to float
+        By metric.
+    contents : dict of str to BinContent
+        All values of each metric in bins.
+    worst : tuple of WorstCell
+        Its worst cells.
+    """
+
+    cells: int
+    inverted: int
+    sums: dict[str, float]
+    minima: dict[str, float]
+    contents: dict[str, BinContent]
+    worst: tuple[WorstCell, ...]
+
+
+def joined(
+    parts: Sequence[PartialSummary], metric: str, ask: Callable[[Questions], Sequence[Sequence[BinContent]]]
+) -> QualitySummary:
+    """Return the summary of the whole mesh.
+
+    Parameters
+    ----------
+    parts : sequence of PartialSummary
+    metric : str
+        As in the parts.
+    ask : callable
+        Asks all partitions for bins; returns the contents of each question, partition by partition.
+    """
+    cells = sum(part.cells for part in parts)
+    percentiles = _percentiles(parts, metric, cells, ask)
+    found = {
+        name: Distribution(
+            min(part.minima[name] for part in parts),
+            sum(part.sums[name] for part in parts) / cells,
+            *(percentiles[name, rank] for rank in percentile_ranks(cells)),
+        )
+        for name in reported_metrics(metric)
+    }
+    worst = sorted((cell for part in parts for cell in part.worst), key=lambda cell: (cell.value, cell.number))
+    return QualitySummary.of(
+        found,
+        metric,
+        inverted=sum(part.inverted for part in parts),
+        cells=cells,
+        worst=tuple(worst[:WORST]),
+    )
+
+
+def _percentiles(
+    parts: Sequence[PartialSummary],
+    metric: str,
+    cells: int,
+    ask: Callable[[Questions], Sequence[Sequence[BinContent]]],
+) -> dict[tuple[str, int], float]:
+    """The values of the percentiles, by metric and rank in ascending order."""
+    found: dict[tuple[str, int], float] = {}
+    open_ways: dict[tuple[str, int], tuple[Way, int]] = {}
+    known: dict[tuple[str, Way], Sequence[BinContent]] = {}
+    for name in reported_metrics(metric):
+        known[name, WHOLE] = [part.contents[name] for part in parts]
+        open_ways |= {(name, rank): (WHOLE, rank) for rank in percentile_ranks(cells)}
+    while open_ways:
+        steps = {key: narrowed(way, rank, known[key[0], way]) for key, (way, rank) in open_ways.items()}
+        found |= {key: step for key, step in steps.items() if isinstance(step, float)}
+        open_ways = {key: step for key, step in steps.items() if not isinstance(step, float)}
+        questions = tuple(dict.fromkeys((name, way) for (name, _), (way, _) in open_ways.items()))
+        if questions:
+            known = dict(zip(questions, ask(questions), strict=True))
+    return found

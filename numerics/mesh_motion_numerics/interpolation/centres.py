@@ -1,0 +1,131 @@
+"""Control points arranged for the compiled sums: sorted by the cells of a uniform grid, one array per coordinate.
+
+With a compact basis only centres closer than R count. If R is small against the extent of the centres, a grid of cells
+of side R finds them: those near a point lie in the 3ᵈ cells around it, and the three along x are one run of the sorted
+arrays. Otherwise the grid has a single cell and every centre is visited: a direct sum.
+
+The layout depends only on the control points and the radius, not on the points of evaluation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import mesh_motion_kernels as kernels
+import numpy as np
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.interpolation.hashed_cells import HashedCells
+from mesh_motion_numerics.interpolation.kernels import Basis
+from mesh_motion_numerics.mesh.points import padded
+from mesh_motion_numerics.threads import limited_to
+
+__all__ = ["CentreLayout"]
+
+
+@dataclass(frozen=True, eq=False)
+class CentreLayout:
+    """Sorted centres and the grid that finds them.
+
+    Attributes
+    ----------
+    order : (nc,) int64 array
+        Row ``j`` of the sorted arrays is control point ``order[j]``.
+    coordinates : (3, nc) array
+    origin : (3,) array
+        Lower corner of all centres.
+    inverse_side : float
+        0 for a single cell.
+    extent : float
+        Of all centres, along the axis where it is largest.
+    shape : (3,) int64 array
+        Cells along each axis.
+    starts : (n_cells + 1,) int64 array
+        First sorted centre of each cell, x fastest.
+    fraction : float
+        Mean share of the centres in the cells around a centre, which a sum visits.
+    """
+
+    order: Integers
+    coordinates: Floats
+    origin: Floats
+    inverse_side: float
+    extent: float
+    shape: Integers
+    starts: Integers
+    fraction: float
+
+    @classmethod
+    def build(cls, control_points: Floats, basis: Basis, support_radius: float) -> CentreLayout:
+        """Arrange (nc, d) control points, by cells if the basis is compact and that saves enough."""
+        reach = support_radius if basis.compact else 0.0
+        return cls(*kernels.lay_out_centres(padded(control_points), reach))
+
+    @classmethod
+    def on_grid(
+        cls, control_points: Floats, origin: Floats, inverse_side: float, extent: float, shape: Integers
+    ) -> CentreLayout:
+        """Arrange a part (nc, d) of the control points on the grid of all: whole cells of it."""
+        return cls(*kernels.lay_out_on_grid(padded(control_points), origin, inverse_side, extent, shape))
+
+    @property
+    def n_centres(self) -> int:
+        return self.order.size
+
+    @property
+    def is_direct(self) -> bool:
+        """Whether every centre is visited for every point."""
+        return self.starts.size == 2
+
+    def sort(self, weights: Floats) -> Floats:
+        """(k, nc) sorted rows of (nc, k) weights."""
+        return np.ascontiguousarray(weights[self.order].T)
+
+    def grid(self) -> tuple[Floats, float, Integers, Integers]:
+        """The arguments of the compiled loops for the grid."""
+        return self.origin, self.inverse_side, self.shape, self.starts
+
+    def within_reach(self, points: Floats, *, threads: int | None = None) -> Integers:
+        """Rows (r,) of (n, d) points with a centre in their cell or next to it; for the others every sum is zero."""
+        inside = np.empty(len(points), dtype=np.bool_)
+        with limited_to(threads):
+            kernels.mark_reached(
+                np.ascontiguousarray(points), self.origin, self.inverse_side, self.shape, self._reached_cells, inside
+            )
+        return np.flatnonzero(inside)
+
+    def small_cells(self, side: float) -> HashedCells:
+        """The sorted centres by cells of another side, cached."""
+        if side not in self._by_side:
+            points = np.ascontiguousarray(self.coordinates.T)
+            self._by_side[side] = HashedCells.build(points, self.origin, self.extent, side)
+        return self._by_side[side]
+
+    @cached_property
+    def _by_side(self) -> dict[float, HashedCells]:
+        return {}
+
+    @cached_property
+    def _reached_cells(self) -> Marks:
+        """Whether a cell or a neighbour contains a centre: flat, x fastest, with one extra cell on each side."""
+        reached = np.zeros(int(np.prod(self.shape + 2)), dtype=np.bool_)
+        kernels.mark_neighbours(self.starts, self.shape, reached)
+        return reached
+
+    def sum(
+        self,
+        kernel: Callable[..., None],
+        basis: Basis,
+        support_radius: float,
+        points: Floats,
+        weights: Floats,
+        out: Floats,
+        *,
+        threads: int | None = None,
+    ) -> Floats:
+        """``sum_values`` or ``sum_gradients`` at (n, 3) points with (k, nc) sorted weights, into ``out``, returned."""
+        with limited_to(threads):
+            kernel(basis.code, points, self.coordinates, weights, 1.0 / support_radius, *self.grid(), out)
+        return out

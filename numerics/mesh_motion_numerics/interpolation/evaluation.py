@@ -1,0 +1,150 @@
+"""Evaluation of an interpolant and its gradient at many points.
+
+An interpolant in two scales is a spline plus sums over few near centres; any other interpolant is a sum over all
+centres. Sums are direct or cell by cell, in compiled threads, with memory for the result only. The value at a point
+depends on the interpolant and that point alone: bitwise the same for any number of threads and for any way to split the
+points into calls. ``threads`` are at most :func:`~mesh_motion_kernels.available_threads`, which is the default.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
+
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation.interpolant import Interpolant
+from mesh_motion_numerics.interpolation.kernels import require_gradient
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
+from mesh_motion_numerics.interpolation.two_scale.near_operator import NearOperator
+from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
+from mesh_motion_numerics.mesh.points import padded
+from mesh_motion_numerics.threads import checked_threads, limited_to
+
+__all__ = ["NearOperators", "displacement", "gradient", "prepare"]
+
+
+@dataclass(frozen=True, eq=False)
+class NearOperators:
+    """What depends on control points and points alone, for an interpolant in two scales: one operator a level."""
+
+    operators: tuple[NearOperator, ...]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory they hold."""
+        return sum(operator.nbytes for operator in self.operators)
+
+
+def prepare(
+    interpolant: TwoScaleInterpolant,
+    points: Floats,
+    *,
+    unasked: Integers | None = None,
+    threads: int | None = None,
+) -> NearOperators:
+    """The compact levels' operators at (n, d) points; at the rows ``unasked`` (r,) the operators are zero.
+
+    It saves work if many interpolants of the same control points are evaluated at the same points.
+
+    Raises
+    ------
+    InvalidInput
+        If the points' dimension is not the interpolant's.
+    """
+    _check_dimension(interpolant, points)
+    threads = checked_threads(threads)
+    return NearOperators(
+        tuple(NearOperator.build(level, points, unasked=unasked, threads=threads) for level in interpolant.levels)
+    )
+
+
+def displacement(
+    interpolant: AnyInterpolant,
+    points: Floats,
+    prepared: NearOperators | None = None,
+    *,
+    threads: int | None = None,
+) -> Floats:
+    """(n, k) values at (n, d) points, thesis (2.5).
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+    prepared : NearOperators, optional
+        Of :func:`prepare` for these points and for an interpolant of the same factorization. The values are bitwise the
+        same with and without, except at the rows that were ``unasked``.
+
+    Raises
+    ------
+    InvalidInput
+        If the points' dimension is not the interpolant's.
+    """
+    threads = checked_threads(threads)
+    out = np.empty((len(points), interpolant.components))
+    if isinstance(interpolant, TwoScaleInterpolant):
+        near = prepare(interpolant, points, threads=threads) if prepared is None else prepared
+        _coarse_values(interpolant.coarse, points, out, threads)
+        for level, operator in zip(interpolant.levels, near.operators, strict=True):
+            operator.add(level.weights, out, threads=threads)
+        return out
+    _sum(kernels.sum_values, interpolant, points, out, threads)
+    if interpolant.polynomial is not None:
+        out += interpolant.polynomial(points)
+    return out
+
+
+def gradient(interpolant: AnyInterpolant, points: Floats, *, threads: int | None = None) -> Floats:
+    """(n, k, d) gradients ``[i, c, m] = ∂u_c/∂x_m`` at (n, d) points.
+
+    Raises
+    ------
+    InvalidInput
+        If the basis has no gradient at its centres, or the points' dimension is not the interpolant's.
+    """
+    require_gradient(interpolant.basis)
+    threads = checked_threads(threads)
+    out = np.empty((len(points), interpolant.components, interpolant.dimension))
+    if isinstance(interpolant, TwoScaleInterpolant):
+        _check_dimension(interpolant, points)
+        if isinstance(interpolant.coarse, Interpolant):
+            out[:] = gradient(interpolant.coarse, points, threads=threads)
+        else:
+            with limited_to(threads):
+                interpolant.coarse.gradients(points, out)
+        for level in interpolant.levels:
+            near = level.layout.within_reach(points, threads=threads)
+            out[near] += gradient(level, points[near], threads=threads)
+        return out
+    _sum(kernels.sum_gradients, interpolant, points, out, threads)
+    if interpolant.polynomial is not None:
+        out += interpolant.polynomial.gradient
+    return out
+
+
+def _coarse_values(coarse: NestedSpline | Interpolant, points: Floats, out: Floats, threads: int) -> None:
+    """Fill ``out`` (n, k) with a coarse field at (n, d) points."""
+    if isinstance(coarse, Interpolant):
+        out[:] = displacement(coarse, points, threads=threads)
+        return
+    with limited_to(threads):
+        coarse.values(points, out)
+
+
+def _sum(kernel: Callable[..., None], interpolant: Interpolant, points: Floats, out: Floats, threads: int) -> Floats:
+    """Run a compiled sum over the interpolant's centres."""
+    _check_dimension(interpolant, points)
+    weights = interpolant.layout.sort(interpolant.weights)
+    return interpolant.layout.sum(
+        kernel, interpolant.basis, interpolant.support_radius, padded(points), weights, out, threads=threads
+    )
+
+
+def _check_dimension(interpolant: AnyInterpolant, points: Floats) -> None:
+    """Refuse points whose shape is not (n, d)."""
+    if points.ndim != 2 or points.shape[1] != interpolant.dimension:
+        raise InvalidInput(
+            f"expected points of shape (n, {interpolant.dimension}), got {points.shape}",
+            code="INVALID_ARGUMENT.SHAPE",
+        )

@@ -1,0 +1,176 @@
+"""The source of a motion's factorizations: made each time here, taken from a cache in a session."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.evaluation import NearOperators
+from mesh_motion_numerics.interpolation.interpolant import Factorization, factorize
+from mesh_motion_numerics.interpolation.kernels import Basis, basis_named, checked_radius
+from mesh_motion_numerics.interpolation.point_digest import point_digest
+from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
+from mesh_motion_numerics.method import Method
+
+__all__ = [
+    "CacheReport",
+    "DeferredFactorization",
+    "FactorSource",
+    "MakeEachTime",
+    "Recorded",
+    "factorization_of",
+    "prepared_for",
+    "two_scale_factorization_of",
+]
+
+
+class Kept(Protocol):
+    """What is computed once and may be cached."""
+
+    @property
+    def nbytes(self) -> int:
+        """Memory it holds."""
+        ...
+
+
+K = TypeVar("K", bound=Kept)
+
+CacheReport = dict[str, str | int | dict[str, int]]
+"""``"reused"`` or ``"made"`` for each kind of what is kept, and ``bytes`` held of each."""
+
+
+class FactorSource(Protocol):
+    """Keeps data that depend only on a state of the mesh, for later motions that need them again.
+
+    Each object has a kind: ``"factorization"``, or ``"operators"``: values at all nodes of the compact functions of the
+    interpolation in two scales.
+    """
+
+    def get_or_make(self, key: bytes, make: Callable[[], K], kind: str = "factorization") -> tuple[K, bool]:
+        """The object with this ``key`` and kind, and whether it was reused."""
+        ...
+
+    def held(self) -> dict[str, int]:
+        """Bytes kept for each kind."""
+        ...
+
+
+class MakeEachTime:
+    """A factor source that keeps nothing."""
+
+    def get_or_make(self, key: bytes, make: Callable[[], K], kind: str = "factorization") -> tuple[K, bool]:
+        """Make it."""
+        del key, kind
+        return make(), False
+
+    def held(self) -> dict[str, int]:
+        """Always empty."""
+        return {}
+
+
+class Recorded:
+    """A factor source that records what a motion found in another one."""
+
+    def __init__(self, source: FactorSource) -> None:
+        self._source = source
+        self._reused: dict[str, bool] = {}
+
+    def get_or_make(self, key: bytes, make: Callable[[], K], kind: str = "factorization") -> tuple[K, bool]:
+        """The object from the other source, and whether it was reused."""
+        found, reused = self._source.get_or_make(key, make, kind)
+        self._reused[kind] = reused and self._reused.get(kind, True)
+        return found, reused
+
+    def held(self) -> dict[str, int]:
+        """Bytes that the other source keeps for each kind."""
+        return self._source.held()
+
+    def report(self) -> CacheReport:
+        """``"reused"`` for each kind whose objects were all found, otherwise ``"made"``; ``bytes`` kept for each."""
+        found = {kind: "reused" if reused else "made" for kind, reused in self._reused.items()}
+        return {**found, "bytes": self.held()}
+
+
+def factorization_of(control_points: Floats, method: Method, factors: FactorSource) -> Factorization:
+    """The factorization for these control points (c, d).
+
+    The key is a digest of all its inputs, so a cache never returns a wrong factorization.
+    """
+    basis, radius = method.basis, method.support_radius
+    digest = hashlib.sha256(repr((basis, radius, control_points.shape)).encode())
+    digest.update(point_digest(control_points))
+    return factors.get_or_make(digest.digest(), lambda: factorize(control_points, basis=basis, support_radius=radius))[
+        0
+    ]
+
+
+def two_scale_factorization_of(
+    control_points: Floats, box: Floats, plan: TwoScalePlan, factors: FactorSource
+) -> Factorization:
+    """The factorization in two scales of control points (c, d) for places in a box (2, d).
+
+    A session has one plan per number of control points, except for the radius; so points, radius and box identify it.
+    """
+    digest = hashlib.sha256(repr(("two-scale", plan.support_radius, control_points.shape)).encode())
+    digest.update(np.ascontiguousarray(box).data)
+    digest.update(point_digest(control_points))
+    return factors.get_or_make(digest.digest(), lambda: plan.factorize(control_points, box[0], box[1]))[0]
+
+
+def prepared_for(
+    interpolant: AnyInterpolant, points: Floats, factors: FactorSource, *, unasked: Integers
+) -> NearOperators | None:
+    """What is prepared for an interpolant in two scales at points (n, d), except the ``unasked`` rows.
+
+    None for any other interpolant, and without compact levels.
+    """
+    if not isinstance(interpolant, TwoScaleInterpolant) or not interpolant.levels:
+        return None
+    digest = hashlib.sha256(point_digest(points))
+    digest.update(point_digest(interpolant.levels[-1].control_points))
+    digest.update(np.ascontiguousarray(unasked).data)
+    return factors.get_or_make(
+        digest.digest(), lambda: evaluation.prepare(interpolant, points, unasked=unasked), "operators"
+    )[0]
+
+
+@dataclass(frozen=True, eq=False)
+class DeferredFactorization:
+    """The factorization of control points (nc, d), made (or found in the cache) at its first use.
+
+    A reduced motion needs the factorization of all boundary nodes only if a correction uses it.
+    """
+
+    control_points: Floats
+    method: Method
+    factors: FactorSource
+
+    @property
+    def basis(self) -> Basis:
+        return basis_named(self.method.basis)
+
+    @property
+    def support_radius(self) -> float:
+        return checked_radius(self.method.support_radius, self.basis)
+
+    @property
+    def solver(self) -> str:
+        return self._made.solver
+
+    @property
+    def nbytes(self) -> int:
+        return self._made.nbytes
+
+    def solve(self, values: Floats) -> AnyInterpolant:
+        """Interpolant of (nc, k) values."""
+        return self._made.solve(values)
+
+    @cached_property
+    def _made(self) -> Factorization:
+        return factorization_of(self.control_points, self.method, self.factors)

@@ -1,0 +1,56 @@
+"""Points sorted by the cells of a grid that stores only the cells next to a point.
+
+If the cells are far smaller than the domain, as around a small body in a large domain, a grid with all its cells would
+not fit into memory, and one with larger cells would find thousands of points that are not near. A stored cell lists the
+points of all 27 cells around it: one lookup finds them, or finds none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from numpy.typing import NDArray
+
+from mesh_motion_numerics.arrays import Floats, Integers
+
+__all__ = ["HashedCells"]
+
+Shorts = NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class HashedCells:
+    """Sorted points and the table that finds those of a cell.
+
+    Attributes
+    ----------
+    order : (n,) int64 array
+        Row ``j`` of the sorted arrays is point ``order[j]``.
+    coordinates : (3, n) array
+    origin : (3,) array
+    keys : (t,) int64 array
+        A hash table of the stored cells by their place in the grid, −1 in free entries; t is a power of two. For points
+        on a surface about a third of it is used.
+    spans : (t, 2) int32 array
+        [first, last) of each cell's runs.
+    runs : (r, 2) int32 array
+        [first, last) of sorted points.
+    """
+
+    order: Integers
+    coordinates: Floats
+    origin: Floats
+    inverse_side: float
+    keys: Integers
+    spans: Shorts
+    runs: Shorts
+
+    @classmethod
+    def build(cls, points: Floats, origin: Floats, extent: float, side: float) -> HashedCells:
+        """Sort points (n, 3) by cells of the given side; by wider cells if an axis would have a million of them.
+
+        They may be a part of the points that reach from the ``origin`` (3,) as far as ``extent`` along each axis.
+        """
+        return cls(*kernels.store_cells(points, origin, extent, side))

@@ -1,0 +1,164 @@
+"""Interpolation of boundary displacements by radial basis functions (thesis §2.1), with separate set-up and solve.
+
+:func:`factorize` prepares the matrix of thesis (2.4) for one set of control points; its :class:`Factorization` gives an
+:class:`Interpolant` for each set of values, which satisfies (2.2). Coupling iterations of one time step share the
+factorization.
+
+References
+----------
+A. de Boer, M. S. van der Schoot, H. Bijl, Computers & Structures 85 (2007) 784–795.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.control_points import checked_control_points
+from mesh_motion_numerics.interpolation.factorizations import LinearSolver
+from mesh_motion_numerics.interpolation.factorizations.choice import choose_solver
+from mesh_motion_numerics.interpolation.factorizations.conditional import NullSpaceCholesky
+from mesh_motion_numerics.interpolation.kernels import DEFAULT_BASIS, Basis, basis_named, checked_radius
+from mesh_motion_numerics.interpolation.polynomial import LinearBasis, Polynomial
+
+if TYPE_CHECKING:
+    from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
+
+__all__ = ["AllCentreFactorization", "Factorization", "Interpolant", "factorize"]
+
+
+@dataclass(frozen=True, eq=False)
+class Interpolant:
+    """``s(x) = Σ_j γ_j φ(|x − x_j|/R) + p(x)``, thesis (2.1), for k components.
+
+    Attributes
+    ----------
+    control_points : (nc, d) array, mesh length unit
+    weights : (nc, k) array
+        γ.
+    support_radius : float, mesh length unit
+    layout : CentreLayout
+        The control points laid out for evaluation.
+    """
+
+    control_points: Floats
+    weights: Floats
+    basis: Basis
+    support_radius: float
+    layout: CentreLayout
+    polynomial: Polynomial | None = None
+
+    @property
+    def dimension(self) -> int:
+        """Space dimension d."""
+        return int(self.control_points.shape[1])
+
+    @property
+    def components(self) -> int:
+        """k."""
+        return int(self.weights.shape[1])
+
+
+class Factorization(Protocol):
+    """A prepared interpolation matrix."""
+
+    @property
+    def control_points(self) -> Floats:
+        """(nc, d) array."""
+        ...
+
+    @property
+    def basis(self) -> Basis: ...
+
+    @property
+    def support_radius(self) -> float: ...
+
+    @property
+    def solver(self) -> str:
+        """Name of the solver in use: "dense", "sparse", "iterative" or "two-scale"."""
+        ...
+
+    @property
+    def nbytes(self) -> int:
+        """Memory it holds."""
+        ...
+
+    def solve(self, values: Floats) -> AnyInterpolant:
+        """Interpolant of (nc, k) values at the control points."""
+        ...
+
+
+def factorize(
+    control_points: ArrayLike,
+    *,
+    basis: str = DEFAULT_BASIS,
+    support_radius: float | None,
+    solver: str = "auto",
+    spacing: Floats | None = None,
+) -> AllCentreFactorization:
+    """Prepare the interpolation from control points, with the linear polynomial (thesis §2.1.2) if the basis needs it.
+
+    Parameters
+    ----------
+    control_points : (nc, d) array, mesh length unit
+        Distinct points, d = 1, 2 or 3.
+    basis : str
+        A name in :data:`~mesh_motion_numerics.interpolation.kernels.BASES`.
+    support_radius : float, mesh length unit
+        R; None only if the interpolant does not depend on it.
+    solver : {"auto", "dense", "sparse", "iterative"}
+        Of a positive definite basis; "auto" chooses by the number of points and the fraction of nonzero entries
+        (:func:`~mesh_motion_numerics.interpolation.factorizations.choice.choose_solver`).
+    spacing : (nc,) array, mesh length unit, optional
+        Distance of each point to the nearest other one, if it is known.
+
+    Raises
+    ------
+    InvalidInput
+        On two points that coincide, points that do not determine the polynomial, an unusable basis or radius, or a
+        solver that does not fit the basis.
+    QualityRefused
+        If the matrix is singular to working precision.
+    ResourceExhausted
+        If its factors would take too much memory (:mod:`.factorizations.memory_bound`).
+    """
+    row = basis_named(basis)
+    radius = checked_radius(support_radius, row)
+    points = checked_control_points(control_points, spacing)
+    layout = CentreLayout.build(points, row, radius)
+    if row.needs_polynomial:
+        linear = LinearBasis.around(points)
+        return AllCentreFactorization(points, row, radius, layout, NullSpaceCholesky(points, row, radius, linear))
+    return AllCentreFactorization(points, row, radius, layout, choose_solver(solver, points, layout, row, radius))
+
+
+@dataclass(frozen=True, eq=False)
+class AllCentreFactorization:
+    """A prepared matrix with the points and names from which it was made."""
+
+    control_points: Floats
+    basis: Basis
+    support_radius: float
+    layout: CentreLayout
+    system: LinearSolver | NullSpaceCholesky
+
+    @property
+    def solver(self) -> str:
+        return self.system.name
+
+    @property
+    def nbytes(self) -> int:
+        return self.system.nbytes + self.layout.coordinates.nbytes + self.control_points.nbytes
+
+    def solve(self, values: Floats) -> Interpolant:
+        values, polynomial = np.asarray(values, dtype=np.float64), None
+        if isinstance(self.system, NullSpaceCholesky):
+            weights, polynomial = self.system.solve(values)
+        else:
+            weights = self.system.solve(values)
+        return Interpolant(self.control_points, weights, self.basis, self.support_radius, self.layout, polynomial)

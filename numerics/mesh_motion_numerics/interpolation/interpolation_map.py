@@ -1,0 +1,332 @@
+"""An interpolation as a linear map of the values at its control points, and the transpose of that map.
+
+It leads to the values at given places, or to the coefficients where another program evaluates the interpolant. The map
+is the one that a motion applies: the same coarse points, levels, grid and polynomials. The transpose runs
+through the same operations backwards, so ``⟨w, A v⟩ = ⟨Aᵀ w, v⟩`` holds to rounding, as an adjoint needs it. In two
+scales the compact levels are solved more accurately than for a motion, where a residual is left to the next level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import zip_longest
+from typing import Protocol
+
+import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
+
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.factor_source import FactorSource, MakeEachTime, prepared_for
+from mesh_motion_numerics.interpolation.factorizations.conditional import NullSpaceCholesky
+from mesh_motion_numerics.interpolation.interpolant import AllCentreFactorization, Factorization, Interpolant
+from mesh_motion_numerics.interpolation.periodic_interpolant import PeriodicFactorization, PeriodicLevels
+from mesh_motion_numerics.interpolation.two_scale.compact_levels import CompactSystem
+from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScaleFactorization
+from mesh_motion_numerics.interpolation.two_scale.grid_sums import on_grid, on_grid_transposed
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
+from mesh_motion_numerics.interpolation.two_scale.near_operator import NearOperator
+from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
+
+__all__ = ["FieldMap", "InterpolationMap", "interpolation_map"]
+
+#: Of the largest value: the residual at which a compact level is solved.
+_TOLERANCE = 1e-13
+
+
+class InterpolationMap(Protocol):
+    """(nc, k) values at control points → (n, k) values at places; made by :func:`interpolation_map`."""
+
+    def apply(self, values: Floats) -> Floats:
+        """(n, k) values at the places."""
+        ...
+
+    def transpose(self, weights: Floats) -> Floats:
+        """(nc, k) what the values at the control points count for (n, k) weights of those at the places."""
+        ...
+
+
+def interpolation_map(
+    factorization: Factorization,
+    places: Floats,
+    factors: FactorSource | None = None,
+    *,
+    left_out: Integers | None = None,
+) -> InterpolationMap:
+    """The map of a factorization to (n, d) places.
+
+    Parameters
+    ----------
+    factors : FactorSource, optional
+        Where the compact levels' operators are found that a motion has made.
+    left_out : (r,) int64 array, optional
+        Places whose values do not count; their weights are zero.
+
+    Raises
+    ------
+    InvalidInput
+        If the control points are reduced: that map has no transpose.
+    """
+    if isinstance(factorization, AllCentreFactorization):
+        return _OneScale(factorization, places)
+    if isinstance(factorization, TwoScaleFactorization):
+        return _TwoScales(
+            _Levels(factorization, MakeEachTime() if factors is None else factors),  # an empty cache is falsy
+            places,
+            np.empty(0, dtype=np.int64) if left_out is None else left_out,
+        )
+    if isinstance(factorization, PeriodicFactorization):
+        return _Periodic(factorization, places)
+    if isinstance(factorization, PeriodicLevels):
+        return _PeriodicLevels(factorization, places)
+    raise InvalidInput(f"an interpolation of the kind {factorization.solver!r} has no derivative")
+
+
+@dataclass(frozen=True, eq=False)
+class FieldMap:
+    """The coefficients of an interpolant, by a factorization without reduction and without periods.
+
+    Where another program evaluates the interpolant, it returns what the values there count for the coefficients.
+
+    Attributes
+    ----------
+    factors : FactorSource
+        Where the compact levels' operators are found that a motion has made.
+    """
+
+    factorization: Factorization
+    factors: FactorSource = field(default_factory=MakeEachTime)
+
+    def interpolant(self, values: Floats) -> AnyInterpolant:
+        """Of (nc, k) values at the control points."""
+        made = self.factorization
+        if not isinstance(made, TwoScaleFactorization):
+            return made.solve(values)
+        coarse, weights = _Levels(made, self.factors).solve(values)
+        levels = tuple(system.interpolant(rows) for system, rows in zip(made.systems, weights, strict=True))
+        return TwoScaleInterpolant(coarse, levels, made.basis, 0)
+
+    def transpose(self, coarse: Floats, levels: Sequence[Floats] = ()) -> Floats:
+        """(nc, k) what the values count for weights of the coefficients.
+
+        Parameters
+        ----------
+        coarse : (r, k) array
+            Of the spline, or of the first sum, its polynomial's behind.
+        levels : sequence of (n, k) arrays
+            Of the compact levels.
+        """
+        made = self.factorization
+        if isinstance(made, AllCentreFactorization):
+            if isinstance(made.system, NullSpaceCholesky):
+                return made.system.solve_bordered(*np.split(coarse, [len(made.control_points)]))
+            return made.system.solve(coarse)
+        if not isinstance(made, TwoScaleFactorization):
+            raise InvalidInput(f"an interpolation of the kind {made.solver!r} has no derivative")
+        own = _Levels(made, self.factors)
+
+        def of_coarse(weights: Floats) -> Floats:
+            if made.grid is None:
+                return coarse + own.coarse_sums(own.distinct).transpose_sums(weights)
+            return own.of_spline((own.distinct, weights), of_coefficients=coarse)
+
+        return own.transpose(levels, of_coarse, coarse.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class _OneScale:
+    """All control points are centres."""
+
+    factorization: AllCentreFactorization
+    places: Floats
+
+    def apply(self, values: Floats) -> Floats:
+        return evaluation.displacement(self.factorization.solve(values), self.places)
+
+    def transpose(self, weights: Floats) -> Floats:
+        made, rows = self.factorization, self.transpose_sums(weights)
+        if isinstance(made.system, NullSpaceCholesky):
+            rows = np.concatenate([rows, made.system.linear.matrix(self.places).T @ weights])
+        return FieldMap(made).transpose(rows)
+
+    def transpose_sums(self, weights: Floats) -> Floats:
+        """(nc, k) Φᵀ w: φ is symmetric, so the places are the centres of a sum at the control points."""
+        made = self.factorization
+        turned = Interpolant(self.places, weights, made.basis, made.support_radius, self._layout)
+        return evaluation.displacement(turned, made.control_points)
+
+    @cached_property
+    def _layout(self) -> CentreLayout:
+        return CentreLayout.build(self.places, self.factorization.basis, self.factorization.support_radius)
+
+
+@dataclass(frozen=True, eq=False)
+class _Periodic:
+    """Each control point stands for its images; the components are those of vectors, which turn with them."""
+
+    factorization: PeriodicFactorization
+    places: Floats
+
+    def apply(self, values: Floats) -> Floats:
+        return evaluation.displacement(self.factorization.solve(values), self.places)
+
+    def transpose(self, weights: Floats) -> Floats:
+        made, images = self.factorization, self.factorization.images
+        turned = Interpolant(self.places, weights, made.basis, made.support_radius, self._layout)
+        of_images = evaluation.displacement(turned, images.places)
+        sums = np.zeros((len(made.control_points), weights.shape[1]))
+        if images.rotations is None:
+            np.add.at(sums, images.owners, of_images)
+            return made.system.solve(sums)
+        np.add.at(sums, images.owners, np.einsum("iab,ia->ib", images.rotations, of_images))
+        return made.system.solve(sums.reshape(-1, 1)).reshape(sums.shape)
+
+    @cached_property
+    def _layout(self) -> CentreLayout:
+        return CentreLayout.build(self.places, self.factorization.basis, self.factorization.support_radius)
+
+
+class _PeriodicLevels:
+    """Each level takes what the one before leaves."""
+
+    def __init__(self, factorization: PeriodicLevels, places: Floats) -> None:
+        controls = factorization.control_points
+        self._count = len(controls)
+        self._levels = [
+            (members, _Periodic(level, places), _Periodic(level, controls)) for members, level in factorization.levels
+        ]
+
+    def apply(self, values: Floats) -> Floats:
+        left, found = values.copy(), []
+        for members, there, here in self._levels:
+            of_level = left[members]
+            found.append(there.apply(of_level))
+            left -= here.apply(of_level)
+        return np.asarray(sum(found))
+
+    def transpose(self, weights: Floats) -> Floats:
+        left = np.zeros((self._count, weights.shape[1]))  # what the residual before a level counts
+        for members, there, here in reversed(self._levels):
+            left[members] += there.transpose(weights) - here.transpose(left)
+        return left
+
+
+@dataclass(frozen=True, eq=False)
+class _Levels:
+    """The coefficients of a coarse field, and of compact levels for what it leaves."""
+
+    made: TwoScaleFactorization
+    factors: FactorSource
+
+    def solve(self, values: Floats) -> tuple[NestedSpline | Interpolant, list[Floats]]:
+        """The coarse field of (nc, k) values, and each level's weights (n, k)."""
+        made = self.made
+        mean = made.averaged(np.ascontiguousarray(values))
+        coarse = made.coarse.solve(mean[made.plan.coarse])
+        found = coarse if made.grid is None else made.grid.spline(on_grid(coarse, made.grid))
+        alone = TwoScaleInterpolant(found, (), made.basis, 0)
+        left, levels = mean[made.plan.distinct] - evaluation.displacement(alone, self.distinct), []
+        for system, here in self._systems:
+            levels.append(_solved(system, left[system.level.members]))
+            if here is not None:
+                left -= _applied(here, levels[-1], len(left))
+        return found, levels
+
+    def transpose(self, levels: Sequence[Floats], of_coarse: Callable[[Floats], Floats], components: int) -> Floats:
+        """(nc, k) what the values count for weights (n, k) of each level's.
+
+        ``of_coarse`` says what the coarse sum's weights (m, k) count, given what its values at :attr:`distinct` count.
+        """
+        made = self.made
+        left = np.zeros((len(self.distinct), components))  # what the residual before a level counts
+        for (system, here), rows in reversed([*zip(self._systems, levels, strict=True)]):
+            of_level = rows if here is None else rows - _transposed(here, left, len(system.points))
+            left[system.level.members] += _solved(system, of_level)
+        mean = np.zeros((len(made.control_points), left.shape[1]))
+        mean[made.plan.distinct] = left
+        mean[made.plan.coarse] += made.coarse.solve(of_coarse(-left)).weights  # of a compact basis: a symmetric matrix
+        return made.averaged(mean)  # a symmetric map
+
+    def of_spline(self, *weighted: tuple[Floats, Floats], of_coefficients: Floats | None = None) -> Floats:
+        """(m, k) what the coarse sum's weights count, for its spline: see :meth:`.NestedGrid.spline_transposed`."""
+        made, coarse = self.made, self.made.weightless.coarse
+        assert made.grid is not None
+        assert isinstance(coarse, Interpolant)
+        counted = made.grid.spline_transposed(*weighted, of_coefficients=of_coefficients)
+        return on_grid_transposed(coarse, made.grid, counted)
+
+    def coarse_sums(self, places: Floats) -> _OneScale:
+        """The coarse sum at places (n, d), where it is no spline."""
+        return _OneScale(self.made.coarse, places)
+
+    @cached_property
+    def distinct(self) -> Floats:
+        """(p, d) the control points, each place once."""
+        return self.made.control_points.take(self.made.plan.distinct, axis=0)
+
+    @cached_property
+    def _systems(self) -> list[tuple[CompactSystem, NearOperator | None]]:
+        """Each level with its operator at :attr:`distinct`, if another level takes what it leaves."""
+        above = replace(self.made.weightless, levels=self.made.weightless.levels[:-1])
+        nowhere = np.empty(0, dtype=np.int64)
+        here = prepared_for(above, self.distinct, self.factors, unasked=nowhere)
+        return [*zip_longest(self.made.systems, () if here is None else here.operators)]
+
+
+@dataclass(frozen=True, eq=False)
+class _TwoScales:
+    """A coarse field, and compact levels for what it leaves."""
+
+    levels: _Levels
+    places: Floats
+    left_out: Integers
+
+    def apply(self, values: Floats) -> Floats:
+        coarse, weights = self.levels.solve(values)
+        alone = TwoScaleInterpolant(coarse, (), self.levels.made.basis, 0)
+        out = evaluation.displacement(alone, self.places)
+        for there, rows in zip(self._there, weights, strict=True):
+            there.add(rows, out)
+        return out
+
+    def transpose(self, weights: Floats) -> Floats:
+        counts = [len(system.points) for system in self.levels.made.systems]
+        rows = [_transposed(there, weights, count) for there, count in zip(self._there, counts, strict=True)]
+        return self.levels.transpose(rows, lambda left: self._of_coarse(weights, left), weights.shape[1])
+
+    def _of_coarse(self, weights: Floats, of_controls: Floats) -> Floats:
+        """(m, k) what the coarse sum's weights count for those of its values at the places and control points."""
+        if self.levels.made.grid is None:
+            here, there = self._coarse_sums
+            return here.transpose_sums(weights) + there.transpose_sums(of_controls)
+        return self.levels.of_spline((self.places, weights), (self.levels.distinct, of_controls))
+
+    @cached_property
+    def _coarse_sums(self) -> tuple[_OneScale, _OneScale]:
+        return self.levels.coarse_sums(self.places), self.levels.coarse_sums(self.levels.distinct)
+
+    @cached_property
+    def _there(self) -> tuple[NearOperator, ...]:
+        """The levels' operators at the places."""
+        levels = self.levels
+        found = prepared_for(levels.made.weightless, self.places, levels.factors, unasked=self.left_out)
+        return () if found is None else tuple(found.operators)
+
+
+def _applied(operator: NearOperator, weights: Floats, n: int) -> Floats:
+    out = np.zeros((n, weights.shape[1]))
+    operator.add(weights, out)
+    return out
+
+
+def _transposed(operator: NearOperator, weights: Floats, centres: int) -> Floats:
+    """(nc, k) the transpose of an operator times (n, k) weights."""
+    return np.asarray(operator.matrix.matrix(centres).T @ weights[operator.rows])
+
+
+def _solved(system: CompactSystem, right: Floats) -> Floats:
+    scale = float(np.abs(right).max(initial=0.0))
+    return system.weights(np.ascontiguousarray(right), scale, _TOLERANCE)[0]

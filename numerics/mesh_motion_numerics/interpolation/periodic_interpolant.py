@@ -1,0 +1,315 @@
+"""Interpolation that repeats with a periodic domain: each control point represents all its images.
+
+With the group of the periodic images x → R_k x + s_k, thesis (2.1) becomes
+
+    s(x) = Σ_j Σ_k R_k γ_j φ(|x − R_k x_j − s_k|/R),
+
+which turns and repeats exactly as the domain does: s(R_k x + s_k) = R_k s(x). So the displacement is as smooth across a
+periodic side as anywhere else. The matrix has one unknown per control point (times d if images turn), is symmetric, and
+positive definite if the basis is. The support must be compact, so that finitely many images count: those that come
+closer than R to a point of evaluation.
+
+If control points are so close to each other or to an image that the matrix would be singular, narrower levels take
+them, as on other boundaries (:mod:`.two_scale.factorization`).
+"""
+
+import hashlib
+from dataclasses import dataclass
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+from scipy.spatial import cKDTree
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.assembly import dense_block, sparse_matrix
+from mesh_motion_numerics.interpolation.centres import CentreLayout
+from mesh_motion_numerics.interpolation.control_points import checked_control_points
+from mesh_motion_numerics.interpolation.factor_source import FactorSource
+from mesh_motion_numerics.interpolation.factorizations import LinearSolver
+from mesh_motion_numerics.interpolation.factorizations.dense import PanelCholesky
+from mesh_motion_numerics.interpolation.factorizations.sparse import SparseFactor
+from mesh_motion_numerics.interpolation.interpolant import Factorization, Interpolant
+from mesh_motion_numerics.interpolation.kernels import Basis, basis_named, checked_radius
+from mesh_motion_numerics.interpolation.two_scale.compact_levels import (
+    BASIS,
+    CLOSEST,
+    LEVEL_RADII,
+    LEVEL_RATIO,
+    MAX_LEVELS,
+)
+from mesh_motion_numerics.interpolation.two_scale.factorization import SEPARATION
+from mesh_motion_numerics.interpolation.two_scale.interpolant import TwoScaleInterpolant
+from mesh_motion_numerics.mesh.points import padded
+from mesh_motion_numerics.mesh.rigid_transforms import Transform, generated_group
+from mesh_motion_numerics.method import Method
+
+__all__ = ["PeriodicFactorization", "periodic_factorization_of"]
+
+
+#: Largest order that is factorized densely; above it the matrix is assembled sparse.
+_DENSE_ORDER = 10_000
+#: Columns of images that are assembled at once.
+_IMAGES_AT_ONCE = 2048
+#: An image this close to its control point, relative to the extent of all images, coincides with it.
+_SAME_PLACE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class _Images:
+    """The images that count: the control point of each, its place, and the rotation of its weight.
+
+    owners : (i,) int64 array
+    places : (i, d) array
+    rotations : (i, d, d) array, or None where nothing turns
+    """
+
+    owners: Integers
+    places: Floats
+    rotations: Floats | None
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicFactorization:
+    """A prepared matrix of periodic control points; a :class:`Factorization`.
+
+    Attributes
+    ----------
+    control_points : (nc, d) array, mesh length unit
+        One of each orbit.
+    support_radius : float, mesh length unit
+    """
+
+    control_points: Floats
+    basis: Basis
+    support_radius: float
+    images: _Images
+    layout: CentreLayout
+    system: LinearSolver
+
+    @property
+    def solver(self) -> str:
+        return self.system.name
+
+    @property
+    def nbytes(self) -> int:
+        return self.system.nbytes + self.layout.coordinates.nbytes + 2 * self.images.places.nbytes
+
+    def solve(self, values: Floats) -> Interpolant:
+        """Interpolant of (nc, d) values at the control points."""
+        values = np.asarray(values, dtype=np.float64)
+        images = self.images
+        if images.rotations is None:
+            weights = self.system.solve(values)[images.owners]
+        else:
+            own = self.system.solve(values.reshape(-1, 1)).reshape(values.shape)
+            weights = np.einsum("iab,ib->ia", images.rotations, own[images.owners])
+        return Interpolant(images.places, weights, self.basis, self.support_radius, self.layout)
+
+
+def periodic_factorization_of(
+    control_points: Floats, generators: tuple[Transform, ...], box: Floats, method: Method, factors: FactorSource
+) -> Factorization:
+    """The factorization of periodic control points.
+
+    Parameters
+    ----------
+    control_points : (nc, d) array, mesh length unit
+        One of each orbit.
+    box : (2, d) array
+        Least and largest coordinates of the points where the interpolant will be evaluated.
+    """
+    digest = hashlib.sha256(repr(("periodic", method.basis, method.support_radius)).encode())
+    for array in (control_points, box, *(a for g in generators for a in (g.rotation, g.shift))):
+        digest.update(np.ascontiguousarray(array).data)
+    return factors.get_or_make(digest.digest(), lambda: _factorize(control_points, generators, box, method))[0]
+
+
+def _factorize(control_points: Floats, generators: tuple[Transform, ...], box: Floats, method: Method) -> Factorization:
+    basis = basis_named(method.basis)
+    radius = checked_radius(method.support_radius, basis)
+    points = checked_control_points(control_points)
+    images = _near_images(points, generators, box, radius)
+    tree = cKDTree(images.places)
+    pairs = images.owners[tree.query_pairs(SEPARATION * radius, output_type="ndarray")]
+    if not np.any(pairs[:, 0] != pairs[:, 1]):
+        return _level(points, images, basis, radius)
+    closest = _closest(images)
+    members = np.empty(0, dtype=np.int64)
+    levels: list[tuple[Integers, PeriodicFactorization]] = []
+    for scale in SEPARATION * radius * LEVEL_RATIO ** -np.arange(MAX_LEVELS, dtype=np.float64):
+        reach = radius if not levels else LEVEL_RADII[points.shape[1]] * scale
+        last = bool(levels) and scale <= CLOSEST * closest
+        found = np.arange(len(points)) if last else _separated(images, len(points), scale, members)
+        if len(found) > len(members):
+            members = found
+            own = points[members]
+            level = _level(own, _near_images(own, generators, box, reach), BASIS if levels else basis, reach)
+            levels.append((members, level))
+        if len(members) == len(points):
+            break
+    return PeriodicLevels(points, levels)
+
+
+def _closest(images: _Images) -> float:
+    """Least distance of a control point from another one or an image of another one."""
+    tree, count = cKDTree(images.places), int(np.bincount(images.owners).max()) + 1
+    distance, near = tree.query(images.places, k=min(count, len(images.owners)))
+    return float(distance[images.owners[near] != images.owners[:, None]].min())
+
+
+def _separated(images: _Images, count: int, separation: float, first: Integers) -> Integers:
+    """Control points of ``count``, ascending, that are near no other one or its images; ``first`` (f,) come first."""
+    rank = np.empty(count, dtype=np.int64)
+    rank[np.concatenate([first, np.setdiff1d(np.arange(count), first)])] = np.arange(count)
+    near = cKDTree(images.places).query_pairs(separation, output_type="ndarray")
+    pairs = np.unique(np.sort(rank[images.owners[near]], axis=1), axis=0)
+    taken = np.full(count, True)
+    kernels.drop_followers(pairs[pairs[:, 0] != pairs[:, 1]], taken)
+    return np.flatnonzero(taken[rank])
+
+
+def _level(points: Floats, images: _Images, basis: Basis, radius: float) -> PeriodicFactorization:
+    """The interpolation from all of some control points (nc, d)."""
+    layout = CentreLayout.build(images.places, basis, radius)
+    order = points.size if images.rotations is not None else len(points)
+    make = _sparse if order > _DENSE_ORDER else _dense
+    return PeriodicFactorization(
+        points, basis, radius, images, layout, make(points, images, layout, basis=basis, radius=radius)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicLevels:
+    """Prepared matrices of periodic control points, widest first; a :class:`Factorization`.
+
+    Attributes
+    ----------
+    control_points : (nc, d) array, mesh length unit
+        One of each orbit.
+    levels : list of (members (m,), PeriodicFactorization)
+        The last has all control points.
+    """
+
+    control_points: Floats
+    levels: list[tuple[Integers, PeriodicFactorization]]
+
+    @property
+    def basis(self) -> Basis:
+        return self.levels[0][1].basis
+
+    @property
+    def support_radius(self) -> float:
+        return self.levels[0][1].support_radius
+
+    @property
+    def solver(self) -> str:
+        return "two-scale"
+
+    @property
+    def nbytes(self) -> int:
+        return sum(level.nbytes for _, level in self.levels)
+
+    def solve(self, values: Floats) -> TwoScaleInterpolant:
+        """Interpolant of (nc, d) values at the control points."""
+        left, found = np.array(values, dtype=np.float64), []
+        for members, level in self.levels:
+            found.append(level.solve(left[members]))
+            left -= evaluation.displacement(found[-1], self.control_points)
+        return TwoScaleInterpolant(found[0], tuple(found[1:]), self.basis, 0)
+
+
+def _near_images(points: Floats, generators: tuple[Transform, ...], box: Floats, radius: float) -> _Images:
+    """The images that come closer than the radius to the box; the control points (nc, d) themselves are the first."""
+
+    def near(transform: Transform) -> Marks:
+        places = transform(points)
+        away = np.maximum(np.maximum(box[0] - places, places - box[1]), 0.0)
+        return np.asarray(np.sum(away * away, axis=1) < radius * radius)
+
+    d = points.shape[1]
+    scale = float((box[1] - box[0]).max())
+    group = generated_group(generators, d, scale, lambda transform: bool(near(transform).any()))
+    kept = [np.ones(len(points), dtype=bool), *(near(transform) for transform in group[1:])]
+    owners = np.concatenate([np.flatnonzero(rows) for rows in kept])
+    places = np.concatenate([points, *(t(points[rows]) for t, rows in zip(group[1:], kept[1:], strict=True))])
+    rotations = None
+    if any(transform.turns for transform in generators):
+        counts = [int(np.count_nonzero(rows)) for rows in kept]
+        rotations = np.repeat(np.stack([transform.rotation for transform in group]), counts, axis=0)
+    return _Images(owners, places, rotations)
+
+
+def _dense(points: Floats, images: _Images, layout: CentreLayout, *, basis: Basis, radius: float) -> LinearSolver:
+    """Cholesky factor of the matrix, of order nc or nc · d."""
+    del layout
+    rows, width = padded(points), 1 if images.rotations is None else points.shape[1]
+    by_owner = np.argsort(images.owners, kind="stable")
+    starts = np.searchsorted(images.owners[by_owner], np.arange(len(points) + 1))
+    places = padded(images.places)
+
+    def columns(low: int, high: int, bottom: int) -> Floats:
+        """Columns of the control points low … high, from the rows of ``bottom`` down."""
+        chosen = by_owner[starts[low] : starts[high]]
+        values = dense_block(basis, radius, rows[bottom:], places[chosen])
+        groups = starts[low:high] - starts[low]
+        if images.rotations is None:
+            return np.asarray(np.add.reduceat(values, groups, axis=1))
+        turned = values[:, None, :, None] * np.swapaxes(images.rotations[chosen], 0, 1)[None]
+        return np.asarray(np.add.reduceat(turned, groups, axis=2).reshape(len(values) * width, -1))
+
+    braces = _braces(points, images)
+
+    def panel(first: int, last: int) -> Floats:
+        """Columns first … last of the matrix, from the diagonal down."""
+        low, high = first // width, -(-last // width)
+        share = max(1, _IMAGES_AT_ONCE * len(points) // len(images.owners))
+        parts = [columns(at, min(at + share, high), low) for at in range(low, high, share)]
+        block = np.concatenate(parts, axis=1)
+        for j in range(low, high):
+            if j in braces:
+                own = slice((j - low) * width, (j - low + 1) * width)
+                block[own, own] += braces[j]
+        skip = first - low * width
+        return np.ascontiguousarray(block[skip:, skip : skip + last - first])
+
+    return PanelCholesky(len(points) * width, panel)
+
+
+def _braces(points: Floats, images: _Images) -> dict[int, Floats]:
+    """A stiffness (d, d) for each control point on an axis, in the directions in which its images cancel."""
+    if images.rotations is None:
+        return {}
+    here = np.flatnonzero(
+        np.linalg.norm(images.places - points[images.owners], axis=1) <= _SAME_PLACE * np.ptp(images.places)
+    )
+    several, counts = np.unique(images.owners[here], return_counts=True)
+    found = {}
+    for j in several[counts > 1]:
+        total = images.rotations[here[images.owners[here] == j]].sum(axis=0)
+        sizes, directions = np.linalg.eigh(0.5 * (total + total.T))
+        lost = directions[:, sizes < 0.5]
+        found[int(j)] = lost @ lost.T
+    return found
+
+
+def _sparse(points: Floats, images: _Images, layout: CentreLayout, *, basis: Basis, radius: float) -> LinearSolver:
+    """Factors of the sparse matrix, of order nc or nc · d."""
+    nc, d = points.shape
+    among = sparse_matrix(layout, basis, radius).tocoo()
+    row, column = layout.order[among.row], layout.order[among.col]
+    kept = row < nc  # the control points themselves are the first images
+    row, column, values = row[kept], column[kept], among.data[kept]
+    owners = images.owners[column]
+    if images.rotations is None:
+        return SparseFactor(csr_array(coo_array((values, (row, owners)), shape=(nc, nc))), np.arange(nc))
+    turned = values[:, None, None] * images.rotations[column]
+    a, b = np.indices((d, d))
+    rows, columns = row[:, None, None] * d + a, owners[:, None, None] * d + b
+    matrix = csr_array(coo_array((turned.ravel(), (rows.ravel(), columns.ravel())), shape=(nc * d, nc * d)))
+    for j, brace in _braces(points, images).items():
+        own = j * d + np.arange(d)
+        extra = (brace.ravel(), (np.repeat(own, d), np.tile(own, d)))
+        matrix = csr_array(matrix + csr_array(coo_array(extra, shape=matrix.shape)))
+    return SparseFactor(matrix, np.arange(nc * d))

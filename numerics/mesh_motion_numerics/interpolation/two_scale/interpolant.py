@@ -1,0 +1,46 @@
+"""An interpolant in two scales: a coarse field, and compact levels near the surfaces."""
+
+from dataclasses import dataclass
+
+from mesh_motion_numerics.interpolation.interpolant import Interpolant
+from mesh_motion_numerics.interpolation.kernels import Basis
+from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
+
+__all__ = ["AnyInterpolant", "TwoScaleInterpolant"]
+
+
+@dataclass(frozen=True, eq=False)
+class TwoScaleInterpolant:
+    """``S(x) = coarse(x) + Σ_l Σ_j a_lj φ(|x − x_j| / R_l)``, for k components.
+
+    Attributes
+    ----------
+    coarse : NestedSpline or Interpolant
+        Of many control points a spline through the coarse interpolation, of few that itself.
+    levels : tuple of Interpolant
+        Compact, widest first.
+    basis : Basis
+        Of the coarse field.
+    iterations : int
+        Of the conjugate gradients, all levels together.
+    """
+
+    coarse: NestedSpline | Interpolant
+    levels: tuple[Interpolant, ...]
+    basis: Basis
+    iterations: int
+
+    @property
+    def components(self) -> int:
+        """k."""
+        coarse = self.coarse
+        return int((coarse.weights if isinstance(coarse, Interpolant) else coarse.coefficients).shape[1])
+
+    @property
+    def dimension(self) -> int:
+        """Space dimension d."""
+        return self.coarse.dimension
+
+
+AnyInterpolant = Interpolant | TwoScaleInterpolant
+"""What :mod:`..evaluation` takes."""

@@ -1,0 +1,58 @@
+"""A compact level at given places: the values there of all its functions, as a sparse matrix.
+
+Few places are within reach of a level, and few centres of each. The matrix depends on centres and places only, so it is
+made once for a state of the mesh and serves all displacements from there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mesh_motion_kernels as kernels
+import numpy as np
+
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation.assembly import SparseRows, rows_near, sparse_rows
+from mesh_motion_numerics.interpolation.interpolant import Interpolant
+from mesh_motion_numerics.interpolation.sparse_products import nbytes
+from mesh_motion_numerics.threads import limited_to
+
+__all__ = ["NearOperator"]
+
+
+@dataclass(frozen=True, eq=False)
+class NearOperator:
+    """A level's values at some places.
+
+    Attributes
+    ----------
+    rows : (r,) int64 array
+        Places that the level may reach, neighbours next to each other; at all others it vanishes.
+    matrix : SparseRows
+        Its functions there.
+    """
+
+    rows: Integers
+    matrix: SparseRows
+
+    @classmethod
+    def build(
+        cls, level: Interpolant, points: Floats, *, unasked: Integers | None = None, threads: int | None = None
+    ) -> NearOperator:
+        """The operator of a compact level, whatever its weights, at points (n, d) but for the rows ``unasked`` (u,)."""
+        with limited_to(threads):
+            rows, near = rows_near(level.layout, level.support_radius, points, unasked=unasked)
+            return cls(rows, sparse_rows(level.layout, level.basis, level.support_radius, near))
+
+    @property
+    def nbytes(self) -> int:
+        """Memory it holds."""
+        return int(self.rows.nbytes) + nbytes(self.matrix)
+
+    def add(self, weights: Floats, out: Floats, *, threads: int | None = None) -> None:
+        """Add the level with weights (nc, k) to ``out`` (n, k)."""
+        matrix = self.matrix
+        with limited_to(threads):
+            kernels.add_product(
+                self.rows, matrix.indptr, matrix.indices, matrix.data, np.ascontiguousarray(weights), out
+            )

@@ -1,0 +1,240 @@
+"""Detects a moved boundary that crosses itself: then no valid mesh exists, and none needs to be searched for.
+
+Two facets cross if an edge of one goes through the other: its ends are strictly on both sides, and it passes strictly
+inside (signs of areas in 2D, of volumes in 3D) or, in 3D, through an edge: where opposite walls are meshed alike, edge
+meets edge. A quad is two triangles; as its diagonal is arbitrary, an edge must go through it with either diagonal.
+
+Two facets in one plane (one line in 2D) that overlap cross too if they face the same way: the cells behind both would
+fill the same place. Those that face each other do not: they are the sides of a baffle, or of an interface.
+
+Facets that only touch, in an end, an edge or a face, may have crossed all the same, and their signs do not say it:
+:func:`touching_facets` finds them for a test that does. Facets that share a node are ignored.
+
+Only facets near a moving one are tested: they are sorted into classes of about equal size, with a k-d tree each.
+
+References
+----------
+T. Möller, B. Trumbore, "Fast, minimum storage ray/triangle intersection", J. Graphics Tools 2 (1997) 21–28.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
+
+__all__ = ["BoundaryFacets", "NearFacets", "crossing_place", "near_facets", "straddling_place", "touching_facets"]
+
+
+#: Below this share of the product of lengths, the sign of an area or a volume is not certain …
+_FLAT = 1e-12
+#: … nor if it changes with coordinates by so many of their roundings.
+_ROUNDINGS = 8.0 * np.finfo(float).eps
+#: Facets in one plane overlap if they do by more than this share of their size.
+_OVERLAP = 1e-9
+#: Directions of shifts that are parallel to no axis, and their length, relative to the mesh.
+_SHIFTS = np.array([(0.83, 0.31, 0.47), (-0.57, 0.53, 0.63), (-0.13, -0.77, 0.61)])
+_SHIFT = 1e-7
+_SIDES = {"line": ((0, 1),), "triangle": ((0, 1), (1, 2), (2, 0)), "quad": ((0, 1), (1, 2), (2, 3), (3, 0))}
+#: The triangles of a facet, for each choice of a diagonal.
+_SPLITS = {
+    "line": (((0, 1),),),
+    "triangle": (((0, 1, 2),),),
+    "quad": (((0, 1, 2), (0, 2, 3)), ((0, 1, 3), (1, 2, 3))),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryFacets:
+    """The facets whose nodes all have prescribed positions.
+
+    Attributes
+    ----------
+    nodes : dict of (f, k) int64 arrays
+        By type of facet.
+    moving : (n,) bool array
+        Nodes that move.
+    """
+
+    nodes: dict[str, Integers]
+    moving: Marks
+
+    @classmethod
+    def build(cls, facets: Mapping[str, Integers], moving: Integers, fixed: Integers, count: int) -> BoundaryFacets:
+        """From the boundary facets of a mesh of ``count`` nodes, and its moving and fixed nodes; not in 1D."""
+        moves, prescribed = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+        moves[moving] = prescribed[moving] = prescribed[fixed] = True
+        chosen = {name: nodes[prescribed[nodes].all(axis=1)] for name, nodes in facets.items() if name in _SIDES}
+        return cls({name: nodes for name, nodes in chosen.items() if len(nodes)}, moves)
+
+
+NearFacets = Sequence[tuple[str, Integers, str, Integers]]
+"""Pairs of near facets of two kinds, (p, k) and (p, l), that share no node; one of the two moves."""
+
+
+def crossing_place(boundary: BoundaryFacets, points: Floats, near: NearFacets | None = None) -> Floats | None:
+    """A place (d,) where the boundary crosses itself with the nodes at ``points`` (n, d), None if there is none.
+
+    ``near`` are the :func:`near_facets`, if they are known.
+    """
+    for kind, edges, other, faces in near_facets(boundary, points) if near is None else near:
+        found = _covers(points, edges, faces)
+        for side in _SIDES[kind]:
+            found |= _goes_through(points, edges[:, side], faces, other)
+        if found.any():
+            place: Floats = points[edges[int(np.argmax(found))]].mean(axis=0)
+            return place
+    return None
+
+
+def straddling_place(boundary: BoundaryFacets, points: Floats, near: NearFacets | None = None) -> Floats | None:
+    """As :func:`crossing_place`, for facets that cross in their nodes: a place where they do so however the moving
+    nodes are shifted by next to nothing, together; None if a shift parts them, or if the crossing is not certain.
+    """
+    place, near = None, near_facets(boundary, points) if near is None else near
+    for direction in np.vstack([_SHIFTS, -_SHIFTS])[:, : points.shape[1]] * _shift(points):
+        place = crossing_place(boundary, points + np.where(boundary.moving[:, None], direction, 0.0), near)
+        if place is None:
+            return None
+    return place
+
+
+def touching_facets(boundary: BoundaryFacets, points: Floats, near: NearFacets | None = None) -> Integers:
+    """Facets (f, w), as :class:`.smooth_pieces.Piece` has them, that touch another one, and one of the two moves."""
+    width = 2 if points.shape[1] == 2 else 4
+    rows = [np.empty((0, width), dtype=np.int64)]
+    for kind, edges, other, faces in near_facets(boundary, points) if near is None else near:
+        found = np.zeros(len(edges), dtype=bool)
+        for side in _SIDES[kind]:
+            found |= _goes_through(points, edges[:, side], faces, other, touches=True)
+        rows += [widened(edges[found], width), widened(faces[found], width)]
+    return np.asarray(np.unique(np.concatenate(rows), axis=0))
+
+
+def near_facets(boundary: BoundaryFacets, points: Floats) -> NearFacets:
+    """The pairs of facets that may cross or touch with the nodes at ``points`` (n, d), or after a small shift."""
+    moving, found = boundary.moving, []
+    for kind, nodes in boundary.nodes.items():
+        for other, others in boundary.nodes.items():
+            rows = np.flatnonzero(moving[nodes].any(axis=1))
+            first, second = _near(points, nodes[rows], others)
+            ones, near = nodes[rows[first]], others[second]
+            apart = ~(ones[:, :, None] == near[:, None, :]).any(axis=(1, 2))
+            ones, near = ones[apart], near[apart]
+            found += [(kind, ones, other, near), (other, near, kind, ones)]  # edges of either through the other
+    return found
+
+
+def _shift(points: Floats) -> float:
+    """Length of a shift that is next to nothing."""
+    return _SHIFT * float(np.ptp(points, axis=0).max())
+
+
+def _near(points: Floats, ones: Integers, others: Integers) -> tuple[Integers, Integers]:
+    """Pairs (p,) of facets whose bounding circles or spheres, and boxes, intersect, or nearly so."""
+    centres, radii = _circles(points, ones)
+    other_centres, other_radii = _circles(points, others)
+    margin = _OVERLAP * float(other_radii.max(initial=0.0)) + 2.0 * _shift(points)
+    pairs = [np.empty((0, 2), dtype=np.int64)]
+    classes = np.floor(np.log2(np.maximum(other_radii, np.finfo(float).tiny)))
+    for size in np.unique(classes):
+        members = np.flatnonzero(classes == size)
+        tree = cKDTree(other_centres[members])
+        found = tree.query_ball_point(centres, radii + other_radii[members].max() + margin)
+        counts = np.array([len(hits) for hits in found], dtype=np.int64)
+        if counts.any():
+            hits = np.concatenate([np.sort(np.array(h, dtype=np.int64)) for h in found if h])
+            pairs.append(np.column_stack([np.repeat(np.arange(len(ones)), counts), members[hits]]))
+    first, second = np.concatenate(pairs).T
+    low, high, other_low, other_high = (
+        end(points[facets], axis=1) for facets in (ones, others) for end in (np.min, np.max)
+    )
+    gap = np.maximum(low[first] - other_high[second], other_low[second] - high[first])
+    meet = (gap <= margin).all(axis=1)
+    return first[meet], second[meet]
+
+
+def _circles(points: Floats, facets: Integers) -> tuple[Floats, Floats]:
+    """Centres (f, d) and radii (f,) of circles or spheres around facets (f, k)."""
+    corners = points[facets]
+    centres = corners.mean(axis=1)
+    return centres, np.sqrt(np.max(np.sum((corners - centres[:, None]) ** 2, axis=2), axis=1))
+
+
+def _covers(points: Floats, ones: Integers, others: Integers) -> Marks:
+    """Whether facets (p, k) and (p, l) lie in one plane, or line, face the same way and overlap."""
+    a, b = points[ones], points[others]
+    normals = [area_vectors(points, widened(facets, max(2, 4 * (a.shape[2] - 2)))) for facets in (ones, others)]
+    sizes = [np.linalg.norm(np.ptp(corners, axis=1), axis=1) for corners in (a, b)]
+    length = np.linalg.norm(normals[1], axis=1)
+    unit = normals[1] / np.maximum(length, np.finfo(float).tiny)[:, None]
+    heights = np.abs(np.einsum("pkd,pd->pk", a - b[:, :1], unit)).max(axis=1)
+    flat = _FLAT * (sizes[0] + sizes[1]) + _ROUNDINGS * np.abs(points).max(initial=0.0)
+    found: Marks = (heights <= flat) & (np.sum(normals[0] * normals[1], axis=1) > 0.0) & (length > 0.0)
+    a, b, unit = a[found], b[found], unit[found]
+    least = _OVERLAP * np.minimum(*(size[found] for size in sizes))
+    apart = np.zeros(len(a), dtype=bool)
+    for axis in _axes(a, b, unit):
+        low, high, other_low, other_high = (
+            end(np.einsum("pkd,pd->pk", corners, axis), axis=1) for corners in (a, b) for end in (np.min, np.max)
+        )
+        apart |= (high - other_low <= least) | (other_high - low <= least)
+    found[found] = ~apart
+    return found
+
+
+def _axes(a: Floats, b: Floats, normals: Floats) -> Iterator[Floats]:
+    """Unit vectors (p, d) in the planes of facets (p, k, d) and (p, l, d): one separates those that are apart."""
+    if normals.shape[1] == 2:
+        yield np.column_stack([-normals[:, 1], normals[:, 0]])
+        return
+    for corners in (a, b):
+        for edge in np.moveaxis(np.roll(corners, -1, axis=1) - corners, 1, 0):
+            across = np.cross(normals, edge)
+            yield across / np.maximum(np.linalg.norm(across, axis=1), np.finfo(float).tiny)[:, None]
+
+
+def _goes_through(points: Floats, edges: Integers, faces: Integers, kind: str, *, touches: bool = False) -> Marks:
+    """Whether edges (p, 2) go through facets (p, k) with either diagonal; or may touch them with one of the two."""
+    ends, rounding = points[edges], _ROUNDINGS * float(np.abs(points).max(initial=0.0))
+    of_splits = []
+    for split in _SPLITS[kind]:
+        parts = [_pierces(ends, points[faces[:, part]], rounding, touches=touches) for part in split]
+        of_splits.append(np.logical_or.reduce(parts))
+    return np.asarray((np.logical_or if touches else np.logical_and).reduce(of_splits))
+
+
+def _pierces(ends: Floats, simplices: Floats, rounding: float, *, touches: bool) -> Marks:
+    """Whether edges with ends (p, 2, d) go through simplices (p, d, d): a segment in 2D, a triangle in 3D."""
+    d = ends.shape[2]
+    below, above = (
+        _signed(np.concatenate([simplices, end[:, None]], axis=1), rounding) for end in (ends[:, 0], ends[:, 1])
+    )
+    through: Marks = below * above < (0.5 if touches else 0.0)
+    ends, simplices = ends[through], simplices[through]
+    inside = np.stack(
+        [
+            _signed(np.concatenate([ends, np.delete(simplices, corner, axis=1)], axis=1), rounding) * (-1) ** corner
+            for corner in range(d)
+        ]
+    )
+    certain = np.count_nonzero(inside, axis=0)
+    least = 0 if touches else 2  # one 0 of a triangle: through its edge
+    through[through] = (np.abs(inside.sum(axis=0)) == certain) & (certain >= least)
+    return through
+
+
+def _signed(corners: Floats, rounding: float) -> Floats:
+    """The sign (p,) of the area or volume of simplices (p, d + 1, d); 0 where it is not certain."""
+    edges = corners[:, 1:] - corners[:, :1]
+    determinants = np.linalg.det(edges)
+    lengths = np.maximum(np.sqrt(np.sum(edges * edges, axis=2)), np.finfo(float).tiny)
+    share = _FLAT + rounding / lengths.min(axis=1)
+    certain = np.abs(determinants) > share * np.prod(lengths, axis=1)
+    signs: Floats = np.where(certain, np.sign(determinants), 0.0)
+    return signs

@@ -1,0 +1,144 @@
+"""Finds the nodes that belong to the boundary layers of the moving walls.
+
+A node belongs to a layer if it is no farther than the thickness from every facet that meets at its nearest place of the
+wall: around a convex corner the layer ends at the mitre of the two offset walls, as layers of quads and prisms do, and
+not at an arc. Sharp edges, whose mitre is far away, are cut at √d thicknesses.
+
+Near other boundaries the layer is thinner: its nodes are no farther from the wall than half their distance to a
+periodic side, another body or a wall at rest. So a third of a gap between two walls stays free to deform. A wall on
+which nodes slide counts only where it faces the body. If the body stands on such a wall, the layer's nodes on it are
+put back onto it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.boundary_layer_stacks import column_feet
+from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall, WallPlaces, simplices_of
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.closest_point import nearest_within
+from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
+
+__all__ = ["LayerNodes", "layer_nodes"]
+
+
+_SHARE = 0.5  # a layer may reach this share of the distance to another boundary
+_FACING = -0.8  # cosine between the directions to the wall and to a sliding wall: on opposite sides, within 37°
+_ROUNDING = 1e-6  # share of the thickness: so that the layer's outermost nodes belong to it
+
+
+class LayerNodes(NamedTuple):
+    """Nodes (l,), ascending, the places of the wall to which they are tied, and their offsets (l, d) from there."""
+
+    nodes: Integers
+    places: WallPlaces
+    offsets: Floats
+
+    def chosen(self, rows: Marks) -> LayerNodes:
+        """The nodes for which ``rows`` (l,) is true."""
+        places = WallPlaces(self.places.corners[rows], self.places.weights[rows])
+        return LayerNodes(self.nodes[rows], places, self.offsets[rows])
+
+
+def layer_nodes(
+    points: Floats, cells: CellTable, patches: Mapping[str, Patch], wall: MovingWall, thickness: float
+) -> LayerNodes:
+    """The layer's nodes.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+        Reference coordinates.
+    thickness : float, mesh length unit
+    """
+    limit = (1.0 + _ROUNDING) * thickness
+    furthest = limit * float(np.sqrt(points.shape[1]))
+    nodes = np.flatnonzero(~_roles(len(points), patches, "moving", "fixed", "periodic"))
+    places, own = wall.closest(points[nodes], within=furthest)
+    found = LayerNodes(nodes, places, points[nodes] - places.of(wall.reference))
+    inside = own >= 0
+    inside[inside] = _height(wall, found.chosen(inside)) <= limit
+    found, own = found.chosen(inside), own[inside]
+    found = found.chosen(~_crowded(points, boundary_facets(cells), patches, wall, found, own))
+    return _on_columns(found, points, column_feet(cells, wall.nodes, found.nodes, len(points)), wall)
+
+
+def _on_columns(found: LayerNodes, points: Floats, feet: Integers, wall: MovingWall) -> LayerNodes:
+    """The nodes tied to the foot (n,) of their column instead of their nearest place, if they are in a column."""
+    corners, weights = found.places.corners.copy(), found.places.weights.copy()
+    rows = np.flatnonzero(feet[found.nodes] >= 0)
+    corners[rows] = np.searchsorted(wall.nodes, feet[found.nodes[rows]])[:, None]
+    weights[rows] = np.eye(weights.shape[1])[0]
+    places = WallPlaces(corners, weights)
+    return LayerNodes(found.nodes, places, points[found.nodes] - places.of(wall.reference))
+
+
+def _roles(n: int, patches: Mapping[str, Patch], *roles: str) -> Marks:
+    """(n,) mark of the nodes of patches with one of the roles."""
+    marks = np.zeros(n, dtype=bool)
+    for patch in patches.values():
+        if patch.role in roles:
+            marks[patch.nodes] = True
+    return marks
+
+
+def _height(wall: MovingWall, found: LayerNodes) -> Floats:
+    """(l,) largest distance of each node from the planes of the facets that meet at its place."""
+    corners, weights = found.places
+    d = corners.shape[1]
+    order = np.argsort(wall.simplices.ravel(), kind="stable")
+    starts = np.searchsorted(wall.simplices.ravel()[order], np.arange(len(wall.nodes) + 1))
+    around = np.take_along_axis(corners, np.argmax(weights, axis=1)[:, None], axis=1)[:, 0]
+    count = starts[around + 1] - starts[around]
+    row = np.repeat(np.arange(len(corners)), count)
+    facet = order[np.arange(count.sum()) - np.repeat(np.cumsum(count) - count - starts[around], count)] // d
+    meets = np.ones(len(row), dtype=bool)
+    for j in range(d):  # the facet contains every corner that the place touches
+        meets &= (weights[row, j] == 0.0) | (wall.simplices[facet] == corners[row, j, None]).any(axis=1)
+    away = np.abs(np.sum(wall.normals[facet] * found.offsets[row], axis=1))
+    height = np.zeros(len(corners))
+    np.maximum.at(height, row[meets], away[meets])
+    return height
+
+
+def _crowded(
+    points: Floats,
+    facets: Mapping[str, Integers],
+    patches: Mapping[str, Patch],
+    wall: MovingWall,
+    found: LayerNodes,
+    own: Integers,
+) -> Marks:
+    """(l,) nodes too near to another boundary; ``own`` (l,) is the facet of the wall nearest to each."""
+    boundary = simplices_of(facets)
+    walls = np.zeros(len(points), dtype=bool)
+    walls[wall.nodes] = True
+    others = boundary[~walls[boundary].all(axis=1)]
+    slides = _roles(len(points), patches, *SLIDING_ROLES)[others].all(axis=1)
+    body = wall.bodies()
+    crowded = _too_near(points, points[others[~slides]], found, facing=None)
+    crowded |= _too_near(points, points[others[slides]], found, facing=_FACING)
+    for label in range(int(body.max(initial=0)) + 1 if body.any() else 0):
+        rows = body[own] == label
+        crowded[rows] |= _too_near(points, wall.reference[wall.simplices[body != label]], found.chosen(rows), None)
+    return crowded
+
+
+def _too_near(points: Floats, corners: Floats, found: LayerNodes, facing: float | None) -> Marks:
+    """(l,) nodes farther from the wall than a share of their distance to facets with corners (f, d, d)."""
+    distance, nodes = np.linalg.norm(found.offsets, axis=1), points[found.nodes]
+    places, facets = nearest_within(corners, nodes, float(distance.max(initial=0.0)) / _SHARE)
+    away = np.where(facets[:, None] >= 0, places - nodes, np.inf)
+    gap = np.linalg.norm(away, axis=1)
+    too_near = distance > _SHARE * gap
+    if facing is not None:
+        near = np.flatnonzero(too_near)
+        along = -np.sum(away[near] * found.offsets[near], axis=1)
+        too_near[near] = along < facing * gap[near] * distance[near]
+    return np.asarray(too_near)

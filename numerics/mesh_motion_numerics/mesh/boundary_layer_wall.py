@@ -1,0 +1,190 @@
+"""The moving walls of a mesh and their rotation at each of their nodes.
+
+A wall is a connected part of the boundary whose nodes have prescribed positions and at least one of which moves: a flag
+and the fixed cylinder to which it is clamped are one wall, the channel around them is not a moving wall.
+
+A facet of the wall (an edge in 2D, a triangle in 3D; a quad is two triangles) with the edge vectors e and the unit
+normal n deforms by ``F = [e' n'] [e n]⁻¹``, and turns by the rotation of its polar decomposition F = R U, thesis
+(5.10). A node turns by the rotation nearest to the mean of its facets' rotations, and then by the least rotation from
+its turned normal to its new normal: at an edge of a sheared wall the two differ. Facets are weighted by their angle at
+the node, which does not depend on how the wall is meshed. Neighbouring nodes share facets, so their rotations vary
+smoothly where the wall bends smoothly.
+
+References
+----------
+J. A. Bærentzen, H. Aanæs, "Signed distance computation using the angle weighted pseudonormal", IEEE Trans. Vis. Comput.
+Graph. 11 (2005) 243–253.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.decomposition import nearest_rotation
+from mesh_motion_numerics.mesh.closest_point import nearest_within
+
+__all__ = ["MovingWall", "WallPlaces", "angles_at_corners", "facet_frames", "least_rotation", "simplices_of"]
+
+
+_OPPOSITE = 1e-6  # 1 + cosine: directions nearer to opposite have no least rotation
+_ON_CORNER = 1e-9  # share of a facet's corner below which a place does not touch it
+
+
+class WallPlaces(NamedTuple):
+    """Places on a wall.
+
+    Attributes
+    ----------
+    corners : (l, d) int64 array
+        Rows of the wall's nodes: the corners of the facet on which each place lies.
+    weights : (l, d) array
+        Barycentric coordinates.
+    """
+
+    corners: Integers
+    weights: Floats
+
+    def of(self, values: Floats) -> Floats:
+        """Values (w, d) of the wall's nodes, interpolated at the places: (l, d)."""
+        return np.asarray(np.einsum("lj,ljd->ld", self.weights, values[self.corners]))
+
+
+@dataclass(frozen=True, eq=False)
+class MovingWall:
+    """The boundary facets of all moving walls.
+
+    Attributes
+    ----------
+    nodes : (w,) int64 array
+        Mesh nodes, ascending.
+    reference : (w, d) array, mesh length unit
+        Their positions in the reference mesh.
+    simplices : (s, d) int64 array
+        Rows of ``nodes``: segments in 2D, triangles in 3D.
+    """
+
+    nodes: Integers
+    reference: Floats
+    simplices: Integers
+
+    @classmethod
+    def build(cls, points: Floats, facets: Mapping[str, Integers], moving: Marks, prescribed: Marks) -> MovingWall:
+        """The walls among the boundary facets of a mesh.
+
+        Parameters
+        ----------
+        points : (n, d) array, mesh length unit
+            Reference coordinates.
+        facets : mapping of type to (f, k) int64 array
+            The boundary.
+        moving, prescribed : (n,) bool arrays
+            Nodes that move; moving and fixed nodes.
+        """
+        simplices = simplices_of(facets)
+        own = simplices[prescribed[simplices].all(axis=1)]
+        body = _connected(own, len(points))
+        moves = np.isin(body, body[moving[own].all(axis=1)])
+        nodes, rows = np.unique(own[moves], return_inverse=True)
+        return cls(nodes, points[nodes], rows.reshape(-1, own.shape[1]))
+
+    @property
+    def normals(self) -> Floats:
+        """(s, d) unit normals in the reference mesh."""
+        return facet_frames(self.reference[self.simplices])[:, :, -1]
+
+    def bodies(self) -> Integers:
+        """(s,) number of the connected part of each facet."""
+        return _connected(self.simplices, len(self.nodes))
+
+    def closest(self, points: Floats, within: float = np.inf) -> tuple[WallPlaces, Integers]:
+        """The places of the reference wall nearest to points (l, d), and the facet (l,) on which each lies.
+
+        If the wall is farther than ``within``, mesh length unit, the facet is −1 and the place is undefined.
+        """
+        corners = self.reference[self.simplices]
+        places, facets = nearest_within(corners, points, within)
+        places = np.where(facets[:, None] >= 0, places, corners[facets, 0])
+        edges = corners[facets, 1:] - corners[facets, :1]  # (l, d - 1, d)
+        gram = np.einsum("lid,ljd->lij", edges, edges)
+        right = np.einsum("lid,ld->li", edges, places - corners[facets, 0])
+        along = np.clip(np.linalg.solve(gram, right[:, :, None])[:, :, 0], 0.0, 1.0)
+        weights = np.column_stack([np.clip(1.0 - along.sum(axis=1), 0.0, 1.0), along])
+        weights[weights < _ON_CORNER] = 0.0
+        weights /= weights.sum(axis=1, keepdims=True)
+        return WallPlaces(self.simplices[facets], weights), facets
+
+    def rotations(self, moved: Floats) -> Floats:
+        """(w, d, d) rotation at each node when the nodes are at ``moved`` (w, d)."""
+        before, after = self.reference[self.simplices], moved[self.simplices]
+        frames, own = facet_frames(before), facet_frames(after)
+        turned = nearest_rotation(own @ np.linalg.inv(frames))
+        angles = angles_at_corners(before)
+        mean = nearest_rotation(self.summed(turned, angles))
+        normal = self.summed(frames[:, :, -1], angles)
+        goal = self.summed(own[:, :, -1], angles_at_corners(after))
+        return least_rotation(np.einsum("wij,wj->wi", mean, normal), goal) @ mean
+
+    def summed(self, values: Floats, angles: Floats) -> Floats:
+        """(w, …) sum of the facets' values (s, …) at each node, weighted by their angles (s, d) there."""
+        out = np.zeros((len(self.nodes), *values.shape[1:]))
+        for column, angle in zip(self.simplices.T, angles.T, strict=True):
+            np.add.at(out, column, values * angle.reshape(-1, *[1] * (values.ndim - 1)))
+        return out
+
+
+def angles_at_corners(corners: Floats) -> Floats:
+    """(s, d) angle of each facet at each of its corners (s, d, d); equal for all segments."""
+    if corners.shape[1] == 2:
+        return np.ones(corners.shape[:2])
+    out = np.empty(corners.shape[:2])
+    for i in range(3):
+        a, b = (corners[:, (i + k) % 3] - corners[:, i] for k in (1, 2))
+        out[:, i] = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
+    return out
+
+
+def least_rotation(a: Floats, b: Floats) -> Floats:
+    """(w, d, d) least rotations from the directions of a to those of b (w, d); no rotation where they cancel out."""
+    length = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    cosine = np.sum(a * b, axis=1)
+    clear = length + cosine > _OPPOSITE * length
+    scale = np.where(clear & (length > 0.0), length, 1.0)
+    outer = np.einsum("wi,wj->wij", b, a)
+    skew = (outer - np.swapaxes(outer, 1, 2)) / scale[:, None, None]
+    cosine = np.where(clear, cosine / scale, 1.0)
+    least = np.eye(a.shape[1]) + skew + skew @ skew / (1.0 + cosine)[:, None, None]
+    return np.asarray(np.where(clear[:, None, None], least, np.eye(a.shape[1])))
+
+
+def simplices_of(facets: Mapping[str, Integers]) -> Integers:
+    """(s, 2) segments or (s, 3) triangles of boundary facets by type; a quad is two triangles."""
+    parts = []
+    for name, nodes in facets.items():
+        parts += [nodes[:, [0, 1, 2]], nodes[:, [0, 2, 3]]] if name == "quad" else [nodes]
+    return np.concatenate(parts)
+
+
+def _connected(simplices: Integers, n: int) -> Integers:
+    """(s,) number of the connected part of each of the simplices (s, d) of n nodes."""
+    first = np.repeat(simplices[:, 0], simplices.shape[1])
+    graph = coo_array((np.ones(first.size), (first, simplices.ravel())), shape=(n, n))
+    return np.asarray(connected_components(graph, directed=False)[1][simplices[:, 0]], dtype=np.int64)
+
+
+def facet_frames(corners: Floats) -> Floats:
+    """(s, d, d) matrices with the edges from the first corner and the unit normal as columns, of corners (s, d, d)."""
+    edges = corners[:, 1:] - corners[:, :1]
+    if edges.shape[1] == 1:
+        normal = np.column_stack([edges[:, 0, 1], -edges[:, 0, 0]])
+    else:
+        normal = np.cross(edges[:, 0], edges[:, 1])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    unit = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
+    return np.concatenate([np.swapaxes(edges, 1, 2), unit[:, :, None]], axis=2)

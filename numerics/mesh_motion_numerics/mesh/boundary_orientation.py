@@ -1,0 +1,93 @@
+"""Detects a closed part of the boundary that is turned inside out: it crosses nothing, yet no valid mesh exists.
+
+Cells with positive corners may still fill it by going twice round some node: the mesh then overlaps itself. The volume
+inside a closed surface is V = 1/d ∮ x · n dA (the divergence theorem). With normals that point out of the mesh it is
+positive for an outer boundary and negative for a hole, and keeps its sign as long as the mesh is valid. The two sides
+of a baffle are a hole without volume; when they separate, V becomes negative.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
+
+__all__ = ["closed_parts", "of_one_width", "overturned_place"]
+
+
+#: Rounding error of the sum of a part's contributions, relative to their size.
+_ROUNDING = 1e-12
+
+
+def overturned_place(
+    facets: Mapping[str, Integers], prescribed: Marks, reference: Floats, points: Floats
+) -> Floats | None:
+    """Centre (d,) of the first part of the boundary that is turned inside out, None if there is none.
+
+    Parameters
+    ----------
+    facets : dict of (f, k) int64 arrays
+        The whole boundary, pointing outwards, by type.
+    prescribed : (n,) bool array
+        Nodes with prescribed positions; a part with any other node is not tested.
+    reference, points : (n, d) arrays, mesh length unit
+        Before and after the motion.
+    """
+    if reference.shape[1] == 1 or not facets:
+        return None
+    rows = of_one_width(facets)
+    parts, whole = closed_parts(rows, prescribed, len(points))
+    before, after = (_signs(parts, _contributions(places, rows)) for places in (reference, points))
+    lost = np.flatnonzero(whole & np.where(before == 0.0, after > 0.0, before * after <= 0.0))
+    if not len(lost):
+        return None
+    nodes = np.unique(rows[parts == lost[0]])
+    centre: Floats = points[nodes[nodes >= 0]].mean(axis=0)
+    return centre
+
+
+def closed_parts(rows: Integers, prescribed: Marks, count: int) -> tuple[Integers, Marks]:
+    """(f,) number of the connected part of the boundary of each facet (f, w); (p,) whether all nodes are prescribed."""
+    parts = _parts(rows, count)
+    whole = np.ones(parts.max() + 1, dtype=bool)
+    whole[parts[~_all_of(prescribed, rows)]] = False
+    return parts, whole
+
+
+def of_one_width(facets: Mapping[str, Integers]) -> Integers:
+    """All facets in one array: (f, 2) in 2D, (f, 4) in 3D with −1 at the end of a triangle."""
+    widest = max(nodes.shape[1] for nodes in facets.values())
+    width = 4 if widest > 2 else 2
+    return np.concatenate([widened(nodes, width) for nodes in facets.values()])
+
+
+def _parts(rows: Integers, count: int) -> Integers:
+    """(f,) number of the connected part of the boundary of each facet."""
+    ends = np.where(rows[:, 1:] >= 0, rows[:, 1:], rows[:, :1])
+    starts = np.broadcast_to(rows[:, :1], ends.shape)
+    links = coo_array((np.ones(ends.size), (starts.ravel(), ends.ravel())), (count, count))
+    labels = connected_components(links, directed=False)[1][rows[:, 0]]
+    return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.int64)
+
+
+def _all_of(chosen: Marks, rows: Integers) -> Marks:
+    """(f,) whether all nodes of a facet are chosen."""
+    return np.asarray(np.all(chosen[rows] | (rows < 0), axis=1))
+
+
+def _signs(parts: Integers, contributions: Floats) -> Floats:
+    """(p,) sign of the volume of each part, 0 where the sum of its contributions (f,) is only rounding."""
+    volume, largest = np.bincount(parts, contributions), np.bincount(parts, np.abs(contributions))
+    return np.where(np.abs(volume) <= _ROUNDING * largest, 0.0, np.sign(volume))
+
+
+def _contributions(places: Floats, rows: Integers) -> Floats:
+    """(f,) x · n dA / d of each facet, x from the middle of the domain to reduce rounding."""
+    centred = places - 0.5 * (places.min(axis=0) + places.max(axis=0))
+    real = (rows >= 0)[:, :, None]
+    middles = np.where(real, centred[rows], 0.0).sum(axis=1) / real.sum(axis=1)
+    products: Floats = np.sum(middles * area_vectors(centred, rows), axis=1) / places.shape[1]
+    return products

@@ -1,0 +1,245 @@
+"""Cell types and cell tables: the nodes of each corner simplex of each cell (thesis §2.3, Table 2.4).
+
+Every quality metric and predictor works on *corner simplices*: a corner k of a cell with the nodes (k, a, b[, c]) has
+the Jacobian ``A_k`` whose columns are the edges ``x_a - x_k, x_b - x_k[, x_c - x_k]``; ``det A_k > 0`` in a valid
+cell. A simplex needs one corner, since all of its corners have the same determinant. In the thesis the Jacobian is
+(3.5), of a triangle (3.15)–(3.17), a quad (3.23), a tetrahedron (3.25), a hexahedron (3.29), for which Table 2.4 is
+right.
+
+Node order is VTK's, except that a wedge's corners are listed so that the *volume* is positive for the order of Gmsh,
+SU2 and CGNS (first triangle seen anticlockwise from the second one).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
+from numpy.typing import NDArray
+
+from mesh_motion_numerics.arrays import Floats, Integers, Shorts
+
+__all__ = ["CELL_TYPES", "CellBlock", "CellTable", "CellType"]
+
+_SQRT3 = 3.0**0.5
+
+
+@dataclass(frozen=True)
+class CellType:
+    """One kind of cell.
+
+    Attributes
+    ----------
+    name : str
+        As in the mesh file's ``cells_<name>`` and on the wire.
+    dimension : int
+        1, 2 or 3.
+    corners : tuple of (dimension + 1)-tuples
+        Local node numbers (k, a, b[, c]) of each corner simplex, positively oriented in a valid cell.
+    ideal : tuple of rows
+        (dimension, dimension) matrix W: the Jacobian of every corner of the ideal cell, up to scale and rotation.
+    size_factor : float
+        The cell's length, area or volume is ``size_factor * sum_k det A_k`` (exact for parallelepipeds).
+    vtk : int
+        VTK's number of the cell type.
+    """
+
+    name: str
+    dimension: int
+    n_nodes: int
+    corners: tuple[tuple[int, ...], ...]
+    ideal: tuple[tuple[float, ...], ...]
+    size_factor: float
+    vtk: int
+
+    @property
+    def is_simplex(self) -> bool:
+        """Whether one Jacobian determines the cell's shape."""
+        return self.n_nodes == self.dimension + 1
+
+    @cached_property
+    def corner_array(self) -> Integers:
+        """(n_corners, dimension + 1) local node numbers."""
+        return np.array(self.corners, dtype=np.int64)
+
+    @cached_property
+    def ideal_array(self) -> Floats:
+        """(dimension, dimension) matrix W."""
+        return np.array(self.ideal, dtype=np.float64)
+
+
+_CUBE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+CELL_TYPES: dict[str, CellType] = {
+    t.name: t
+    for t in (
+        CellType("line", 1, 2, ((0, 1),), ((1.0,),), 1.0, 3),
+        CellType("triangle", 2, 3, ((0, 1, 2),), ((1.0, 0.5), (0.0, _SQRT3 / 2)), 1 / 2, 5),
+        CellType("quad", 2, 4, ((0, 1, 3), (1, 2, 0), (2, 3, 1), (3, 0, 2)), ((1.0, 0.0), (0.0, 1.0)), 1 / 4, 9),
+        CellType(
+            "tetra",
+            3,
+            4,
+            ((0, 1, 2, 3),),
+            ((1.0, 0.5, 0.5), (0.0, _SQRT3 / 2, _SQRT3 / 6), (0.0, 0.0, (2 / 3) ** 0.5)),
+            1 / 6,
+            10,
+        ),
+        # thesis Table 2.4 (k, a, b, c)
+        CellType(
+            "hexahedron",
+            3,
+            8,
+            (
+                (0, 1, 3, 4),
+                (1, 2, 0, 5),
+                (2, 3, 1, 6),
+                (3, 0, 2, 7),
+                (4, 7, 5, 0),
+                (5, 4, 6, 1),
+                (6, 5, 7, 2),
+                (7, 6, 4, 3),
+            ),
+            _CUBE,
+            1 / 8,
+            12,
+        ),
+        # at each corner: the two edges of the triangle, then the edge between the triangles
+        CellType(
+            "wedge",
+            3,
+            6,
+            ((0, 1, 2, 3), (1, 2, 0, 4), (2, 0, 1, 5), (3, 5, 4, 0), (4, 3, 5, 1), (5, 4, 3, 2)),
+            ((1.0, 0.5, 0.0), (0.0, _SQRT3 / 2, 0.0), (0.0, 0.0, 1.0)),
+            1 / 12,
+            13,
+        ),
+        # the four corners of the base; the third edge goes to the apex; ideal: all eight edges equal
+        CellType(
+            "pyramid",
+            3,
+            5,
+            ((0, 1, 3, 4), (1, 2, 0, 4), (2, 3, 1, 4), (3, 0, 2, 4)),
+            ((1.0, 0.0, 0.5), (0.0, 1.0, 0.5), (0.0, 0.0, 0.5**0.5)),
+            1 / 12,
+            14,
+        ),
+    )
+}
+
+
+@dataclass(frozen=True, eq=False)
+class CellBlock:
+    """Cells of one type.
+
+    Attributes
+    ----------
+    nodes : (m, n_nodes) int32 array
+        Node indices, 0-based. Every judgement of a mesh reads them all: so they are short.
+    """
+
+    type: CellType
+    nodes: Shorts
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+
+def _short(name: str, nodes: NDArray[np.integer]) -> Shorts:
+    """Cells (m, n_nodes) of a type as 32-bit numbers."""
+    if not np.can_cast(nodes.dtype, np.int32):
+        most = np.iinfo(np.int32).max
+        if nodes.max() > most or nodes.min() < -most:
+            row, place = (int(i) for i in np.argwhere((nodes > most) | (nodes < -most))[0])
+            index = int(nodes[row, place])
+            raise InvalidInput(
+                f"cells of type {name!r}, row {row}: node index {index} is out of range, expected 0 to {most}",
+                code="INVALID_ARGUMENT.MESH_DEGENERATE",
+                details={"type": name, "row": row, "index": index},
+            )
+    return np.ascontiguousarray(nodes, dtype=np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class CellTable:
+    """All cells of a mesh: blocks in the order of :data:`CELL_TYPES`; cell numbers run through the blocks.
+
+    Attributes
+    ----------
+    blocks : tuple of CellBlock
+        Non-empty, all of one dimension.
+    """
+
+    blocks: tuple[CellBlock, ...]
+
+    @classmethod
+    def from_arrays(cls, cells: Mapping[str, NDArray[np.integer]]) -> CellTable:
+        """Build from ``{type name: (m, n_nodes) integer array}``; empty arrays are left out.
+
+        Raises
+        ------
+        InvalidInput
+            On an unknown type name, a wrong shape, mixed dimensions, an index beyond 32 bits, or no cell at all.
+        """
+        for name, nodes in cells.items():
+            if name not in CELL_TYPES:
+                raise InvalidInput(f"unknown cell type {name!r}; known are {', '.join(CELL_TYPES)}")
+            expected = CELL_TYPES[name].n_nodes
+            if np.ndim(nodes) != 2 or np.shape(nodes)[1] != expected:
+                raise InvalidInput(
+                    f"cells of type {name!r}: expected an array of shape (m, {expected}), got {np.shape(nodes)}",
+                    code="INVALID_ARGUMENT.SHAPE",
+                )
+        blocks = tuple(
+            CellBlock(cell_type, _short(name, np.asarray(cells[name])))
+            for name, cell_type in CELL_TYPES.items()
+            if name in cells and len(cells[name])
+        )
+        if not blocks:
+            raise InvalidInput(
+                "the mesh has no cells",
+                code="INVALID_ARGUMENT.MESH",
+                hint="send at least one cell of a known type",
+            )
+        if len({block.type.dimension for block in blocks}) > 1:
+            names = ", ".join(f"{b.type.name} ({b.type.dimension}D)" for b in blocks)
+            raise InvalidInput(f"cells of different dimension in one mesh: {names}", code="INVALID_ARGUMENT.MESH")
+        return cls(blocks)
+
+    def __len__(self) -> int:
+        return sum(len(block) for block in self.blocks)
+
+    def __iter__(self) -> Iterator[CellBlock]:
+        return iter(self.blocks)
+
+    @property
+    def dimension(self) -> int:
+        """1, 2 or 3."""
+        return self.blocks[0].type.dimension
+
+    @property
+    def offsets(self) -> tuple[int, ...]:
+        """Number of the first cell of each block, and the number of cells at the end."""
+        return tuple(int(n) for n in np.cumsum([0, *(len(block) for block in self.blocks)]))
+
+    def numbered(self) -> Iterator[tuple[CellBlock, int]]:
+        """Each block with the number of its first cell."""
+        return zip(self.blocks, self.offsets, strict=False)  # offsets have the number of cells too
+
+    def locate(self, cell: int) -> tuple[CellBlock, int]:
+        """The block of a cell number, and the row in it."""
+        for block, first in self.numbered():
+            if cell < first + len(block):
+                return block, cell - first
+        raise IndexError(cell)
+
+    def centres(self, points: NDArray[np.floating], numbers: NDArray[np.integer]) -> Floats:
+        """(s, d) mean of the nodes of each of the cells with these numbers (s,), from positions (n, d)."""
+        out = np.empty((len(numbers), points.shape[1]))
+        for block, first in self.numbered():
+            here = (numbers >= first) & (numbers < first + len(block))
+            out[here] = points[block.nodes[numbers[here] - first]].mean(axis=1)
+        return out

@@ -1,0 +1,110 @@
+"""Points at the same place: duplicate nodes of a wake, of the two sides of an interface or of a baffle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.boundary_orientation import of_one_width
+from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors
+
+__all__ = ["CoincidentSides", "coincident_nodes", "first_at_place", "met_nodes"]
+
+# rounding of coordinates, relative to the extent
+_SAME_PLACE = 1e-13
+#: Two sides pass through each other if they move towards each other at less than 60° to their common normal.
+_TOWARDS = 0.5
+
+
+def first_at_place(points: Floats, extent: float, tolerance: float = _SAME_PLACE) -> Integers:
+    """For each point the lowest number of the points closer than the tolerance, directly or through a chain.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+    extent : float, mesh length unit
+    tolerance : float
+        As a share of the extent.
+
+    Returns
+    -------
+    (n,) int64 array
+    """
+    place = np.arange(len(points))
+    order = np.lexsort(points.T)  # identical points first: a tree of many identical points takes quadratic time
+    same = np.r_[False, (points[order[1:]] == points[order[:-1]]).all(axis=1)]
+    place[order] = np.minimum.reduceat(order, np.flatnonzero(~same))[np.cumsum(~same) - 1]
+    distinct = np.flatnonzero(place == np.arange(len(points)))
+    a, b = cKDTree(points[distinct]).query_pairs(tolerance * extent, output_type="ndarray").T
+    if not len(a):
+        return place
+    near = coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(len(distinct), len(distinct)))
+    count, group = connected_components(near, directed=False)
+    first = np.full(count, len(points))
+    np.minimum.at(first, group, distinct)
+    return np.asarray(first[group][np.searchsorted(distinct, place)])
+
+
+def coincident_nodes(points: Floats, nodes: Integers) -> Integers:
+    """(c, 2) pairs of the nodes (b,), ascending, of a mesh ``points`` (n, d): the first at a place, and another."""
+    first = nodes[first_at_place(points[nodes], float(np.ptp(bounding_box(points), axis=0).max()))]
+    others = first != nodes
+    return np.column_stack([first[others], nodes[others]])
+
+
+def met_nodes(reference: Floats, points: Floats, nodes: Integers) -> Integers:
+    """(c, 2) pairs of the nodes (b,), ascending, at one place of ``points`` (n, d), not of the ``reference`` (n, d)."""
+    extent = float(np.ptp(bounding_box(reference), axis=0).max())
+    first = nodes[first_at_place(points[nodes], extent)]
+    apart = np.abs(reference[first] - reference[nodes]).max(axis=1) > _SAME_PLACE * extent
+    return np.column_stack([first[apart], nodes[apart]])
+
+
+@dataclass(frozen=True, eq=False)
+class CoincidentSides:
+    """The nodes of the two sides of an interface or a baffle, in pairs at the same place.
+
+    Attributes
+    ----------
+    pairs : (c, 2) int64 array
+        Places with more nodes are left out: sides that meet in one point only may slide past each other.
+    facets : (f, w) array
+        The boundary facets with such a node, as :func:`of_one_width` gives them.
+    """
+
+    pairs: Integers
+    facets: Integers
+
+    @classmethod
+    def build(cls, pairs: Integers, facets: Mapping[str, Integers], known: Marks) -> CoincidentSides:
+        """From pairs (c, 2) of :func:`coincident_nodes`, boundary facets by type, and nodes (n,) with known places."""
+        alone = np.bincount(pairs[:, 0], minlength=len(known))[pairs[:, 0]] == 1
+        pairs = pairs[alone & known[pairs].all(axis=1)]
+        if not len(pairs) or "vertex" in facets:
+            return cls(pairs[:0], np.empty((0, 2), dtype=np.int64))
+        rows = of_one_width(facets)
+        return cls(pairs, rows[np.isin(rows, pairs).any(axis=1)])
+
+    def passing(self, points: Floats) -> tuple[int, int] | None:
+        """The first pair of nodes that have passed through each other at ``points`` (n, d); None if there is none."""
+        normals = np.zeros_like(points)
+        areas = area_vectors(points, self.facets)
+        for column in self.facets.T:
+            np.add.at(normals, column[column >= 0], areas[column >= 0])
+        one, other = self.pairs.T
+        normal, apart = normals[one] - normals[other], points[other] - points[one]
+        depth = -np.sum(normal * apart, axis=1)
+        length = np.linalg.norm(normal, axis=1) * np.linalg.norm(apart, axis=1)
+        least = _SAME_PLACE * float(np.ptp(bounding_box(points), axis=0).max())
+        through = (depth > _TOWARDS * length) & (np.linalg.norm(apart, axis=1) > 1e3 * least)
+        if not through.any():
+            return None
+        first = int(np.argmax(through))
+        return int(one[first]), int(other[first])

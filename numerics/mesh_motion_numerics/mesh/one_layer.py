@@ -1,0 +1,217 @@
+"""A plane problem in three dimensions: one layer of hexahedra and wedges between two parallel planes.
+
+Solvers without cells in the plane (code_saturne, Fluent, CalculiX, OpenFOAM) have such meshes. The faces on one of the
+planes are the cells of the plane, each node of the other plane belongs to the node that it shares an edge with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellBlock, CellTable
+from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
+from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch, nodes_with
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
+
+__all__ = ["OneLayer"]
+
+#: The face in the plane of each type of cell in space.
+_FACES = {"hexahedron": "quad", "wedge": "triangle"}
+#: Nodes are this close to their plane and their partner's place, as a share of the layer's height and of the extent.
+_FLAT, _OPPOSITE = 1e-4, 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class OneLayer:
+    """The plane of a mesh of one layer.
+
+    Attributes
+    ----------
+    axes : (2, 3) array
+        Orthonormal directions of the plane; the second is to the left of the first, seen from the front.
+    front : (n,) int64 array
+        The node in front of each node: itself in front, the node that it shares an edge with behind.
+    cells : CellTable
+        Triangles and quads of nodes in front, with the numbers of the cells in space.
+    patches : dict of str to Patch
+        Their nodes in front; of a patch of the two planes those of its sides that no other patch has.
+    """
+
+    axes: Floats
+    front: Integers
+    cells: CellTable
+    patches: dict[str, Patch]
+
+    @classmethod
+    def find(cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch]) -> OneLayer | None:
+        """The plane of a mesh; None if it is not one layer between planes that slide, or that are both fixed.
+
+        With fixed planes no node of the mesh could move but those of the moving patches.
+
+        Parameters
+        ----------
+        points : (n, 3) array, mesh length unit
+        cells : CellTable
+            In one orientation.
+        patches : mapping of name to Patch
+            Checked. The patches of the planes have all of their nodes, also those of other patches.
+        """
+        roles = next((roles for roles in (SLIDING_ROLES, ("fixed",)) if _all_in(points, patches, roles)), None)
+        if roles is None or not {block.type.name for block in cells} <= set(_FACES):
+            return None
+        for normal in _normals(points, cells):
+            heights = points @ normal
+            low, high = float(heights.min()), float(heights.max())
+            in_front = heights > 0.5 * (low + high)
+            flat = np.abs(heights - np.where(in_front, high, low)).max() <= _FLAT * (high - low)
+            faces = _faces(cells, in_front) if flat else None
+            if faces is None:
+                continue
+            planes = _plane_patches(cells, patches, in_front, roles)
+            layer = cls._of(points, _axes(normal), faces, _partners(cells, in_front), patches, planes)
+            if layer is not None:
+                return layer
+        return None
+
+    @classmethod
+    def _of(
+        cls,
+        points: Floats,
+        axes: Floats,
+        faces: CellTable,
+        front: Integers | None,
+        patches: Mapping[str, Patch],
+        planes: dict[str, Integers] | None,
+    ) -> OneLayer | None:
+        """The plane with these faces, if its nodes are opposite and its two ``planes`` are whole."""
+        if front is None:
+            return None
+        apart = np.abs((points - points[front]) @ axes.T).max()
+        if apart > _OPPOSITE * np.ptp(points, axis=0).max() or planes is None:
+            return None
+        own = {
+            name: Patch(patch.role, np.unique(front[planes.get(name, patch.nodes)])) for name, patch in patches.items()
+        }
+        own = {name: patch for name, patch in own.items() if len(patch.nodes)}
+        return cls(axes, front, faces, own)
+
+    def project(self, points: Floats) -> Floats:
+        """(n, 2) coordinates in the plane of points (n, 3)."""
+        return np.column_stack([_along(points, axis) for axis in self.axes])
+
+    def moved(self, points: Floats, before: Floats, after: Floats) -> Floats:
+        """``points`` (n, 3) with the displacement of the node in front from ``before`` to ``after`` (n, 2)."""
+        moved = points.copy()
+        for column, axis in enumerate(self.axes):
+            if np.count_nonzero(axis) == 1:
+                along = int(np.argmax(axis))
+                in_place = points[:, along] == before[:, column]  # bitwise the plane's own
+                stepped = points[:, along] + (after - before)[:, column]
+                moved[:, along] = np.where(in_place, after[:, column], stepped)
+            else:
+                moved += np.outer((after - before)[:, column], axis)
+        return moved
+
+
+def _all_in(points: Floats, patches: Mapping[str, Patch], roles: tuple[str, ...]) -> bool:
+    """Whether every node is in a patch with one of these roles."""
+    return points.shape[1] == 3 and len(nodes_with(patches, roles)) == len(points)
+
+
+def _normals(points: Floats, cells: CellTable) -> Iterator[Floats]:
+    """Directions across the layer that are possible: the normals of the faces of a cell that have an opposite one."""
+    block = cells.blocks[-1]  # wedges come last, and have one such direction
+    facets = LOCAL_FACETS[block.type.name]
+    opposite = [(0, 1)] if block.type.name == "wedge" else [(0, 1), (2, 4), (3, 5)]
+    for one, other in opposite:
+        corners = np.array([widened(block.nodes[:1, facets[side]].astype(np.int64), 4)[0] for side in (one, other)])
+        back, front = area_vectors(points, corners)
+        normal = front - back
+        length = float(np.linalg.norm(normal))
+        if length > 0.0:
+            normal = normal / length
+            axis = int(np.argmax(np.abs(normal)))
+            exact = np.sign(normal[axis]) * np.eye(3)[axis]
+            yield np.abs(exact) if np.abs(normal - exact).max() < _OPPOSITE else normal
+
+
+def _axes(normal: Floats) -> Floats:
+    """(2, 3) directions of the plane with this normal: of a coordinate plane the next two coordinates."""
+    along = int(np.argmax(np.abs(normal)))
+    if np.count_nonzero(normal) == 1:
+        return np.eye(3)[[(along + 1) % 3, (along + 2) % 3]]
+    first = np.cross(np.eye(3)[(along + 2) % 3], normal)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(normal, first)])
+
+
+def _along(points: Floats, axis: Floats) -> Floats:
+    """(n,) coordinates along a direction; along a coordinate bitwise that."""
+    return points[:, int(np.argmax(axis))] if np.count_nonzero(axis) == 1 else points @ axis
+
+
+def _faces(cells: CellTable, in_front: Marks) -> CellTable | None:
+    """The face in front of each cell, in the cells' order; None if a cell has no such face."""
+    blocks = []
+    for block in cells:
+        kind = CELL_TYPES[_FACES[block.type.name]]
+        nodes = np.full((len(block), kind.n_nodes), -1, dtype=np.int32)
+        for local in LOCAL_FACETS[block.type.name]:
+            if len(local) == kind.n_nodes:
+                rows = in_front[block.nodes[:, local]].all(axis=1)
+                nodes[rows] = block.nodes[rows][:, local]
+        half = in_front[block.nodes].sum(axis=1) == kind.n_nodes
+        if not half.all() or (nodes < 0).any():
+            return None
+        blocks.append(CellBlock(kind, nodes))
+    return CellTable(tuple(blocks))
+
+
+def _partners(cells: CellTable, in_front: Marks) -> Integers | None:
+    """(n,) the node in front of each node, by the edges across the layer; None if they do not pair the nodes."""
+    pairs = []
+    for block in cells:
+        for local in LOCAL_FACETS[block.type.name]:
+            for a, b in zip(local, (*local[1:], local[0]), strict=True):
+                ends = block.nodes[:, [a, b]]
+                pairs.append(ends[in_front[ends[:, 0]] & ~in_front[ends[:, 1]]])
+    across = np.unique(np.concatenate(pairs), axis=0)
+    front = np.arange(len(in_front))
+    front[across[:, 1]] = across[:, 0]
+    paired = np.unique(across[:, 0]).size == len(across) == np.unique(across[:, 1]).size
+    return front if paired and 2 * len(across) == len(in_front) else None
+
+
+def _plane_patches(
+    cells: CellTable, patches: Mapping[str, Patch], in_front: Marks, roles: tuple[str, ...]
+) -> dict[str, Integers] | None:
+    """The patches with these roles that the two planes consist of, each with its nodes (k,) on sides of no other;
+    None if they leave a face of a plane out.
+
+    Such a patch has all nodes of a plane, or as many faces on the planes as on the sides. In a single row of cells the
+    sides look like planes, too, but most of their faces are those of other patches.
+    """
+    rows = np.concatenate([widened(block, 4) for block in boundary_facets(cells).values()])
+    side = np.where(rows >= 0, in_front[rows], in_front[rows[:, :1]])
+    flat = (side == side[:, :1]).all(axis=1)
+    found: dict[str, Marks] = {}
+    covered, taken, sides = np.zeros((3, len(rows)), dtype=bool)
+    for name, patch in patches.items():
+        inside = np.zeros(len(in_front) + 1, dtype=bool)  # the last one for the -1 of a triangle
+        inside[patch.nodes] = inside[-1] = True
+        own, whole = inside[rows].all(axis=1), inside[:-1][in_front].all() or inside[:-1][~in_front].all()
+        if patch.role not in roles:
+            taken |= own & flat
+        elif whole or (own & flat).sum() > (own & ~flat).sum():
+            covered |= own
+            found[name] = own & ~flat
+            continue
+        sides |= own
+    if not covered[flat].all() or 2 * taken.sum() >= flat.sum():
+        return None
+    return {name: np.setdiff1d(rows[own & ~sides], [-1]) for name, own in found.items()}

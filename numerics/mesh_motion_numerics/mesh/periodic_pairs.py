@@ -1,0 +1,287 @@
+"""Pairs of periodic patches: the image of each patch, the translation or rotation, and the pairs of nodes.
+
+A translation is found from the patches' centroids. A rotation is found from two nodes that characterise a patch (the
+farthest from the centroid, and in space the one that spans the largest triangle with it) and every pair of nodes of the
+other patch that could be their images; it must be a full turn divided by an integer, about an axis, without a shift
+along it. In both cases every node must then have an image among the other patch's nodes, close relative to the local
+spacing.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
+from scipy.spatial import cKDTree
+
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.rigid_transforms import Transform
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
+from mesh_motion_numerics.mesh.spacing import local_spacing
+
+__all__ = ["PeriodicPair", "periodic_pairs"]
+
+
+#: Largest error of an image, as a share of the distance to the nearest other node of its patch.
+_TOLERANCE = 1e-3
+#: The larger error allowed for a rotation from few nodes, before it is fitted to all nodes.
+_ROUGH = 0.1
+#: Largest number of sectors of a full turn.
+_MOST_SECTORS = 100_000
+_AXIS = 1e-9  # a direction this close to a coordinate axis is set to that axis
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicPair:
+    """Two patches that are images of each other.
+
+    Attributes
+    ----------
+    first, second : str
+        Names of the patches.
+    transform : Transform
+        Maps the first patch onto the second.
+    nodes : (p, 2) int64 array
+        Each node of the first patch and its image.
+    error : float, mesh length unit
+        Largest distance of a transformed node from its image.
+    """
+
+    first: str
+    second: str
+    transform: Transform
+    nodes: Integers
+    error: float
+
+    def describe(self) -> str:
+        """A description: the patches, and the translation or the number of sectors between them."""
+        how = f"translation by ({', '.join(f'{s:g}' for s in self.transform.shift)})"
+        if self.transform.turns:
+            how = f"rotation by 360°/{_sectors(_angle(self.transform.rotation))}"
+        return f"{self.first} and {self.second}: {len(self.nodes)} nodes each, {how}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """A periodic patch: its name, nodes, their positions, the spacing at each, and the sum of its area vectors."""
+
+    name: str
+    nodes: Integers
+    places: Floats
+    spacing: Floats
+    area: Floats
+
+
+def periodic_pairs(
+    points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Integers]
+) -> tuple[PeriodicPair, ...]:
+    """Pair the periodic patches.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+    facets : dict of (f, k) int64 arrays
+        Of the whole boundary, pointing outwards, by type.
+    patches : dict of (p,) int64 arrays
+        Nodes of each patch with role periodic, by name.
+
+    Raises
+    ------
+    InvalidInput
+        If a patch has no partner; names the first node without an image, and how far the nearest node is from it.
+    """
+    sides = [_side(points, facets, name, np.sort(patches[name])) for name in sorted(patches)]
+    _refuse_same(sides)
+    pairs: list[PeriodicPair] = []
+    for candidates in (_translations, _rotations):  # a box allows both, and translations come first
+        for place, first in enumerate(sides):
+            for second in sides[place + 1 :]:
+                taken = {name for pair in pairs for name in (pair.first, pair.second)}
+                if first.name not in taken and second.name not in taken:
+                    pair = _pair(first, second, candidates(first, second))
+                    pairs += [pair] if pair else []
+    _refuse_single(sides, pairs)
+    return tuple(pairs)
+
+
+def _side(points: Floats, facets: Mapping[str, Integers], name: str, nodes: Integers) -> _Side:
+    places = points[nodes]
+    spacing = np.full(len(nodes), float(np.ptp(points, axis=0).max()))
+    if len(nodes) > 1:
+        spacing = local_spacing(places)
+    inside = np.zeros(len(points), dtype=bool)
+    inside[nodes] = True
+    area = np.zeros(points.shape[1])
+    for block in facets.values():
+        own = block[inside[block].all(axis=1)]
+        filled = widened(own, 4) if own.shape[1] == 3 else own
+        area += area_vectors(points, filled).sum(axis=0)
+    return _Side(name, nodes, places, spacing, area)
+
+
+def _images(first: _Side, second: _Side, transform: Transform) -> tuple[Floats, Integers]:
+    """Distance (p,) of each transformed node of the first side to the second's nearest node, and that node's row."""
+    distance, rows = cKDTree(second.places).query(transform(first.places))
+    return np.asarray(distance), np.asarray(rows, dtype=np.int64)
+
+
+def _pair(first: _Side, second: _Side, candidates: Iterator[Transform]) -> PeriodicPair | None:
+    """The pair, with the first candidate that maps all nodes."""
+    for transform in candidates:
+        distance, rows = _images(first, second, transform)
+        if (distance <= _TOLERANCE * first.spacing).all() and len(np.unique(rows)) == len(second.nodes):
+            nodes = np.stack([first.nodes, second.nodes[rows]], axis=1)
+            return PeriodicPair(first.name, second.name, transform, nodes, float(distance.max()))
+    return None
+
+
+def _translations(first: _Side, second: _Side) -> Iterator[Transform]:
+    """The translation between the centroids, if the sides have the same number of nodes."""
+    if len(first.nodes) == len(second.nodes):
+        shift = second.places.mean(axis=0) - first.places.mean(axis=0)
+        shift[np.abs(shift) <= _TOLERANCE * first.spacing.min()] = 0.0  # along a coordinate: that coordinate is equal
+        transform = Transform.translation(shift)
+        if shift.any() and _faces(transform, first.area, second.area):
+            yield transform
+
+
+def _rotations(first: _Side, second: _Side) -> Iterator[Transform]:
+    """Rotations by 1/N of a turn that may map the first side onto the second, smaller angles first."""
+    if len(first.nodes) != len(second.nodes) or first.places.shape[1] == 1:
+        return
+    found = []
+    for rough in _rigid_candidates(first, second):
+        distance, rows = _images(first, second, rough)
+        if (distance <= _ROUGH * first.spacing).all() and len(np.unique(rows)) == len(rows):
+            exact = _as_sector(_fitted(first.places, second.places[rows]), float(first.spacing.min()))
+            if exact is not None and _faces(exact, first.area, second.area):
+                found.append(exact)
+    yield from sorted(found, key=lambda transform: abs(_angle(transform.rotation)))
+
+
+def _faces(transform: Transform, first: Floats, second: Floats) -> bool:
+    """Whether the first side's outward area vector maps to the second's inward one: the domain continues behind it."""
+    if len(first) == 1:  # the ends of a line
+        return True
+    return float(np.linalg.norm(transform.rotation @ first + second)) <= _ROUGH * float(np.linalg.norm(second))
+
+
+def _rigid_candidates(first: _Side, second: _Side) -> Iterator[Transform]:
+    """Proper rigid motions that take a few characteristic nodes of the first side to nodes of the second."""
+    a, b = first.places - first.places.mean(axis=0), second.places - second.places.mean(axis=0)
+    reach, other = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
+    p = int(np.argmax(reach))
+    close = _ROUGH * float(first.spacing[p])
+    for q in np.flatnonzero(np.abs(other - reach[p]) <= close):
+        if a.shape[1] == 2:
+            yield _fitted(first.places[[p, p]] + [[0.0, 0.0], -a[p]], second.places[[q, q]] + [[0.0, 0.0], -b[q]])
+            continue
+        r = int(np.argmax(np.linalg.norm(np.cross(a, a[p]), axis=1)))
+        alike = np.abs(other - reach[r]) <= close
+        alike &= np.abs(np.linalg.norm(b - b[q], axis=1) - np.linalg.norm(a[r] - a[p])) <= close
+        for s in np.flatnonzero(alike):
+            centres = np.stack([first.places.mean(axis=0), second.places.mean(axis=0)])
+            yield _fitted(
+                np.vstack([first.places[[p, r]], centres[:1]]), np.vstack([second.places[[q, s]], centres[1:]])
+            )
+
+
+def _fitted(origin: Floats, goal: Floats) -> Transform:
+    """The proper rigid motion that takes origin (m, d) closest to goal (m, d) (Kabsch)."""
+    a, b = origin.mean(axis=0), goal.mean(axis=0)
+    u, _, vt = np.linalg.svd((origin - a).T @ (goal - b))
+    sign = np.ones(len(a))
+    sign[-1] = np.sign(np.linalg.det(u @ vt))
+    rotation = (u * sign) @ vt
+    return Transform(rotation.T, b - rotation.T @ a)
+
+
+def _as_sector(found: Transform, spacing: float) -> Transform | None:
+    """The nearest rotation by exactly 1/N of a turn; None if there is none, or it is a screw."""
+    angle = _angle(found.rotation)
+    sectors = _sectors(angle)
+    if not 2 <= sectors <= _MOST_SECTORS or abs(abs(angle) - 2.0 * math.pi / sectors) > 1e-3 * abs(angle):
+        return None
+    exact = math.copysign(2.0 * math.pi / sectors, angle)
+    gap = np.eye(len(found.shift)) - found.rotation
+    if len(found.shift) == 2:
+        return Transform.about(np.linalg.solve(gap, found.shift).astype(np.float64), exact)
+    axis = _axis(found.rotation)
+    along = float(found.shift @ axis)
+    if abs(along) > _TOLERANCE * spacing:
+        return None
+    centre = np.linalg.lstsq(gap, found.shift - along * axis, rcond=1e-9)[0].astype(np.float64)
+    return Transform.about(centre, abs(exact), axis)
+
+
+def _angle(rotation: Floats) -> float:
+    """Angle of a rotation, signed in the plane, 0 … π in space."""
+    if len(rotation) == 2:
+        return math.atan2(rotation[1, 0], rotation[0, 0])
+    skew = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
+    return math.atan2(0.5 * float(np.linalg.norm(skew)), 0.5 * (float(np.trace(rotation)) - 1.0))
+
+
+def _sectors(angle: float) -> int:
+    """Number of times that the angle fits into a full turn; 0 for no angle."""
+    return round(2.0 * math.pi / abs(angle)) if abs(angle) > 1e-6 else 0
+
+
+def _axis(rotation: Floats) -> Floats:
+    """Unit axis (3,) about which a rotation turns anticlockwise."""
+    skew = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
+    axis: Floats = np.linalg.svd(rotation - np.eye(3))[2][-1].astype(np.float64)
+    axis = -axis if axis @ skew < 0.0 else axis
+    largest = int(np.argmax(np.abs(axis)))
+    if np.abs(np.delete(axis, largest)).max() < _AXIS:
+        axis = np.copysign(np.eye(3)[largest], axis[largest])
+    return axis
+
+
+def _refuse_same(sides: list[_Side]) -> None:
+    """Raise for two patches of the same nodes: a rotation may map a side onto itself, which is not a period."""
+    for place, first in enumerate(sides):
+        for second in sides[:place]:
+            if np.array_equal(first.nodes, second.nodes):
+                raise InvalidInput(
+                    f"the periodic patches {second.name!r} and {first.name!r} have the same nodes, the first is node "
+                    f"{first.nodes[0]}",
+                    code="INVALID_ARGUMENT.MESH",
+                    hint="give each of the two sides a patch of its own, both with the role periodic",
+                    details={"patch": second.name, "node": int(first.nodes[0])},
+                )
+
+
+def _refuse_single(sides: list[_Side], pairs: list[PeriodicPair]) -> None:
+    """Raise for the first side without a partner."""
+    taken = {name for pair in pairs for name in (pair.first, pair.second)}
+    single = next((side for side in sides if side.name not in taken), None)
+    if single is None:
+        return
+    others = [side for side in sides if side is not single and side.name not in taken]
+    if not others:
+        raise InvalidInput(
+            f"the periodic patch {single.name!r} has no partner",
+            code="INVALID_ARGUMENT.MESH",
+            hint="give each of the two sides a patch of its own, both with the role periodic",
+            details={"patch": single.name},
+        )
+    other = min(others, key=lambda side: abs(len(side.nodes) - len(single.nodes)))
+    raise _unmatched(*sorted((single, other), key=lambda side: -len(side.nodes)))
+
+
+def _unmatched(single: _Side, other: _Side) -> InvalidInput:
+    """The error for two sides that do not map onto each other, the one with more nodes first."""
+    transform = Transform.translation(other.places.mean(axis=0) - single.places.mean(axis=0))
+    distance, _ = _images(single, other, transform)
+    row = int(np.argmax(distance > _TOLERANCE * single.spacing))
+    return InvalidInput(
+        f"the periodic patches {single.name!r} ({len(single.nodes)} nodes) and {other.name!r} ({len(other.nodes)} "
+        f"nodes) do not map onto each other: node {single.nodes[row]}, shifted from centroid to centroid, is "
+        f"{distance[row]:.3g} from the nearest node, allowed is {_TOLERANCE * single.spacing[row]:.3g}; no rotation by "
+        "a whole fraction of a turn fits either",
+        code="INVALID_ARGUMENT.MESH",
+        hint="mesh the two sides alike (Gmsh: setPeriodic), or give them another role",
+        details={"patch": single.name, "node": int(single.nodes[row]), "distance": float(distance[row])},
+    )

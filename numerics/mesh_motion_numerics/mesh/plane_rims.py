@@ -1,0 +1,102 @@
+"""Moving nodes on a plane wall: where a body or a piston ends at a symmetry or slip plane, it has to stay on the plane.
+
+Off the plane it would leave a gap in the boundary, or reach into the domain's mirror image. No cell shows that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
+
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
+from mesh_motion_numerics.mesh.smooth_pieces import smooth_pieces
+
+__all__ = ["PlaneRims"]
+
+
+#: Nodes this close to their plane are on it, relative to the domain's extent (single-precision displacements).
+_ON_PLANE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneRims:
+    """The moving nodes on the plane walls of a mesh.
+
+    Attributes
+    ----------
+    moving : (k,) int64 array
+    places : (k, d) array, mesh length unit
+        Of the moving nodes in the reference mesh.
+    closest : float, mesh length unit
+        A node as near to its plane is on it.
+    rims : tuple of (patch, role, rows, normal)
+        Rows (r,) of the moving nodes on one plane, and its unit normal (d,).
+    """
+
+    moving: Integers
+    places: Floats
+    closest: float
+    rims: tuple[tuple[str, str, Integers, Floats], ...]
+
+    @classmethod
+    def build(cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch], moving: Integers) -> PlaneRims:
+        """Find them in a mesh with reference coordinates ``points`` (n, d)."""
+        rims, facets = [], boundary_facets(cells)
+        walls = {name: patch for name, patch in sorted(patches.items()) if patch.role in SLIDING_ROLES}
+        for name, patch in walls.items():
+            for piece in smooth_pieces(points, facets, _with_rim(patch.nodes, facets, moving, len(points))):
+                rows = np.flatnonzero(np.isin(moving, piece.nodes))
+                if piece.normal is not None and len(rows):
+                    rims.append((name, patch.role, rows, piece.normal))
+        return cls(moving, points[moving], _ON_PLANE * float(np.ptp(points, axis=0).max()), tuple(rims))
+
+    def refuse(self, targets: Floats) -> None:
+        """Refuse targets (k, d) of the moving nodes that leave a symmetry plane.
+
+        Raises
+        ------
+        InvalidInput
+            Naming the patch, its node farthest from the plane and the distance.
+        """
+        for name, role, node, distance in self._left(targets):
+            if role == "symmetry":
+                raise InvalidInput(
+                    f"moving node {node} leaves the plane of the symmetry patch {name!r}: it would be {distance:.3g} "
+                    f"off, expected at most {self.closest:.3g}",
+                    code="INVALID_ARGUMENT.VALUE",
+                    hint="displace the nodes on a symmetry plane within it, or give that patch the role slip",
+                    details={"patch": name, "node": node, "distance": distance},
+                )
+
+    def warnings(self, targets: Floats) -> list[str]:
+        """Warnings of the plane slip walls that moving nodes leave at targets (k, d)."""
+        return [
+            f"moving node {node} leaves the plane of the slip patch {name!r}: it is {distance:.3g} off"
+            for name, role, node, distance in self._left(targets)
+            if role == "slip"
+        ]
+
+    def _left(self, targets: Floats) -> Iterator[tuple[str, str, int, float]]:
+        """Patch and role of each plane that is left, the node farthest from it and its distance."""
+        for name, role, rows, normal in self.rims:
+            away = np.abs((targets[rows] - self.places[rows]) @ normal)
+            farthest = int(np.argmax(away))
+            if away[farthest] > self.closest:
+                yield name, role, int(self.moving[rows[farthest]]), float(away[farthest])
+
+
+def _with_rim(nodes: Integers, facets: Mapping[str, Integers], moving: Integers, n_nodes: int) -> Integers:
+    """A wall's nodes, and the moving nodes at its rim: many codes list a node with one patch only."""
+    own, moves = np.zeros((2, n_nodes), dtype=bool)
+    own[nodes], moves[moving] = True, True
+    rim = [nodes]
+    for rows in facets.values():
+        mixed = rows[(own[rows] | moves[rows]).all(axis=1) & (own[rows] & ~moves[rows]).any(axis=1)]
+        rim.append(mixed[moves[mixed]])
+    return np.unique(np.concatenate(rim))

@@ -1,0 +1,24 @@
+"""Points of one, two or three coordinates: padded to three coordinates, and their bounding box."""
+
+import mesh_motion_kernels as kernels
+import numpy as np
+
+from mesh_motion_numerics.arrays import Floats
+
+__all__ = ["bounding_box", "padded"]
+
+
+def padded(points: Floats) -> Floats:
+    """(n, 3) contiguous copy of (n, d) points; missing coordinates are zero."""
+    n, d = points.shape
+    if d == 3:
+        return np.ascontiguousarray(points, dtype=np.float64)
+    out = np.zeros((n, 3))
+    out[:, :d] = points
+    return out
+
+
+def bounding_box(points: Floats) -> Floats:
+    """(2, d) lower and upper corner of (n, d) finite points, n ≥ 1."""
+    corners: Floats = kernels.bounding_box(np.ascontiguousarray(points, dtype=np.float64))
+    return corners

@@ -1,0 +1,108 @@
+"""Patches and their roles: which nodes have prescribed positions, which stay, which slide.
+
+A node on several patches gets one role: moving overrides fixed, fixed overrides slip and symmetry. A node on a periodic
+patch always moves like its image; without another role it is free to move anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
+
+from mesh_motion_numerics.arrays import Floats, Integers
+
+__all__ = ["ROLES", "SLIDING_ROLES", "BoundaryRoles", "Patch", "nodes_with"]
+
+#: Every role in messages and case files.
+ROLES = ("moving", "fixed", "slip", "symmetry", "periodic")
+#: Roles whose nodes stay on their initial surface.
+SLIDING_ROLES = ("slip", "symmetry")
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A named part of the boundary.
+
+    Attributes
+    ----------
+    role : str
+        One of :data:`ROLES`.
+    nodes : (p,) int64 array
+        Node indices, 0-based.
+    """
+
+    role: str
+    nodes: Integers
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryRoles:
+    """The nodes of each kind, ascending, disjoint.
+
+    Attributes
+    ----------
+    moving, fixed : (k,), (f,) int64 arrays
+        Nodes whose positions the driver prescribes; nodes that keep their reference positions.
+    sliding : (s,) int64 array
+        Nodes of slip and symmetry patches that are neither moving nor fixed.
+    periodic : (p,) int64 array
+        Nodes of periodic patches with none of these roles.
+    """
+
+    moving: Integers
+    fixed: Integers
+    sliding: Integers
+    periodic: Integers
+
+    @classmethod
+    def from_patches(cls, patches: Mapping[str, Patch]) -> BoundaryRoles:
+        """Sort the patches' nodes by role and precedence.
+
+        Raises
+        ------
+        InvalidInput
+            On an unknown role, or without any moving node.
+        """
+        for name, patch in patches.items():
+            if patch.role not in ROLES:
+                raise InvalidInput(f"patch {name!r}: unknown role {patch.role!r}; known are {', '.join(ROLES)}")
+        moving = nodes_with(patches, ("moving",))
+        fixed = np.setdiff1d(nodes_with(patches, ("fixed",)), moving)
+        sliding = np.setdiff1d(nodes_with(patches, SLIDING_ROLES), np.union1d(moving, fixed))
+        periodic = np.setdiff1d(nodes_with(patches, ("periodic",)), np.concatenate([moving, fixed, sliding]))
+        if not len(moving):
+            raise InvalidInput(
+                "no patch with role 'moving' has a node", hint="give the role 'moving' to the patch that is displaced"
+            )
+        return cls(moving, fixed, sliding, periodic)
+
+    @cached_property
+    def prescribed(self) -> Integers:
+        """(k + f,) moving and fixed nodes, ascending."""
+        return np.union1d(self.moving, self.fixed)
+
+    @cached_property
+    def _among_prescribed(self) -> Integers:
+        """(k,) places of the moving nodes among the prescribed ones."""
+        return np.searchsorted(self.prescribed, self.moving)
+
+    def prescribed_positions(self, targets: Floats, reference: Floats) -> Floats:
+        """(k + f, d) positions of the prescribed nodes: those that move at targets (k, d), others as in (n, d)."""
+        positions = reference.take(self.prescribed, axis=0)
+        positions[self._among_prescribed] = targets
+        return positions
+
+    @cached_property
+    def all(self) -> Integers:
+        """(k + f + s,) all nodes with a prescribed position and all sliding nodes, ascending: the control points."""
+        return np.union1d(self.prescribed, self.sliding)
+
+
+def nodes_with(patches: Mapping[str, Patch], roles: tuple[str, ...]) -> Integers:
+    """(p,) nodes of all patches with one of these roles, ascending, each once."""
+    chosen = [np.asarray(p.nodes, dtype=np.int64) for p in patches.values() if p.role in roles]
+    return np.unique(np.concatenate(chosen)) if chosen else np.empty(0, dtype=np.int64)

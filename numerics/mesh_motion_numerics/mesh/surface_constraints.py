@@ -1,0 +1,219 @@
+"""Where a sliding node may move: on planes through its reference place, on facets of the reference mesh, or nowhere.
+
+Each constraint gives an admissible position (projection), exactly on the planes or facets: on planes the nearest one.
+It also gives the tangential directions there, for steps that are projected afterwards. On facets the normal (on a curve
+the tangent) is interpolated between the corners for both, so that it turns smoothly where the facets have kinks. The
+nearest point of facets jumps over a kink from one facet to the next, and a flow solver takes that for a mesh velocity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.closest_point import FacetSet
+from mesh_motion_numerics.mesh.coincidence import first_at_place
+from mesh_motion_numerics.mesh.projection_slope import facet_angles, smooth_slopes
+from mesh_motion_numerics.mesh.rigid_transforms import Transform, nearest_images
+
+__all__ = ["Held", "OnFacets", "OnPlanes", "SurfaceConstraint"]
+
+
+#: Planes whose normals differ by less (as a sine) count as one plane: their line of intersection is not determined.
+_PARALLEL = 1e-6
+#: A place this close to a facet, as a share of its first edge, is on it.
+_ON_FACET = 1e-8
+#: Nodes nearer to each other than this share of the shortest facet are images of each other.
+_SAME_NODE = 0.01
+
+
+class SurfaceConstraint(Protocol):
+    """The constraint of some nodes."""
+
+    @property
+    def freedom(self) -> int:
+        """Dimension of the space of directions in which a node may move: 0 if it stays."""
+        ...
+
+    def project(self, positions: Floats, reference: Floats) -> Floats:
+        """Admissible positions (m, d) near the given ones, of nodes with ``reference`` positions (m, d)."""
+        ...
+
+    def tangents(self, positions: Floats, reference: Floats) -> Floats:
+        """(m, d, d) orthogonal projectors onto the directions in which nodes at admissible positions (m, d) can go."""
+        ...
+
+    def slope(self, positions: Floats, reference: Floats) -> Floats:
+        """(m, d, d) derivative of :meth:`project` by the positions (m, d), which may be anywhere."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class OnPlanes:
+    """Orthonormal normals (r, d) of the planes through each node's reference place."""
+
+    normals: Floats
+
+    @classmethod
+    def from_normals(cls, normals: Sequence[Floats]) -> OnPlanes:
+        """Build it from unit normals (d,), in their order; nearly parallel normals count once."""
+        basis: list[Floats] = []
+        for normal in normals:
+            rest = normal.copy()
+            for known in basis:
+                rest -= (rest @ known) * known
+            length = float(np.linalg.norm(rest))
+            if length > _PARALLEL:
+                basis.append(rest / length)
+        return cls(np.array(basis))
+
+    def along(self, direction: Floats) -> Floats:
+        """The part of a ``direction`` (d,) that is in all the planes."""
+        return np.asarray(direction - self.normals.T @ (self.normals @ direction))
+
+    @property
+    def freedom(self) -> int:
+        return int(self.normals.shape[1] - len(self.normals))
+
+    def project(self, positions: Floats, reference: Floats) -> Floats:
+        out = positions.copy()
+        for normal in self.normals:
+            axis = int(np.argmax(np.abs(normal)))
+            if np.count_nonzero(normal) == 1:  # along a coordinate: that coordinate stays bitwise
+                out[:, axis] = reference[:, axis]
+            else:
+                out -= np.sum((out - reference) * normal, axis=1)[:, None] * normal
+        return out
+
+    def tangents(self, positions: Floats, reference: Floats) -> Floats:
+        del reference
+        d = self.normals.shape[1]
+        projector = np.eye(d) - self.normals.T @ self.normals
+        return np.broadcast_to(projector, (len(positions), d, d))
+
+    def slope(self, positions: Floats, reference: Floats) -> Floats:
+        return self.tangents(positions, reference)
+
+
+@dataclass(frozen=True, eq=False)
+class OnFacets:
+    """Segments (a curve) or triangles (a surface) of the reference mesh.
+
+    Attributes
+    ----------
+    corners : (f, 2 or 3, d) array, mesh length unit
+    tensors : (f, 2 or 3, d, d) array
+        At each corner the sum of t tᵀ over the segments, or of n nᵀ over the triangles, that meet there, weighted by
+        their size: its first eigenvector is the tangent of the curve, or the normal of the surface.
+    images : sequence of Transform
+        Generators of a periodic domain. The facets and their next images are here; a node that has passed more periods
+        is taken back by them first.
+    """
+
+    facets: FacetSet
+    corners: Floats
+    tensors: Floats
+    images: Sequence[Transform] = ()
+
+    @classmethod
+    def from_simplices(cls, points: Floats, simplices: Integers, *, images: Sequence[Transform] = ()) -> OnFacets:
+        """Build it from points (n, d), the nodes (f, 2 or 3) of segments or triangles, and their periodic images."""
+        for image in images:
+            count, forth = len(points), image(points)
+            points = np.concatenate([points, forth, image.inverse()(points)])
+            simplices = np.concatenate([simplices, simplices + count, simplices + 2 * count])
+        corners = points[simplices]
+        direction = _direction(corners)
+        size = np.linalg.norm(direction, axis=1)[:, None, None]
+        own = direction[:, :, None] * direction[:, None, :] / size
+        used, numbers = np.unique(simplices, return_inverse=True)
+        # nodes of a periodic side are those of the next image: a direction there is of the facets on both sides
+        shortest = float(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).min())
+        numbers = first_at_place(points[used], shortest, _SAME_NODE)[numbers].reshape(simplices.shape)
+        tensors = np.zeros((len(used), *own.shape[1:]))
+        for column in numbers.T:
+            np.add.at(tensors, column, own)
+        return cls(FacetSet(corners), corners, tensors[numbers], images)
+
+    @property
+    def freedom(self) -> int:
+        return int(self.corners.shape[1] - 1)
+
+    def project(self, positions: Floats, reference: Floats) -> Floats:
+        near, rotations, shifts = nearest_images(positions, reference, self.images)
+        places = self.facets.smooth(near, self._directions)
+        return np.asarray(np.einsum("mij,mj->mi", rotations, places) + shifts)
+
+    @cached_property
+    def _directions(self) -> Floats:
+        """(f, 2 or 3, d) the tangent of the curve, or the normal of the surface, at each corner, as its facet's."""
+        first = np.linalg.eigh(self.tensors)[1][..., -1]
+        return first * np.where(np.einsum("fki,fi->fk", first, _direction(self.corners)) < 0.0, -1.0, 1.0)[..., None]
+
+    def tangents(self, positions: Floats, reference: Floats) -> Floats:
+        near, rotations, _ = nearest_images(positions, reference, self.images)
+        places, rows = self.facets.nearest(near)
+        weights = _barycentric(places, self.corners[rows])
+        tensor = rotations @ np.einsum("mk,mkij->mij", weights, self.tensors[rows]) @ np.swapaxes(rotations, 1, 2)
+        first = np.linalg.eigh(tensor)[1][:, :, -1]
+        outer = first[:, :, None] * first[:, None, :]
+        return outer if self.freedom == 1 else np.asarray(np.eye(outer.shape[1]) - outer)
+
+    def slope(self, positions: Floats, reference: Floats) -> Floats:
+        """As :meth:`.SurfaceConstraint.slope`; at a corner or an edge of facets the mean over these, by their angles.
+
+        There the motion has a kink: it is the mean of the derivatives on all sides.
+        """
+        near, rotations, _ = nearest_images(positions, reference, self.images)
+        places = self.facets.smooth(near, self._directions)
+        rows, facets = self.facets.containing(places)
+        corners = self.corners[facets]
+        weights = _barycentric(places[rows], corners)
+        away = np.linalg.norm(np.einsum("qk,qkd->qd", weights, corners) - places[rows], axis=1)
+        on = away <= _ON_FACET * np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
+        rows, corners, weights = rows[on], corners[on], weights[on]
+        smooth, slopes = smooth_slopes(near[rows] - places[rows], corners, self._directions[facets[on]], weights)
+        led = np.zeros(len(near), dtype=bool)
+        led[rows[smooth]] = True  # by a normal; elsewhere the nearest point was taken
+        share = np.where(smooth | ~led[rows], facet_angles(corners, weights), 0.0)
+        found = np.zeros((*near.shape, near.shape[1]))
+        np.add.at(found, rows, (share / np.bincount(rows, share, len(near))[rows])[:, None, None] * slopes)
+        return rotations @ found @ np.swapaxes(rotations, 1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """The node stays at its reference place."""
+
+    freedom: int = 0
+
+    def project(self, positions: Floats, reference: Floats) -> Floats:
+        del positions
+        return reference.copy()
+
+    def tangents(self, positions: Floats, reference: Floats) -> Floats:
+        del reference
+        return np.zeros((*positions.shape, positions.shape[1]))
+
+    def slope(self, positions: Floats, reference: Floats) -> Floats:
+        return self.tangents(positions, reference)
+
+
+def _direction(corners: Floats) -> Floats:
+    """(f, d) edges of segments (f, 2, d), or normals of triangles (f, 3, d), as long as these are large."""
+    edges = corners[:, 1:] - corners[:, :1]
+    return edges[:, 0] if corners.shape[1] == 2 else np.cross(edges[:, 0], edges[:, 1])
+
+
+def _barycentric(places: Floats, corners: Floats) -> Floats:
+    """(m, 2 or 3) weights of the corners (m, 2 or 3, d) that give places (m, d) on their facets."""
+    edges, away = corners[:, 1:] - corners[:, :1], places - corners[:, 0]
+    gram = np.einsum("mid,mjd->mij", edges, edges)
+    right = np.einsum("mid,md->mi", edges, away)
+    rest = np.einsum("mij,mj->mi", np.linalg.pinv(gram, hermitian=True), right)
+    return np.asarray(np.clip(np.column_stack([1.0 - rest.sum(axis=1), rest]), 0.0, 1.0))

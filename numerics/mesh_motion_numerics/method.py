@@ -1,0 +1,303 @@
+"""The keys of the case file's ``[method]`` and of OPEN's settings, each declared once.
+
+A field of :class:`Method` is a key. Its :class:`Key` has the range or choices, the meaning, when to change it, and the
+values of other keys that it needs. The strict checks at the edges (:mod:`mesh_motion_server.settings`), the tables of
+SPEC.md, docs/method.md and docs/reference/case_file.md are made from it. A new key is a field here, the code that reads
+it, and the test of that code.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, TypeVar
+
+from mesh_motion_protocol.errors import InvalidInput
+
+__all__ = ["KEYS", "Key", "Method"]
+
+T = TypeVar("T")
+Needs = Mapping[str, Mapping[str, tuple[str, ...]]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Key:
+    """What is known of a key, apart from its name.
+
+    Attributes
+    ----------
+    default : str, int, float, bool or None
+        None: chosen by the server.
+    group : str
+        Heading of docs/method.md under which it stands.
+    meaning : str
+        What it says, in one sentence.
+    when : str
+        When to change it, Markdown; links are relative to ``docs/``.
+    remark : str
+        Why a choice that one might expect is none, in parentheses behind what is expected.
+    choices : tuple of str
+        Of a text: what may be chosen. Named here, as processes without scipy and the compiled loops check them.
+    above, low, high : float or None
+        Of a number: larger than this; from here; up to here.
+    needs : mapping
+        Choice → other key → what the other one may be with it.
+    """
+
+    default: str | float | bool | None
+    group: str
+    meaning: str
+    when: str
+    choices: tuple[str, ...] = ()
+    remark: str = ""
+    above: float | None = None
+    low: float | None = None
+    high: float | None = None
+    needs: Needs = field(default_factory=dict)
+
+    @property
+    def kind(self) -> type:
+        """str, bool, int or float; a key without a default and choices is a float."""
+        return str if self.choices else float if self.default is None else type(self.default)
+
+    @property
+    def expected(self) -> str:
+        """What its value has to be, in words."""
+        if self.choices:
+            return f"one of {', '.join(self.choices)}{self.remark and f' ({self.remark})'}"
+        name = {bool: "true or false", int: "an integer", float: "a number"}[self.kind]
+        bounds = {"greater than": self.above, "from": self.low, "to": self.high}
+        return " ".join([name, *(f"{word} {bound:.15g}" for word, bound in bounds.items() if bound is not None)])
+
+    def admits(self, value: object) -> bool:
+        """Whether a value is of the type and in the range."""
+        if value is None or self.choices:
+            return value in self.choices or (value is None and self.default is None)
+        if self.kind is bool or isinstance(value, bool):
+            return isinstance(value, bool) and self.kind is bool
+        if not isinstance(value, int if self.kind is int else int | float) or not math.isfinite(value):
+            return False
+        above, low, high = self.above, self.low, self.high
+        return (above is None or value > above) and (low is None or value >= low) and (high is None or value <= high)
+
+
+def _key(default: T, group: str, meaning: str, when: str, **more: Any) -> T:
+    """A field of :class:`Method` with its :class:`Key`."""
+    key = Key(default=default, group=group, meaning=meaning, when=when, **more)  # type: ignore[arg-type]  # checked by T
+    return field(default=default, metadata={"key": key})
+
+
+_INTERPOLATION, _DISPLACEMENT, _CORRECTION, _REDUCTION = "Interpolation", "Displacement", "Correction", "Fewer points"
+
+_COMPACT = (
+    "wendland-c0", "wendland-c2", "wendland-c4", "wendland-c6", "ctps-c0", "ctps-c1", "ctps-c2a", "ctps-c2b",
+)  # fmt: skip
+_DEFINITE = ("imqb", "iqb", "gauss")
+_CORRECTIONS = ("imposed-gradient", "explicit", "enrichment", "optimised")
+_REDUCTIONS = (
+    "greedy", "one-point", "greedy-combined", "error-peaks", "incremental-lu", "recurrence-cholesky",
+    "grouped-circular", "multilevel-subspace", "multi-step", "multiscale", "grid-clustering",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Method:
+    """How a mesh is moved. Lengths are in the mesh's unit."""
+
+    basis: str = _key(
+        "wendland-c2",
+        _INTERPOLATION,
+        "The radial basis function (thesis Tables 2.1, 2.2); `tps` and `mqb` get the linear polynomial that they need.",
+        "`wendland-c2` is compact, positive definite and smooth. `tps` is the widest: it keeps most quality without a "
+        "correction and moves a far field that is not held with the boundary, at the cost of a full matrix "
+        "([measured](thesis.md#basis-functions-and-the-polynomial-term)).",
+        choices=(*_COMPACT, "tps", "mqb", *_DEFINITE),
+        remark="not qb: its interpolation matrix is singular",
+    )
+    support_radius: float | None = _key(
+        None,
+        _INTERPOLATION,
+        "R. Left out: 2.5 times the longest side of the domain, or 50 times that of the moving bodies where the domain "
+        "is larger than 20 of them.",
+        "Smaller for bodies in narrow channels with correction `none` or `explicit`: near the width of the gap. "
+        "Optimised corrections do not mind R ([measured](beyond.md#defaults)).",
+        above=0.0,
+    )
+    displacement: str = _key(  # type: ignore[assignment]  # chosen in __post_init__
+        None,
+        _DISPLACEMENT,
+        "What is interpolated: the displacement since the committed state, the total one from the reference mesh, or "
+        "the total one in sub-steps along a path that turns with the body. A relative step in which a node moves 1.5 "
+        "times as far as all of the boundary is interpolated from the reference mesh if that is better. Left out: "
+        '`"absolute"` with the correction `"smooth"`, otherwise `"relative"`.',
+        '`"relative"` takes large total motions in small steps, but drifts when the motion comes back; `"absolute"` '
+        'and `"reanchored"` depend on where the boundary is, not on how it got there '
+        '([drift study](thesis.md#relative-absolute-and-re-anchored-displacement)). With `"absolute"` one '
+        "factorization serves the whole run.",
+        choices=("relative", "absolute", "reanchored"),
+    )
+    boundary_layer_thickness: float | None = _key(
+        None,
+        _DISPLACEMENT,
+        "Nodes this near to a moving wall (and to fixed walls it is joined to) move with it. Left out: layers of thin "
+        "cells move so where interpolation would change their height by more than half a per cent or lean them over by "
+        "half a degree, or a correction is needed. 0: no layer moves so.",
+        "To hold a layer of a given height whatever its cells look like. It gives way, with a warning, where it would "
+        "spoil cells or have a motion refused ([measured](beyond.md#boundary-layers-kept)).",
+        low=0.0,
+    )
+    sub_steps: str = _key(
+        "auto",
+        _DISPLACEMENT,
+        "Lead the mesh to its targets in several corrected legs, each body along a path that turns with it: where one "
+        "step would be refused, never, or always.",
+        '`"never"` to be refused at once. `"always"` is for comparisons: it costs more and ends at the same quality '
+        "([measured](beyond.md#valid-wherever-a-valid-mesh-exists)).",
+        choices=("auto", "never", "always"),
+        needs={"always": {"correction": _CORRECTIONS}},
+    )
+    correction: str = _key(  # type: ignore[assignment]  # chosen in __post_init__
+        None,
+        _CORRECTION,
+        'How cells are kept from going bad. `"smooth"`: the mesh is a smooth function of where the boundary is; the '
+        "correction grows from where a cell has lost a tenth of its shape or size at rest, without threshold and "
+        "target, and layers of thin cells always move with their wall. The others correct a motion that is predicted "
+        'below the threshold. Left out: `"smooth"`, unless a key asks for what only `"optimised"` has (a displacement '
+        '`"relative"`, another metric or target, a layer of '
+        'named thickness, a reduction, sub-steps always). A motion for which `"smooth"` finds no mesh is corrected as '
+        '`"optimised"` does, with a warning.',
+        '`"smooth"` suits coupled runs: node velocities without jumps (geometric conservation), the same mesh for the '
+        'same boundary after any number of steps. `"optimised"` frees trial nodes as needed and reaches most in one '
+        'step; `"enrichment"` optimises the coefficients of few '
+        'enrichment functions ([when which](beyond.md#when-enrichment-when-freed-nodes-when-sub-steps)); `"explicit"` '
+        'and `"imposed-gradient"` are the thesis\' methods; `"none"` leaves the interpolation alone.',
+        choices=("none", "smooth", *_CORRECTIONS),
+        needs={"smooth": {"displacement": ("absolute", "reanchored")}},
+    )
+    correction_target: str = _key(
+        "auto",
+        _CORRECTION,
+        "Where a correction stops: when every cell is at the threshold, or at the best it can reach.",
+        '`"threshold"`: its cost follows the bad region. `"maximum"` goes on. `"auto"` goes on where it costs a '
+        "second or two (of hexahedra several), on small meshes: judged by an ideal cell to the maximum, by the cells "
+        "at rest [towards their shape there](beyond.md#judged-against-the-cell-at-rest). "
+        "The maximum is within a hundredth of the best known on average, "
+        "[in 2D and in 3D](beyond.md#the-ceiling-and-its-cost).",
+        choices=("auto", "threshold", "maximum"),
+    )
+    quality_metric: str = _key(
+        "relative-size-skew",
+        _CORRECTION,
+        "What is judged.",
+        '`"relative-size-skew"` compares each cell with itself at rest: √size · shape relative to rest '
+        "([why](beyond.md#judged-against-the-cell-at-rest)). The others compare the skew with an ideal cell: "
+        '`"size-skew"` is √size · skew; `"size-skew-root"` is √(size · skew), `"size-skew-product"` size · skew; '
+        '`"size"` and `"skew"` are its parts.',
+        choices=("relative-size-skew", "size-skew", "size-skew-root", "size-skew-product", "size", "skew"),
+    )
+    quality_threshold: float = _key(
+        0.2,
+        _CORRECTION,
+        "A motion predicted below it is corrected.",
+        "By what your solver bears ([choosing it](choosing.md)).",
+        low=-1.0,
+        high=1.0,
+    )
+    refuse_below_threshold: bool = _key(
+        False,
+        _CORRECTION,
+        "Refuse a valid motion that stays below the threshold; otherwise it is kept with a warning.",
+        "Where the driver takes a smaller step instead.",
+    )
+    allow_invalid: bool = _key(
+        False,
+        _CORRECTION,
+        "Keep a motion that inverts cells instead of refusing it.",
+        'For studies of the plain method, with correction `"none"`.',
+    )
+    max_enrichment_points: int = _key(
+        20,
+        _CORRECTION,
+        "Bound of the enrichment; it does not bound freed nodes.",
+        "More where several places are bad at once, with corrections other than `optimised`.",
+        low=0,
+        high=100_000,
+    )
+    enrichment_radius: float | None = _key(
+        None,
+        _CORRECTION,
+        "R_l of the enrichment. Left out: the diameter of the largest ball between the boundaries, at most R.",
+        "To reproduce a published setting ([measured](beyond.md#defaults)).",
+        above=0.0,
+    )
+    quality_report: str = _key(
+        "first-and-commit",
+        _CORRECTION,
+        "Which replies have the distributions of the quality (mean and percentiles): all, or of a step's coupling "
+        "iterations the first, and the commit.",
+        '`"every-move"` to see them of every iteration. By default a later iteration has the minimum, the inverted and '
+        "the worst cells, exactly, in half the time; what is refused, warned of or corrected is the same.",
+        choices=("every-move", "first-and-commit"),
+    )
+    reduction: str = _key(
+        "none",
+        _REDUCTION,
+        "Which boundary nodes the interpolation starts from: all, or a choice; a near-surface correction makes all of "
+        "them exact (thesis §2.2).",
+        'Tens of thousands of boundary nodes: `"greedy"` (a full solution a point), `"one-point"`, '
+        '`"greedy-combined"`, `"error-peaks"`, `"incremental-lu"`, `"recurrence-cholesky"`, `"grouped-circular"`; in '
+        'levels `"multilevel-subspace"`, `"multi-step"`, `"multiscale"`, `"grid-clustering"` '
+        "([all compared](thesis.md#point-reduction-groups-levels-and-grids)).",
+        choices=("none", *_REDUCTIONS),
+        needs={name: {"basis": (*_COMPACT, *_DEFINITE)} for name in _REDUCTIONS},
+    )
+    reduction_tolerance: float = _key(
+        1e-3,
+        _REDUCTION,
+        "Largest error that a reduction leaves at a boundary node before that correction, as a share of the largest "
+        "displacement.",
+        "Larger for fewer control points.",
+        low=0.0,
+        high=1.0,
+    )
+    max_control_points: int = _key(
+        0,
+        _REDUCTION,
+        "Most boundary nodes that a reduction may choose; 0: no bound.",
+        "To bound the time of a step.",
+        low=0,
+        high=1_000_000,
+    )
+
+    def __post_init__(self) -> None:
+        self._choose_what_is_left_out()
+        for name, key in KEYS.items():
+            value = getattr(self, name)
+            if not key.admits(value):
+                raise _refused(name, f"{name}: expected {key.expected}, got {value!r}", "set another value")
+            for other, allowed in key.needs.get(str(value), {}).items():
+                if getattr(self, other) not in allowed:
+                    expected, got = " or ".join(map(repr, allowed)), getattr(self, other)
+                    message = f"{name} = {value!r}: expected {other} {expected}, got {got!r}"
+                    raise _refused(name, message, f"set another {other}, or leave {name} out")
+
+    def _choose_what_is_left_out(self) -> None:
+        """The kind of motion: a smooth one, unless a key is named that only another one has."""
+        others = ("quality_metric", "correction_target", "reduction", "sub_steps")
+        asked = self.displacement == "relative" or any(getattr(self, name) != KEYS[name].default for name in others)
+        asked = asked or bool(self.boundary_layer_thickness)
+        if self.correction is None:
+            object.__setattr__(self, "correction", "optimised" if asked else "smooth")
+        if self.displacement is None:
+            object.__setattr__(self, "displacement", "absolute" if self.correction == "smooth" else "relative")
+
+    def as_dict(self) -> dict[str, object]:
+        """The choices as plain values, in the order of the fields."""
+        return {name: getattr(self, name) for name in KEYS}
+
+
+def _refused(setting: str, message: str, hint: str) -> InvalidInput:
+    return InvalidInput(message, code="INVALID_ARGUMENT.SETTINGS", hint=hint, details={"setting": setting})
+
+
+KEYS: dict[str, Key] = {each.name: each.metadata["key"] for each in fields(Method)}
+"""Every key by its name."""

@@ -1,0 +1,173 @@
+"""What a method accepts: what it refuses or warns of, which part of a refused motion it takes."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
+
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.quality.quality_summary import Judgement
+
+__all__ = [
+    "collapsed",
+    "largest_accepted",
+    "other_unit",
+    "quality_warnings",
+    "reduction_warnings",
+    "refuse_unacceptable",
+    "way_out",
+]
+
+#: How accurate a bisection's fraction is: of a motion without a correction, and of a boundary, which is cheap to test.
+#: Its thousandths, which are rounded down, are why it is not 1/32 and 1/64.
+_COARSE, _FINE = 1 / 31, 1 / 60
+#: Where a correction is tried between the largest fraction that is valid without one and the largest possible one.
+_SHARES = (0.7, 0.3)
+#: Is tried before, of the largest possible fraction: closer to it the correction takes many times as long.
+_NEARLY = 0.95
+_LEAST = 0.004
+#: A lower quality, which is the root of a size, is that of a cell whose size is only rounding, or close to it.
+_COLLAPSED = 1e-7
+#: As a share of the mesh's diagonal: a longer displacement is probably in another unit.
+_FARTHEST = 2.0
+
+
+def collapsed(quality: Judgement) -> bool:
+    """Whether a cell is inverted, or so small that its sign may be rounding."""
+    return quality.inverted > 0 or quality.metric.min < _COLLAPSED
+
+
+def refuse_unacceptable(method: Method, quality: Judgement, reached: bool) -> None:
+    """Refuse an inverted mesh, or one below the threshold (not ``reached``) if the method does not accept that.
+
+    Raises
+    ------
+    QualityRefused
+        With the best minimum quality and the worst cells.
+    """
+    worst = [cell.number for cell in quality.worst]
+    name, best = method.quality_metric, quality.metric.min
+    if quality.inverted and not method.allow_invalid:
+        raise QualityRefused(
+            f"no valid mesh found: {quality.inverted} inverted cells, best minimum {name} {best:.4g}, "
+            f"correction {method.correction!r}",
+            best=best,
+            cells=worst,
+        )
+    if not reached and method.refuse_below_threshold:
+        raise QualityRefused(
+            f"minimum {name} {best:.4g} stays below the threshold {method.quality_threshold:.4g}",
+            best=best,
+            cells=worst,
+        )
+
+
+def quality_warnings(method: Method, quality: Judgement, reached: bool) -> list[str]:
+    """Warnings about a mesh that is accepted although its quality is too low."""
+    name, threshold = method.quality_metric, method.quality_threshold
+    found = []
+    if quality.inverted:
+        found.append(f"{quality.inverted} inverted cells kept, as allow_invalid asks")
+    if not reached:
+        found.append(f"minimum {name} {quality.metric.min:.4g} stays below the threshold {threshold:.4g}")
+    return found
+
+
+def reduction_warnings(method: Method, error: float, control_points: int) -> list[str]:
+    """A warning if a reduction left an ``error`` (a share of the largest displacement) above its tolerance."""
+    if error <= method.reduction_tolerance:
+        return []
+    return [
+        f"reduction {method.reduction!r} left an error of {error:.2g} of the largest displacement with "
+        f"{control_points} control points; it was corrected near the surface"
+    ]
+
+
+def other_unit(points: Floats, displacement: Floats, nearest: float = 0.0) -> str:
+    """The question whether a displacement (k, d) is in the unit of the mesh (n, d), if it is far larger than the mesh.
+
+    It is asked too if the displacement is not 0 and smaller than the share ``nearest`` of the mesh's diagonal.
+    """
+    far = float(np.linalg.norm(displacement, axis=1).max(initial=0.0))
+    extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+    if far == 0.0 or nearest * extent <= far <= _FARTHEST * extent:
+        return ""
+    return f"the motion's largest displacement is {far:.3g} and the mesh's extent {extent:.3g}: is it one unit?"
+
+
+def largest_accepted(
+    accepts: Callable[[float], bool],
+    valid: Callable[[float], bool],
+    possible: Callable[[float], bool],
+    *,
+    whole: bool,
+    certain: bool,
+    corrected: bool = True,
+) -> float:
+    """The largest accepted fraction of a refused displacement among the few that are tried; 0 if none is accepted.
+
+    Corrections are expensive. If the boundary alone forbids the whole displacement, a fraction just below the largest
+    ``possible`` one is tried first: in most domains that is as far as a mesh can be moved, and the boundary is cheap to
+    test. Otherwise, or if that is refused, a few fractions are tried between the largest one at which the motion is
+    ``valid`` without a correction and the largest possible one; then the one that is valid is the answer.
+
+    Parameters
+    ----------
+    accepts, valid, possible : callable
+        Fraction → whether the motion is accepted; whether it is without a correction; whether a valid mesh may exist.
+    whole : bool
+        Whether the whole displacement is possible.
+    certain : bool
+        Whether a motion that is ``valid`` is accepted too, so that it need not be tried.
+    corrected : bool
+        Whether a motion that is not ``valid`` may be accepted.
+
+    Returns
+    -------
+    float
+        A multiple of a thousandth: exactly the fraction that was tried, so three digits print it exactly.
+    """
+    most = 1.0
+    if corrected and not whole:
+        most = _bisected(possible, 1.0, _FINE)
+        nearly = _thousandths(_NEARLY * most)
+        if nearly > 0.0 and accepts(nearly):
+            return nearly
+    low = _bisected(valid, most, _COARSE)
+    if certain and not corrected:
+        return low
+    for fraction in (_thousandths(low + share * (most - low)) for share in _SHARES):
+        if fraction > low and accepts(fraction):
+            return fraction
+    if certain or (low > 0.0 and accepts(low)):
+        return low
+    while low > _LEAST:
+        low = _thousandths(0.5 * low)
+        if accepts(low):
+            return low
+    return 0.0
+
+
+def _bisected(holds: Callable[[float], bool], high: float, accuracy: float) -> float:
+    """The largest fraction found at which a condition holds that does not hold at ``high``; 0 if there is none."""
+    low = 0.0
+    while high - low > accuracy:
+        middle = _thousandths(0.5 * (low + high))
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low
+
+
+def _thousandths(fraction: float) -> float:
+    """The fraction, rounded down."""
+    return math.floor(1000.0 * fraction) / 1000.0
+
+
+def way_out(fraction: float | None) -> str:
+    """The hint of a refusal, by the acceptable ``fraction`` of the displacement: 0 for none, None if it is unknown."""
+    if fraction is None:
+        return "the time allowed ended before an acceptable fraction was found; allow more, or take a smaller step"
+    if fraction > 0.0:
+        return f"a fraction of {fraction:.3g} of this displacement is acceptable; take a smaller step"
+    return "no tested fraction of this displacement is acceptable; the domain may have to be remeshed"

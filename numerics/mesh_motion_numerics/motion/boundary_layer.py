@@ -1,0 +1,178 @@
+"""Boundary layers that move with their wall: their distance and direction to it stay as in the reference mesh.
+
+Each node x of the layer belongs to a place p = Σ b_j x_j of the reference wall: the foot of its column where layers of
+cells are stacked (:mod:`.boundary_layer_stacks`), otherwise the nearest place. The node goes to::
+
+    x' = p' + |x − p| t / |t|,      p' = Σ b_j x_j',      t = Σ b_j R_j (x − p)
+
+with the wall's nodes at x_j' and their rotations R_j (:mod:`.boundary_layer_wall`). So its distance from p is kept to
+rounding, nodes above one another stay on one line, and a wall that moves rigidly carries its layer rigidly. All
+positions follow from the reference mesh: nothing drifts.
+
+The other nodes are interpolated, but not from the wall: the layer's outermost nodes shield it. They replace the wall's
+nodes behind them as control points, so the system does not grow, and inner nodes need no evaluation. Where the layer
+ends, the wall's own nodes remain control points.
+
+References
+----------
+E. Luke, E. Collins, E. Blades, "A fast mesh deformation method using explicit interpolation", J. Comput. Phys. 231
+(2012) 586–601: rigid motions of the boundary nodes, blended in the whole volume.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.boundary_layer_nodes import LayerNodes, layer_nodes
+from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
+
+__all__ = ["BoundaryLayer", "Shield", "held_with"]
+
+
+_REFUSED_NEAR = 3.0  # a layer gives way within this many thicknesses of a bad cell
+
+
+class Shield(NamedTuple):
+    """The layer's outermost nodes (e,), and the wall's nodes (s,) whose cells all lie behind them."""
+
+    outermost: Integers
+    behind: Integers
+
+    def instead(self, controls: Integers) -> Integers:
+        """The control nodes (c,), with the outermost nodes instead of the wall's nodes behind them."""
+        if not len(self.outermost):
+            return controls
+        return np.union1d(np.setdiff1d(controls, self.behind), self.outermost)
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryLayer:
+    """The layer of a mesh's moving walls.
+
+    Attributes
+    ----------
+    points : (n, d) array, mesh length unit
+        Reference coordinates.
+    prescribed : (n,) bool array
+        Moving and fixed nodes.
+    sliding : SlidingSurfaces or None
+        The surfaces of the layer's sliding nodes; None without such nodes.
+    thickness : float, mesh length unit
+    refused : bool
+        Whether the layer has already given way near bad cells.
+    """
+
+    points: Floats
+    cells: CellTable
+    prescribed: Marks
+    wall: MovingWall
+    tied: LayerNodes
+    sliding: SlidingSurfaces | None
+    shield: Shield
+    thickness: float
+    refused: bool = False
+
+    @classmethod
+    def build(
+        cls,
+        points: Floats,
+        cells: CellTable,
+        patches: Mapping[str, Patch],
+        *,
+        thickness: float,
+        sliding: SlidingSurfaces | None = None,
+    ) -> BoundaryLayer | None:
+        """The layer of a checked mesh with reference coordinates ``points`` (n, d); None if no node belongs to it."""
+        roles = BoundaryRoles.from_patches(patches)
+        moving, prescribed = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
+        moving[roles.moving] = prescribed[roles.prescribed] = True
+        wall = MovingWall.build(points, boundary_facets(cells), moving, prescribed)
+        if not len(wall.simplices):
+            return None
+        tied = layer_nodes(points, cells, patches, wall, thickness)
+        empty = np.empty(0, dtype=np.int64)
+        full = cls(points, cells, prescribed, wall, tied, sliding, Shield(empty, empty), thickness)
+        return full.without(np.zeros(len(points), dtype=bool))
+
+    @property
+    def nodes(self) -> Integers:
+        """(l,) nodes of the layer, ascending."""
+        return self.tied.nodes
+
+    @property
+    def known(self) -> Marks:
+        """(n,) nodes whose positions follow from the moving nodes alone: moving nodes, fixed nodes and the layer."""
+        known = self.prescribed.copy()
+        known[self.nodes] = True
+        return known
+
+    def carried(self, moved: Floats) -> Floats:
+        """(l, d) new positions of the layer's nodes, with the moving nodes at their rows of ``moved`` (n, d)."""
+        out = self.lifted(moved)
+        if self.sliding is not None:
+            rows = np.searchsorted(self.nodes, self.sliding.nodes)
+            out[rows] = self.sliding.project(out[rows])
+        return out
+
+    def lifted(self, moved: Floats) -> Floats:
+        """The same before its sliding nodes are put onto their walls."""
+        wall = moved[self.wall.nodes]
+        corners, weights = self.tied.places
+        turned = np.einsum("ljab,lb->lja", self.wall.rotations(wall)[corners], self.tied.offsets)
+        mean = np.einsum("lj,lja->la", weights, turned)
+        length = np.linalg.norm(mean, axis=1, keepdims=True)
+        distance = np.linalg.norm(self.tied.offsets, axis=1, keepdims=True)
+        first = turned[np.arange(len(weights)), np.argmax(weights, axis=1)]  # if opposite rotations cancel out
+        scale = np.divide(distance, length, out=np.zeros_like(length), where=length > 0.0)
+        return np.asarray(self.tied.places.of(wall) + np.where(length > 0.0, scale * mean, first))
+
+    def without(self, released: Marks) -> BoundaryLayer | None:
+        """The layer without the released (n,) nodes; None if none is left."""
+        tied = self.tied.chosen(~released[self.nodes])
+        if not len(tied.nodes):
+            return None
+        sliding = None if self.sliding is None else self.sliding.of(np.isin(self.sliding.nodes, tied.nodes))
+        sliding = sliding if sliding is not None and len(sliding.nodes) else None
+        rest = replace(self, tied=tied, sliding=sliding)
+        return replace(rest, shield=_shield(self.cells, rest.known, self.wall.nodes, tied.nodes))
+
+    def giving_way(self, bad: Marks) -> BoundaryLayer | None:
+        """The layer without its nodes in the bad (m,) cells."""
+        released = np.zeros(len(self.points), dtype=bool)
+        for block, first in self.cells.numbered():
+            released[block.nodes[bad[first : first + len(block)]]] = True
+        return self.without(released)
+
+    def without_near(self, cells: Sequence[int]) -> BoundaryLayer | None:
+        """The layer without its nodes near cells that it makes bad; None at the second call."""
+        if self.refused or not cells:
+            return None
+        centres = self.cells.centres(self.points, np.array(cells, dtype=np.int64))
+        near = cKDTree(centres).query(self.points[self.nodes])[0]
+        released = np.zeros(len(self.points), dtype=bool)
+        released[self.nodes[near <= _REFUSED_NEAR * self.thickness]] = True
+        rest = self.without(released) if released.any() else None
+        return None if rest is None else replace(rest, refused=True)
+
+
+def held_with(held: Marks, layer: BoundaryLayer | None) -> Marks:
+    """The held (n,) nodes and those of a layer."""
+    return held if layer is None else held | layer.known
+
+
+def _shield(cells: CellTable, known: Marks, wall: Integers, layer: Integers) -> Shield:
+    """The layer's nodes in cells with a node that is not known (n,), and the wall's nodes in no such cell."""
+    outside = np.zeros(len(known), dtype=bool)
+    for block in cells:
+        outside[block.nodes[~known[block.nodes].all(axis=1)]] = True
+    return Shield(layer[outside[layer]], wall[~outside[wall]])

@@ -1,0 +1,259 @@
+"""The motion of a boundary whose volume lies elsewhere: it gives the field, corrects regions, and judges nothing.
+
+The field is that of :class:`.standard_motion.StandardMotion` from the reference mesh with the whole displacement. It
+depends on the nodes with a role and on the box of the mesh only, so it is bitwise that of the whole mesh.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NoReturn, Self
+
+import numpy as np
+from mesh_motion_protocol.errors import InvalidInput, SessionError
+
+from mesh_motion_numerics.arrays import Floats, Marks
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.correction.correction import Correction, CorrectionProblem, correct
+from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
+from mesh_motion_numerics.correction.smooth_motion import Law, SmoothMotion
+from mesh_motion_numerics.interpolation.factor_source import (
+    DeferredFactorization,
+    FactorSource,
+    MakeEachTime,
+    Recorded,
+)
+from mesh_motion_numerics.interpolation.interpolation_map import FieldMap
+from mesh_motion_numerics.interpolation.support_radius import suggest_support_radius
+from mesh_motion_numerics.interpolation.two_scale.plans import TwoScalePlans
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.patch_check import check_patches
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.body_paths import Body, Way, ways
+from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
+from mesh_motion_numerics.motion.method_check import check_method
+from mesh_motion_numerics.motion.motion_found import Motion
+from mesh_motion_numerics.motion.motion_slope import why_no_slope
+from mesh_motion_numerics.motion.smooth_step import PlainWay, smooth_step
+from mesh_motion_numerics.motion.standard_motion import StandardMotion
+from mesh_motion_numerics.quality.headroom import Headroom
+from mesh_motion_numerics.quality.mesh_check import checked_cells
+from mesh_motion_numerics.quality.metrics import cells_at_rest
+from mesh_motion_numerics.quality.quality_summary import Judgement, LowestQuality, Minimum
+from mesh_motion_numerics.stopwatch import Stopwatch, check_time
+
+__all__ = ["BoundaryMotion"]
+
+
+_ROLES = ("moving", "fixed")
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryMotion:
+    """The boundary of a mesh with its motions.
+
+    Attributes
+    ----------
+    motion : StandardMotion
+        Of the nodes of the boundary, and of those that span the box of the mesh.
+    bodies : tuple of Body
+        The moving patches.
+    """
+
+    motion: StandardMotion
+    bodies: tuple[Body, ...]
+    warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def build(cls, points: Floats, patches: Mapping[str, Patch], method: Method) -> Self:
+        """Check the nodes (n, d) and prepare their motions.
+
+        Raises
+        ------
+        InvalidInput
+            If a patch is unusable or has a role that needs the volume, or no node is fixed; or the method does not fit
+            the mesh.
+        """
+        check_patches(len(points), patches)
+        for name, patch in patches.items():
+            if patch.role not in _ROLES:
+                raise _needs_the_volume(f"patch {name!r} has the role {patch.role!r}, expected moving or fixed", name)
+        roles = BoundaryRoles.from_patches(patches)
+        if not len(roles.fixed):
+            raise _needs_the_volume("no node is fixed, expected at least one")
+        check_method(method, points, roles)
+        radius = method.support_radius or suggest_support_radius(points, roles)
+        method = replace(method, support_radius=radius, enrichment_radius=method.enrichment_radius or radius)
+        plain = StandardMotion(points, roles, method, None, None, 0.0, TwoScalePlans(()))
+        return cls(plain.with_layer(None), _bodies(roles, patches))
+
+    @property
+    def method(self) -> Method:
+        """The method with both radii filled in."""
+        return self.motion.method
+
+    def without_distributions(self) -> Self:
+        """The same: it judges nothing."""
+        return self
+
+    def summary(self, points: Floats) -> Judgement:
+        """Refuse to judge.
+
+        Raises
+        ------
+        SessionError
+            Always: the cells are elsewhere.
+        """
+        del points
+        raise SessionError("the trial is not judged, or it was refused", hint="send JUDGE from every partition first")
+
+    def headroom(self, way: Floats, points: Floats) -> Headroom:
+        """Refuse as :meth:`summary` does."""
+        del way, points
+        raise SessionError("the headroom is not known: the cells are elsewhere")
+
+    def why_no_slope(self) -> InvalidInput | None:
+        """What keeps the motion from having a derivative; None if it has one."""
+        return why_no_slope(self.motion)
+
+    def slope(self, points: Floats, factors: FactorSource) -> NoReturn:
+        """Refuse as :meth:`summary` does; the field has a derivative, which :meth:`field_map` gives."""
+        del points, factors
+        raise SessionError("the derivative of all nodes is not known: the volume is elsewhere")
+
+    def field_map(self, factors: FactorSource) -> FieldMap:
+        """The field as a function of the displacements of the nodes with a role."""
+        return FieldMap(self.motion.factorized(self.motion.roles.all, factors), factors)
+
+    def move(
+        self,
+        committed: Floats,
+        targets: Floats,
+        factors: FactorSource | None = None,
+        *,
+        boundary_displacement: BoundaryDisplacement | None = None,
+    ) -> Motion:
+        """The motion of the nodes (n, d) that takes the moving ones to ``targets`` (k, d); its quality is not known."""
+        del boundary_displacement
+        check_time()
+        watch, recorded = Stopwatch(), Recorded(MakeEachTime() if factors is None else factors)
+        trial = self.motion.trial(committed, targets, recorded, watch)
+        unknown = LowestQuality(self.method.quality_metric, Minimum(float("nan")), 0, 0, ())
+        return Motion(
+            points=trial.points,
+            standard=unknown,
+            corrected=unknown,
+            correction=Correction(trial.points, np.empty((0, committed.shape[1]))),
+            reached=False,
+            seconds=watch.seconds(),
+            caches=recorded.report(),
+            control_points=trial.control_points,
+            support_radius=float(self.method.support_radius or 0.0),
+            warnings=[],
+            field=trial.stages[0].interpolant,
+        )
+
+    @cached_property
+    def optimised(self) -> Self:
+        """The same with the correction up to the threshold, which reaches most where no smooth motion is found."""
+        if self.method.correction != "smooth":
+            return self
+        method = replace(self.method, correction="optimised", correction_target="threshold")
+        return replace(self, motion=replace(self.motion, method=method))
+
+    def ways(self, targets: Floats) -> Iterator[Way]:
+        """Ways of the moving nodes from the reference mesh to the ``targets`` (k, d)."""
+        return ways(self.motion.reference[self.motion.roles.moving], targets, self.bodies)
+
+    def smoothed(
+        self,
+        points: Floats,
+        positions: Floats,
+        cells: CellTable,
+        held: Marks,
+        elsewhere: Elsewhere,
+        n_nodes: int,
+        ways: Iterable[PlainWay],
+    ) -> Correction:
+        """The smooth correction of a region, bitwise that of a mesh of ``n_nodes`` which begins at interpolation.
+
+        Parameters
+        ----------
+        points, positions, cells, held, elsewhere
+            As in :meth:`corrected`.
+        ways : iterable of callable
+            Fraction → where interpolation takes the nodes (n, d), from the reference mesh to the ``positions``: tried
+            in turn where no valid mesh is found at once.
+
+        Raises
+        ------
+        RegionTooSmall
+            If it takes a larger region.
+        QualityRefused
+            If no valid mesh was found.
+        """
+        check_time()
+        smooth = self.smooth(points, cells, held, elsewhere, n_nodes)
+        with one_blas_thread():
+            return smooth_step(smooth, points, lambda: points, positions, ways).correction()
+
+    def smooth(self, points: Floats, cells: CellTable, held: Marks, elsewhere: Elsewhere, n_nodes: int) -> SmoothMotion:
+        """The correction of a region, as :meth:`smoothed` makes it."""
+        read = checked_cells(points, cells)
+        return SmoothMotion(points, read.cells, held, Law.of(n_nodes), elsewhere=elsewhere)
+
+    def corrected(
+        self, points: Floats, positions: Floats, cells: CellTable, held: Marks, elsewhere: Elsewhere
+    ) -> Correction:
+        """The correction of a region of the mesh up to the threshold, bitwise that of the whole mesh.
+
+        Parameters
+        ----------
+        points, positions : (n, d) arrays, mesh length unit
+            In the reference mesh, and where the interpolation takes them.
+        cells : CellTable
+        held : (n,) bool array
+        elsewhere : Elsewhere
+
+        Raises
+        ------
+        RegionTooSmall
+            If it takes a larger region.
+        QualityRefused
+            If no valid mesh was found.
+        """
+        check_time()
+        read = checked_cells(points, cells)
+        relative = self.method.quality_metric == "relative-size-skew"
+        problem = CorrectionProblem(
+            start=points,
+            standard=positions,
+            held=held,
+            cells=read.cells,
+            reference_sizes=cells_at_rest(points, read.cells, read.sizes) if relative else read.sizes,
+            factorization=DeferredFactorization(points, self.method, MakeEachTime()),  # no such correction looks at it
+            reference=points,
+            elsewhere=elsewhere,
+        )
+        return correct(problem, self.method)
+
+
+def _bodies(roles: BoundaryRoles, patches: Mapping[str, Patch]) -> tuple[Body, ...]:
+    """Each moving patch is one: which of them are connected, cells elsewhere know."""
+    left, bodies = np.ones(len(roles.moving), dtype=bool), []
+    for patch in patches.values():
+        rows = np.flatnonzero(left & np.isin(roles.moving, patch.nodes)) if patch.role == "moving" else np.empty(0, int)
+        left[rows] = False
+        if len(rows):
+            bodies.append(Body(rows, np.empty(0, dtype=np.int64)))
+    return tuple(bodies)
+
+
+def _needs_the_volume(what: str, patch: str = "") -> InvalidInput:
+    return InvalidInput(
+        f"evaluation = 'client': {what}",
+        code="INVALID_ARGUMENT.MESH",
+        hint="give it the role moving or fixed, or open the session with evaluation = 'server'",
+        details={"patch": patch} if patch else {},
+    )

@@ -1,0 +1,173 @@
+"""Detects a part of the boundary that has left the part around it, or entered another one: no valid mesh exists then.
+
+A body that has moved wholly through a wall crosses nothing at its targets. How often a closed part of the boundary goes
+round a node of another part shows on which side the node is: its winding number, the sum of the angles of the part's
+segments in 2D, of the solid angles of its triangles in 3D, as a share of the full angle. No valid motion changes it.
+
+The winding number of the whole boundary is 1 in the mesh and 0 outside of it. So where facets touch it decides whether
+the boundary has crossed there: the mesh must be on the one side of each of them, once, and not twice on the other side.
+
+References
+----------
+A. Van Oosterom, J. Strackee, "The solid angle of a plane triangle", IEEE Trans. Biomed. Eng. 30 (1983) 125–126.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.boundary_orientation import closed_parts, of_one_width
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors
+
+__all__ = ["contact_place", "misplaced_place"]
+
+
+#: Least number of places that are tested, spread over all: what has left is found by any node that is outside …
+_PROBES = 16
+#: … and, of a small boundary, so many pairs of a place and a facet; they are computed in blocks of so many.
+_MOST_PAIRS = 1 << 15
+#: Of facets that touch, so many are tested, spread over all.
+_MOST_TOUCHING = 64
+#: Distance from a facet, relative to its size, at which its sides are tested: far above rounding, far below any gap.
+_BESIDE = 1e-8
+#: Where: in the corners, at the sides and in the middle.
+_WHERE = {
+    2: np.array([(0.999, 0.001), (0.5, 0.5), (0.001, 0.999)]),
+    3: np.vstack(
+        [np.roll([(0.998, 0.001, 0.001), (0.4995, 0.4995, 0.001)], k, axis=1) for k in range(3)]
+        + [np.full((1, 3), 1 / 3)]
+    ),
+}
+#: A node on the part itself has no side: its winding number is not near an integer.
+_ON_IT = 0.1
+#: A linear map after which a ray along the first axis meets no edge of a mesh that is parallel to the axes.
+_TURN = np.array([(0.83, 0.31, 0.47), (-0.57, 0.53, 0.63), (-0.13, -0.77, 0.61)])
+
+
+def misplaced_place(
+    facets: Mapping[str, Integers], prescribed: Marks, moving: Integers, reference: Floats, points: Floats
+) -> Floats | None:
+    """The first place (d,) of a moving node on the wrong side of another part of the boundary, None if there is none.
+
+    Parameters
+    ----------
+    facets : dict of (f, k) int64 arrays
+        The whole boundary, pointing outwards, by type.
+    prescribed : (n,) bool array
+        Nodes with prescribed positions; a part with any other node is not tested.
+    moving : (k,) int64 array
+        Moving nodes.
+    reference, points : (n, d) arrays, mesh length unit
+        Before and after the motion.
+    """
+    if reference.shape[1] == 1 or not facets:
+        return None
+    rows = of_one_width(facets)
+    parts, whole = closed_parts(rows, prescribed, len(points))
+    chosen = _spread(moving, len(rows))
+    for part in np.flatnonzero(whole):
+        own = rows[parts == part]
+        others = chosen[~np.isin(chosen, own)]
+        before, after = (_windings(places[others], places, own) for places in (reference, points))
+        sure = np.maximum(*(np.abs(each - np.round(each)) for each in (before, after))) < _ON_IT
+        wrong = others[sure & (np.round(before) != np.round(after))]
+        if len(wrong):
+            place: Floats = points[wrong[0]]
+            return place
+    return None
+
+
+def contact_place(
+    facets: Mapping[str, Integers], touching: Integers, prescribed: Marks, reference: Floats, points: Floats
+) -> Floats | None:
+    """The first place (d,) where facets that touch have crossed, None if there is none.
+
+    Parameters
+    ----------
+    facets, prescribed, reference, points
+        As in :func:`misplaced_place`.
+    touching : (t, w) int64 array
+        The facets to test.
+    """
+    if not len(touching):
+        return None
+    rows = of_one_width(facets)
+    parts, whole = closed_parts(rows, prescribed, len(points))
+    rows = rows[whole[parts]]
+    touching = touching[np.isin(touching[:, 0], rows)]
+    some, simplices = (each if each.shape[1] == 2 else _triangles(each) for each in (touching, rows))
+    some = some[np.unique(np.linspace(0, len(some) - 1, min(_MOST_TOUCHING, len(some))).astype(np.int64))]
+    inside, outside = _sides(some, points, simplices)
+    wrong = np.argwhere((inside != 1) | (outside > 1) | (outside < 0))
+    for row, place in wrong:
+        before = _sides(some[[row]], reference, simplices)[:, 0, place]
+        if inside[row, place] != before[0] or not -1 <= outside[row, place] - before[0] <= 0:
+            return np.asarray(_WHERE[points.shape[1]][place] @ points[some[row]])
+    return None
+
+
+def _sides(chosen: Integers, points: Floats, simplices: Integers) -> Integers:
+    """(2, s, w) winding numbers of the boundary on the mesh's and on the other side of places of chosen simplices."""
+    corners = points[chosen]
+    normals = area_vectors(points, chosen if corners.shape[2] == 2 else np.insert(chosen, 3, -1, axis=1))
+    size = np.linalg.norm(np.ptp(corners, axis=1), axis=1) * _BESIDE
+    size /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)
+    places = np.einsum("wk,skd->swd", _WHERE[points.shape[1]], corners)
+    step = (normals * size[:, None])[:, None]
+    both = np.stack([places - step, places + step])
+    return _crossings(both.reshape(-1, points.shape[1]), points, simplices).reshape(both.shape[:3])
+
+
+def _crossings(probes: Floats, points: Floats, simplices: Integers) -> Integers:
+    """(p,) winding numbers of closed simplices (s, d) at places off them: how often a ray leaves minus enters them."""
+    d = probes.shape[1]
+    middle = points.mean(axis=0)
+    probes, corners = (probes - middle) @ _TURN[:d, :d], ((points - middle) @ _TURN[:d, :d])[simplices]
+    low, high = corners[:, :, 1:].min(axis=1), corners[:, :, 1:].max(axis=1)
+    found = []
+    for block in np.array_split(probes, max(1, -(-len(probes) * len(corners) // _MOST_PAIRS))):
+        places = block[:, None, 1:]
+        number, hit = np.nonzero(((low <= places) & (places < high)).all(axis=2))
+        # the volume of a simplex and the probe has the sign of the side that the probe is on; with the simplex'
+        # corners replaced by the direction of the ray one by one, it says whether the ray goes through it
+        edges = corners[hit] - block[number, None]
+        side = np.sign(np.linalg.det(edges))
+        through = np.ones(len(hit), dtype=bool)
+        for corner in range(d):
+            replaced = edges.copy()
+            replaced[:, corner] = np.eye(d)[0]
+            through &= np.sign(np.linalg.det(replaced)) == side
+        found.append(np.bincount(number, np.where(through, side, 0.0), len(block)).astype(np.int64))
+    return np.concatenate(found)
+
+
+def _spread(some: Integers, weight: int) -> Integers:
+    """So many of ``some`` (s, …), spread over them, as may be tested against ``weight`` facets."""
+    most = max(_PROBES, _MOST_PAIRS // max(weight, 1))
+    return some[np.unique(np.linspace(0, len(some) - 1, min(most, len(some))).astype(np.int64))]
+
+
+def _triangles(rows: Integers) -> Integers:
+    """(t, 3) triangles of facets (f, 4) with −1 at the end of a triangle."""
+    return np.concatenate([rows[:, :3], rows[rows[:, 3] >= 0][:, [0, 2, 3]]])
+
+
+def _windings(probes: Floats, points: Floats, rows: Integers) -> Floats:
+    """(p,) how often closed facets (f, w) of a mesh ``points`` (n, d) wind round each of the probes (p, d)."""
+    simplices = rows if probes.shape[1] == 2 else _triangles(rows)
+    blocks = np.array_split(probes, max(1, -(-len(probes) * len(simplices) // _MOST_PAIRS)))
+    return np.concatenate([_windings_of_block(block, points, simplices) for block in blocks])
+
+
+def _windings_of_block(probes: Floats, points: Floats, simplices: Integers) -> Floats:
+    """The same for closed simplices (s, d), all at once."""
+    if probes.shape[1] == 2:
+        a, b = (points[simplices[:, corner]] - probes[:, None] for corner in (0, 1))
+        angles = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], np.sum(a * b, axis=2))
+        return np.asarray(angles.sum(axis=1) / (2.0 * np.pi))
+    a, b, c = (points[simplices[:, corner]] - probes[:, None] for corner in (0, 1, 2))
+    la, lb, lc = (np.linalg.norm(edge, axis=2) for edge in (a, b, c))
+    volume = np.sum(a * np.cross(b, c), axis=2)
+    share = la * lb * lc + np.sum(a * b, axis=2) * lc + np.sum(b * c, axis=2) * la + np.sum(c * a, axis=2) * lb
+    return np.asarray(2.0 * np.arctan2(volume, share).sum(axis=1) / (4.0 * np.pi))

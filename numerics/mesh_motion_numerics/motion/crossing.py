@@ -1,0 +1,208 @@
+"""Motions for which no valid mesh exists, because the boundary crosses itself or is turned inside out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice
+
+import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.boundary_crossing import (
+    BoundaryFacets,
+    crossing_place,
+    near_facets,
+    straddling_place,
+    touching_facets,
+)
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
+from mesh_motion_numerics.mesh.boundary_orientation import overturned_place
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.coincidence import CoincidentSides, met_nodes
+from mesh_motion_numerics.mesh.roles import BoundaryRoles
+from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
+from mesh_motion_numerics.motion.boundary_nesting import contact_place, misplaced_place
+
+__all__ = ["NoMeshExists", "PossibleCrossing", "refuse_region"]
+
+
+class NoMeshExists(QualityRefused):
+    """The boundary forbids every mesh: no correction, way or boundary layer finds one.
+
+    Attributes
+    ----------
+    looked_for : int
+        How many kinds of faults were looked for until this one was found; 0 for nodes that meet or pass.
+    """
+
+    looked_for = 0
+
+
+@dataclass(frozen=True, eq=False)
+class PossibleCrossing:
+    """The boundary of a mesh, which may cross itself.
+
+    Attributes
+    ----------
+    reference : (n, d) array, mesh length unit
+        Reference coordinates.
+    facets : BoundaryFacets
+        With places that are known; those of a wall whose nodes slide are its reference places if no node of it moves.
+    known : (n,) bool array
+        Nodes with known places; nodes that slide in a plane leave its winding numbers as they are.
+    sides : CoincidentSides
+        Of nodes with prescribed positions.
+    """
+
+    reference: Floats
+    cells: CellTable
+    roles: BoundaryRoles
+    facets: BoundaryFacets
+    known: Marks
+    sides: CoincidentSides
+
+    @classmethod
+    def build(
+        cls,
+        reference: Floats,
+        cells: CellTable,
+        roles: BoundaryRoles,
+        coincident: Integers,
+        sliding: SlidingSurfaces | None = None,
+    ) -> PossibleCrossing:
+        """Build it for a checked mesh with ``coincident`` (c, 2) nodes."""
+        facets, known = boundary_facets(cells), np.zeros(len(reference), dtype=bool)
+        known[roles.moving] = known[roles.fixed] = True
+        sides = CoincidentSides.build(coincident, facets, known)
+        still = np.union1d(roles.fixed, _on_planes(sliding, roles.moving))
+        own = BoundaryFacets.build(facets, roles.moving, still, len(reference))
+        known[_on_planes(sliding, roles.moving[:0])] = True
+        return cls(reference, cells, roles, own, known, sides)
+
+    def refuse_passing(self, points: Floats, targets: Floats, refusal: QualityRefused | None = None) -> None:
+        """Refuse it if two nodes at the same place in the reference mesh pass through each other: as below."""
+        if not len(self.sides.pairs):
+            return
+        moved = points.copy()
+        moved[self.roles.moving] = targets
+        pair = self.sides.passing(moved)
+        if pair is not None:
+            one, other = pair
+            fault = f"pass through itself at node {one} and node {other}, which are at the same place at rest"
+            raise _no_mesh(fault, refusal, {"node": one})
+
+    def refuse(self, points: Floats, targets: Floats, refusal: QualityRefused | None = None) -> None:
+        """Refuse the mesh ``points`` (n, d) with its moving nodes at ``targets`` (k, d) if no valid mesh exists.
+
+        Raises
+        ------
+        NoMeshExists
+            With the best quality, the worst cells and the details of an earlier ``refusal``.
+        """
+        self.refuse_passing(points, targets, refusal)
+        moved = self._moved(points, targets)
+        self._refuse_meeting(moved, refusal)
+        for count, (fault, place) in enumerate(self._faults(moved), 1):
+            if place is not None:
+                near = ", ".join(f"{x:.4g}" for x in place)
+                certain = _no_mesh(f"{fault} near ({near})", refusal)
+                certain.looked_for = count
+                raise certain
+
+    def has_fault(self, points: Floats, targets: Floats, most: int) -> bool:
+        """Whether one of the first ``most`` kinds of faults is there: looking for all of them takes longer."""
+        faults = islice(self._faults(self._moved(points, targets)), most)
+        return any(place is not None for _, place in faults)
+
+    def _moved(self, points: Floats, targets: Floats) -> Floats:
+        """The mesh ``points`` (n, d) with its moving nodes at ``targets`` (k, d) and its sliding nodes as at rest."""
+        moved = points.copy()
+        moved[self.roles.sliding] = self.reference[self.roles.sliding]
+        moved[self.roles.moving] = targets
+        return moved
+
+    def _refuse_meeting(self, moved: Floats, refusal: QualityRefused | None) -> None:
+        """Refuse nodes of ``moved`` (n, d) that meet and have cells between them, unlike two sides of a thin solid."""
+        for one, other in met_nodes(self.reference, moved, self.roles.prescribed).tolist():
+            ends = np.array([one, other])
+            linked = any((np.isin(block.nodes, ends).sum(axis=1) == 2).any() for block in self.cells.blocks)
+            if linked or not np.isin(ends, self._boundary_nodes).all():
+                fault = f"bring node {one} and node {other} to the same place, which are apart at rest"
+                raise _no_mesh(fault, refusal, {"node": one})
+
+    @cached_property
+    def _boundary_nodes(self) -> Integers:
+        """(b,) nodes of the boundary facets, ascending."""
+        return boundary_nodes(self.cells)
+
+    def _faults(self, moved: Floats) -> Iterator[tuple[str, Floats | None]]:
+        """Each fault of a boundary with its nodes at ``moved`` (n, d), and a place (d,) that has it."""
+        near = near_facets(self.facets, moved)
+        yield "cross itself", crossing_place(self.facets, moved, near)
+        facets, reference = boundary_facets(self.cells), self.reference
+        yield "turn inside out", overturned_place(facets, self.known, reference, moved)
+        misplaced = misplaced_place(facets, self.known, self.roles.moving, reference, moved)
+        yield "leave its side of another part", misplaced
+        if not len(self.sides.pairs):  # sides that touch at rest would cross after a shift
+            yield "cross itself", straddling_place(self.facets, moved, near)
+        touching = touching_facets(self.facets, moved, near)
+        yield "touch or cross itself", contact_place(facets, touching, self.known, reference, moved)
+        if len(self.roles.periodic):
+            # periodic sides bend, and a body may pass beyond them; but a wall that stays is between them
+            still = touching[~(self.facets.moving[touching] & (touching >= 0)).any(axis=1)]
+            known = self.known.copy()
+            known[self.roles.periodic] = True
+            yield "touch or cross itself", contact_place(facets, still, known, reference, moved)
+
+
+def refuse_region(
+    cells: CellTable, moving: Integers, held: Integers, reference: Floats, positions: Floats, refusal: QualityRefused
+) -> None:
+    """As :meth:`PossibleCrossing.refuse`, in a part of a mesh: for facets that go through each other, and for nodes
+    that leave their side of a part of the boundary that is there as a whole.
+
+    Parameters
+    ----------
+    cells : CellTable
+    moving, held : (k,), (h,) int64 arrays
+        Moving nodes; all nodes on patches. A facet of these between two cells, one of which is not in the part, must
+        go through nothing either.
+    reference, positions : (n, d) arrays, mesh length unit
+
+    Raises
+    ------
+    NoMeshExists
+        With the best quality, the worst cells and the details of the ``refusal``.
+    """
+    facets, known = boundary_facets(cells), np.zeros(len(positions), dtype=bool)
+    known[held] = True
+    own = BoundaryFacets.build(facets, moving, held, len(positions))
+    for fault, place in (
+        ("cross itself", crossing_place(own, positions)),
+        ("leave its side of another part", misplaced_place(facets, known, moving, reference, positions)),
+    ):
+        if place is not None:
+            near = ", ".join(f"{x:.4g}" for x in place)
+            raise _no_mesh(f"{fault} near ({near})", refusal) from refusal
+
+
+def _on_planes(sliding: SlidingSurfaces | None, away: Integers) -> Integers:
+    """(s,) nodes that slide in planes only, on pieces without a node of ``away``."""
+    if sliding is None:
+        return np.empty(0, dtype=np.int64)
+    others = [p.nodes for p in sliding.pieces if p.normal is None or np.isin(away, p.nodes).any()]
+    return np.setdiff1d(sliding.nodes, np.concatenate([away[:0], *others]))
+
+
+def _no_mesh(fault: str, refusal: QualityRefused | None, details: Mapping[str, object] | None = None) -> NoMeshExists:
+    """The error for a boundary with this fault, with what an earlier refusal found."""
+    known = refusal or QualityRefused("")
+    return NoMeshExists(
+        f"no valid mesh exists: the boundary would {fault}",
+        best=known.best,
+        cells=known.cells,
+        details={**known.details, **(details or {})},
+    )

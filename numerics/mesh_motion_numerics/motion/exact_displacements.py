@@ -1,0 +1,50 @@
+"""Displacements and the resulting coordinates: of the boundary in a request, of all nodes in a reply.
+
+The arrays are as large as the mesh, so each is written once or, where only few numbers change, in place. Nothing is
+summed, so the results are the same for any number of threads.
+"""
+
+from typing import NamedTuple
+
+import mesh_motion_kernels as kernels
+import numpy as np
+
+from mesh_motion_numerics.arrays import Floats, Integers
+
+__all__ = ["BoundaryDisplacement", "differences_of", "settle"]
+
+
+class BoundaryDisplacement(NamedTuple):
+    """The requested motion: (k, d) start positions of the moving nodes, and their displacement (k, d) from there."""
+
+    origin: Floats
+    displacement: Floats
+
+    def at(self, fraction: float) -> Floats:
+        """(k, d) positions after a fraction of the displacement."""
+        return self.origin + fraction * self.displacement
+
+
+def settle(moved: Floats, base: Floats, nodes: Integers, displacement: Floats) -> bool:
+    """Change ``moved`` to ``base`` plus the rounded difference ``moved - base``; return whether nothing changed.
+
+    Parameters
+    ----------
+    moved, base : (n, d) arrays, mesh length unit
+        C-contiguous.
+    nodes : (k,) int64 array
+        Nodes whose ``displacement`` (k, d) is given, mesh length unit.
+    """
+    before = moved.take(nodes, axis=0)
+    changed = kernels.round_differences(moved.reshape(-1), base.reshape(-1))
+    elsewhere = changed - int(np.count_nonzero(moved.take(nodes, axis=0) != before))
+    told = base.take(nodes, axis=0) + displacement
+    moved[nodes] = told
+    return elsewhere == 0 and bool(np.array_equal(told, before))
+
+
+def differences_of(moved: Floats, base: Floats, rows: Integers) -> Floats:
+    """``moved - base`` (r, d) of the ``rows`` (r,) of two (n, d) arrays."""
+    found = np.empty((len(rows), base.shape[1]))
+    kernels.take_differences(moved, base, rows, found)
+    return found

@@ -1,0 +1,482 @@
+"""One motion of one mesh, end to end: the data flow of every Move.
+
+An *attempt* interpolates the boundary's displacement, judges the mesh, corrects it, judges it again, and accepts or
+refuses it. It keeps as much of a boundary layer as does no harm. A second attempt follows a refused one: the mesh is
+led to its targets in sub-steps, which are attempts themselves, and corrected from there.
+
+Pure: the result depends on the model, the committed points and the targets; the factor cache only saves time. No node
+moves before a motion is accepted: an unacceptable motion raises an error with the best result found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from mesh_motion_protocol.errors import QualityRefused, Timeout
+
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.correction.correction import Correction, CorrectionProblem, correct
+from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
+from mesh_motion_numerics.correction.trial_nodes import TrialMesh
+from mesh_motion_numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
+from mesh_motion_numerics.motion.acceptance import (
+    collapsed,
+    largest_accepted,
+    other_unit,
+    quality_warnings,
+    reduction_warnings,
+    refuse_unacceptable,
+    way_out,
+)
+from mesh_motion_numerics.motion.body_paths import Way, straight_way, ways
+from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer, held_with
+from mesh_motion_numerics.motion.boundary_layer_fallback import LayerAttempts, fitting_layer, given_way
+from mesh_motion_numerics.motion.crossing import NoMeshExists
+from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
+from mesh_motion_numerics.motion.motion_found import Motion
+from mesh_motion_numerics.motion.motion_slope import DifferentiableMesh
+from mesh_motion_numerics.motion.smooth_step import NOT_SMOOTH, smooth_step, unconverged
+from mesh_motion_numerics.motion.standard_motion import StandardMotion, StandardTrial
+from mesh_motion_numerics.motion.sub_steps import Leg, Walk, furthest_walk
+from mesh_motion_numerics.motion.winding import UNWOUND, Turns
+from mesh_motion_numerics.quality.quality_summary import Judgement
+from mesh_motion_numerics.stopwatch import Stopwatch, check_time
+
+__all__ = ["MotionModel"]
+
+
+#: Share of the minimum quality without a boundary layer that a motion with the layer must have.
+_AS_GOOD = 0.9
+#: A wall that was plane at rest and is nearly so now carries small differences far into the domain: two of its nodes
+#: that lie a hair apart and move apart are a steep gradient, which a wide kernel continues. The mesh at rest has no
+#: such nodes. It is tried where a node moves this much further than all of the boundary …
+_OVERSHOOT = 1.5
+#: … among about so many nodes, since such a displacement is smooth.
+_SAMPLE = 4096
+#: Nodes that slide make nearly every mesh better. If the mesh is not as good as this …
+_GOOD = 0.9
+#: … and worse by more than this with them, they stay. If it is about as good they slide: a wall whose nodes
+#: slide in one coupling iteration and stay in the next one disturbs the flow.
+_WORSE = 0.02
+#: Corrections that look for a fraction of a refused motion go up to this quality: then the mesh is surely valid.
+_VALID = 0.003
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """The input of an attempt.
+
+    committed : (n, d) committed positions, mesh length unit
+    targets : (k, d) targets of the moving nodes
+    factors : source of the factorizations
+    valid : (n, d) a valid mesh from which the correction begins, if one is known
+    """
+
+    committed: Floats
+    targets: Floats
+    factors: FactorSource
+    valid: Floats | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Predicted:
+    """An interpolated motion and its quality.
+
+    factors : the factorizations found in the cache for it
+    """
+
+    motion: StandardMotion
+    trial: StandardTrial
+    quality: Judgement
+    factors: Recorded
+
+
+@dataclass(frozen=True, eq=False)
+class MotionModel(DifferentiableMesh):
+    """A mesh that can be moved: :class:`~.prepared_mesh.PreparedMesh` and its motions."""
+
+    def move(
+        self,
+        committed: Floats,
+        targets: Floats,
+        factors: FactorSource | None = None,
+        *,
+        boundary_displacement: BoundaryDisplacement | None = None,
+    ) -> Motion:
+        """The motion that takes the moving nodes to ``targets``.
+
+        Parameters
+        ----------
+        committed : (n, d) array
+            Committed positions, mesh length unit.
+        targets : (k, d) array
+            Targets of ``roles.moving``.
+        boundary_displacement : BoundaryDisplacement, optional
+            The two terms of the targets; by default the committed positions of the moving nodes and the difference.
+
+        Raises
+        ------
+        InvalidInput
+            When moving nodes leave a symmetry plane.
+        QualityRefused
+            When no valid mesh (or, if required, none at the threshold) was found; carries the best minimum quality, the
+            worst cells and the largest accepted fraction found of the ``boundary_displacement``, None if
+            :func:`.time_limit` ended the search.
+        Timeout
+            If that limit ended all else.
+        """
+        self.rims.refuse(targets)
+        step = _Step(committed, targets, MakeEachTime() if factors is None else factors)  # an empty cache is falsy
+        try:
+            motion = self._accept_or_lead(step)
+            return replace(motion, warnings=[*motion.warnings, *self.rims.warnings(targets)])
+        except QualityRefused as refusal:
+            if not _of_the_mesh(refusal):
+                raise
+            if self.method.correction == "none":  # all others have looked at the boundary before they corrected
+                refusal = self._impossible(step, refusal) or refusal
+            origin = committed[self.roles.moving]
+            whole = boundary_displacement or BoundaryDisplacement(origin, targets - origin)
+            try:
+                fraction = self._acceptable_fraction(step, whole, refusal)
+            except Timeout:
+                fraction = None
+            raise QualityRefused(
+                refusal.message,
+                best=refusal.best,
+                cells=refusal.cells,
+                fraction=fraction,
+                hint="; ".join(filter(None, (way_out(fraction), self._other_unit(targets)))),
+                details=refusal.details,
+            ) from refusal
+
+    # --- the sequence ------------------------------------------------------------------------------------------------
+
+    def _accept_or_lead(self, step: _Step) -> Motion:
+        """Attempt the step at once; if that is refused, lead the mesh to its targets and correct it from there."""
+        if self.smooth is not None and self.method.correction == "smooth":
+            return self._smooth_or_optimised(step, self.smooth)
+        refusal = None
+        if self.method.sub_steps != "always":
+            try:
+                return self._attempt(step)
+            except QualityRefused as error:
+                final = self.method.sub_steps == "never" or self.method.correction == "none"
+                if final or not _may_be_avoided(error):
+                    raise
+                refusal = error
+        watch = Stopwatch()
+        with watch.phase("correct"):
+            walk = self._lead(step, refusal)
+        motion = self._attempt(replace(step, valid=walk.points))
+        correction = replace(motion.correction, iterations=walk.iterations + motion.correction.iterations)
+        led = watch.seconds()
+        seconds = {**motion.seconds, "correct": led["correct"] + motion.seconds["correct"], "total": led["total"]}
+        return replace(motion, sub_steps=walk.legs, correction=correction, seconds=seconds)
+
+    def _attempt(self, step: _Step) -> Motion:
+        """One step: interpolate, judge, correct, judge, accept; repeat with a smaller boundary layer if it does harm.
+
+        A layer that the method requests gives way only where it must. A layer that is not requested moves with its wall
+        only where interpolation or a correction may spoil it, and only if the mesh is about as good with it.
+        """
+        watch, asked, plain = Stopwatch(), self.standard_motion.layer, None
+        attempts = LayerAttempts(asked, self.method.quality_threshold)
+        check_time()
+        if asked is None:
+            plain = self._interpolate(step, self.motion_with(None), watch)
+            attempts.layer = self._layer_for(plain)
+            attempts.least = min(self.method.quality_threshold, _AS_GOOD * plain.quality.metric.min)
+        if attempts.layer is not None:
+            with watch.phase("predict"):
+                attempts.layer = self._fitting(attempts.layer, step)
+        while not attempts.over:
+            known = plain if attempts.layer is None else None
+            try:
+                predicted = known or self._interpolate(step, self.motion_with(attempts.layer), watch)  # and judged
+                correction = self._correct(step, predicted, watch)
+                quality = self._judge(predicted, correction, watch)
+                motion = self._accept(predicted, correction, quality, watch)
+            except NoMeshExists:
+                raise
+            except QualityRefused as refusal:
+                attempts.refused(refusal)
+            else:
+                attempts.accepted(motion)
+        motion, left = attempts.answer
+        return motion if asked is None else replace(motion, warnings=[*given_way(asked, left), *motion.warnings])
+
+    def _smooth_or_optimised(self, step: _Step, smooth: SmoothMotion) -> Motion:
+        """The smooth motion; where it finds no mesh, that of the correction which reaches most, with a warning.
+
+        A mesh that can be wound no further is unwound first.
+        """
+        turns = None if self.winding is None else self.winding.turns(step.committed, step.targets)
+        meant: list[tuple[Turns | None, tuple[str, ...]]] = [(turns, ())] if turns is None or turns.certain else []
+        if turns is not None and turns.unwound is not None:
+            meant.append((turns.unwound, (UNWOUND,)))
+        for turns, warnings in meant:
+            try:
+                motion = self._smooth_attempt(step, smooth, turns)
+            except QualityRefused as refusal:
+                if not _may_be_avoided(refusal):
+                    raise
+            else:
+                return replace(motion, warnings=[*motion.warnings, *warnings])
+        motion = self.with_method(correction="optimised")._accept_or_lead(step)
+        return replace(motion, warnings=[*motion.warnings, NOT_SMOOTH])
+
+    def _smooth_attempt(self, step: _Step, smooth: SmoothMotion, turns: Turns | None) -> Motion:
+        """One step of the motion that is a smooth function of the boundary; layers move with their walls always."""
+        watch = Stopwatch()
+        check_time()
+        predicted = self._interpolate(step, self.carrying_layers, watch, turns)
+        plain, moving = predicted.trial.points, step.committed[self.roles.moving]
+
+        def plain_at(targets: Floats, fraction: float) -> Floats:
+            return self._plain(predicted.motion, replace(step, targets=targets), turns, fraction).points
+
+        def before() -> Floats:
+            return plain_at(moving, 0.0) if turns else self._latest.at(moving, lambda: plain_at(moving, 0.0))
+
+        if turns is None:
+            self._latest.at(step.targets, lambda: plain)
+        with watch.phase("correct"), one_blas_thread():
+            ways = (lambda t, path=path: plain_at(path.at(t), t) for path in self._ways(moving, step.targets))
+            lead = ways if self.method.sub_steps != "never" else ()
+            carried = None
+            if turns is not None and self.winding is not None:
+                carried, smooth = partial(self.winding.carried, turns), smooth.later(self.winding.sheared(turns))
+            followed = smooth_step(smooth, step.committed, before, plain, lead, carried)
+        found, correction = followed.found, followed.correction()
+        quality = self._judge(predicted, correction, watch)
+        if not found.converged and quality.metric.min < self.method.quality_threshold:
+            raise QualityRefused(unconverged(found))
+        motion = self._accept(predicted, correction, quality, watch)
+        return replace(motion, sub_steps=followed.legs, warnings=[*motion.warnings, *correction.warnings])
+
+    # --- its parts ---------------------------------------------------------------------------------------------------
+
+    def _interpolate(
+        self, step: _Step, motion: StandardMotion, watch: Stopwatch, turns: Turns | None = None
+    ) -> _Predicted:
+        """Interpolate and judge."""
+        if len(self.coincident) and not self.method.allow_invalid:
+            self.boundary.refuse_passing(step.committed, step.targets)
+        predicted = self._predict(motion, step, watch, turns)
+        if self._overshoots(step, predicted.trial):
+            absolute = replace(motion, method=replace(motion.method, displacement="absolute"))
+            predicted = max(predicted, self._predict(absolute, step, watch), key=lambda found: found.quality.metric.min)
+        if self.method.correction != "smooth" and motion.sliding is not None and predicted.quality.metric.min < _GOOD:
+            held = self._predict(replace(motion, sliding=motion.sliding.held()), step, watch)
+            gained = held.quality.metric.min - predicted.quality.metric.min
+            if gained > (0.0 if predicted.quality.inverted else _WORSE):
+                predicted = held
+        corrected = self.method.correction != "none" or not predicted.quality.inverted
+        if collapsed(predicted.quality) and corrected and not self.method.allow_invalid:
+            # a correction would find no mesh, or one whose cells are all positive but overlap or have no size
+            worst = [cell.number for cell in predicted.quality.worst]
+            refusal = QualityRefused("", best=predicted.quality.metric.min, cells=worst)
+            self.boundary.refuse(predicted.trial.points, step.targets, refusal)
+        return predicted
+
+    def _predict(self, motion: StandardMotion, step: _Step, watch: Stopwatch, turns: Turns | None = None) -> _Predicted:
+        factors = Recorded(step.factors)
+        trial = self._plain(motion, replace(step, factors=factors), turns, 1.0, watch)
+        with watch.phase("predict"):
+            return _Predicted(motion, trial, self.summary(trial.points), factors)
+
+    def _plain(
+        self, motion: StandardMotion, step: _Step, turns: Turns | None, fraction: float, watch: Stopwatch | None = None
+    ) -> StandardTrial:
+        """The plain motion a fraction of the way of the bodies' turns; interpolation alone if they do not wind."""
+        watch = watch or Stopwatch()
+        if turns is None or self.winding is None:
+            return motion.trial(step.committed, step.targets, step.factors, watch)
+        unwound, wind = self.winding.winds(step.targets, turns, fraction)
+        trial = motion.trial(step.committed, unwound, step.factors, watch)
+        return replace(trial, points=wind(trial.points))
+
+    def _overshoots(self, step: _Step, trial: StandardTrial) -> bool:
+        """Whether interpolation from the committed mesh moves some node much further than any of the boundary."""
+        if self.method.displacement != "relative":
+            return False
+        some = slice(None, None, max(len(self.points) // _SAMPLE, 1))
+        boundary = step.targets - step.committed.take(self.roles.moving, axis=0)
+        moved = trial.points[some] - step.committed[some]
+        furthest, furthest_node = (np.einsum("ij,ij->i", v, v).max(initial=0.0) for v in (boundary, moved))
+        return bool(furthest_node > _OVERSHOOT**2 * furthest) and not np.array_equal(step.committed, self.points)
+
+    def _layer_for(self, plain: _Predicted) -> BoundaryLayer | None:
+        """The boundary layer that the motion without one may spoil."""
+        if self.layered is None:
+            return None
+        bad = plain.quality.metric.min < self.method.quality_threshold and self.method.correction != "none"
+        return self.layered.needed_for(plain.trial.points, corrected=bad)
+
+    def _fitting(self, layer: BoundaryLayer, step: _Step) -> BoundaryLayer | None:
+        """The part of a boundary layer that can be carried to the targets."""
+        moved = self.points.copy()
+        moved[self.roles.moving] = step.targets
+        mesh = TrialMesh(self.points, self.cells, self.reference_sizes, self.held, self.method.quality_metric)
+        return fitting_layer(layer, moved, mesh, step.valid)
+
+    def _correct(self, step: _Step, predicted: _Predicted, watch: Stopwatch) -> Correction:
+        """The correction of an interpolated mesh, from a valid one if one is known."""
+        layer, standard, quality = predicted.motion.layer, predicted.trial, predicted.quality
+        problem = CorrectionProblem(
+            start=standard.start,
+            standard=standard.points,
+            held=held_with(self.held, layer),
+            cells=self.cells,
+            reference_sizes=self.reference_sizes,
+            factorization=standard.factorization,
+            reference=self.points,
+            constraint=self.constraint_with(layer),
+            valid=step.valid,
+            last=step.committed,
+            known=None if quality.inverted else quality.metric.min,
+        )
+        with watch.phase("correct"):
+            return correct(problem, self.method)
+
+    def _judge(self, predicted: _Predicted, correction: Correction, watch: Stopwatch) -> Judgement:
+        """Quality of the corrected mesh; that of the interpolated one if nothing was corrected."""
+        if correction.points is predicted.trial.points:
+            return predicted.quality
+        with watch.phase("predict"):
+            return self.summary(correction.points, correction.quality)
+
+    def _accept(self, predicted: _Predicted, correction: Correction, quality: Judgement, watch: Stopwatch) -> Motion:
+        """The motion, if its mesh is acceptable."""
+        standard, method = predicted.trial, self.method
+        reached = quality.metric.min >= method.quality_threshold
+        refuse_unacceptable(method, quality, reached)
+        if correction.points is standard.points and method.correction in ("none", "smooth"):
+            self._latest.led_to(standard.points, predicted.motion)
+        return Motion(
+            points=correction.points,
+            standard=predicted.quality,
+            corrected=quality,
+            correction=replace(correction, quality=None),
+            reached=reached,
+            seconds=watch.seconds(),
+            caches=predicted.factors.report(),
+            control_points=standard.control_points,
+            support_radius=float(predicted.motion.method.support_radius or 0.0),
+            warnings=[
+                *reduction_warnings(method, standard.reduction_error, len(standard.control_points)),
+                *quality_warnings(method, quality, reached),
+            ],
+        )
+
+    def _lead(self, step: _Step, refusal: QualityRefused | None) -> Walk:
+        """Lead the mesh to its targets along the first of the bodies' ways on which it stays valid.
+
+        Each leg (:mod:`.sub_steps`) is an attempt from the mesh of the leg before, corrected up to the threshold. The
+        first leg starts from the mesh that the method's displacement refers to: the committed mesh or the reference
+        mesh. So the result depends on that mesh and the targets only.
+
+        Raises
+        ------
+        QualityRefused
+            When the boundary crosses itself at the targets, or no way leads there: says how far the mesh stayed valid.
+            Includes the details of the ``refusal`` of a single step, if there was one.
+        """
+        start = step.committed if self.method.displacement == "relative" else self.points
+        self.boundary.refuse(start, step.targets, refusal)
+        alike = self.with_method(
+            displacement="relative",
+            correction_target="threshold",
+            refuse_below_threshold=False,
+        )
+
+        def move(points: Floats, waypoint: Floats) -> Leg:
+            self.boundary.refuse(points, waypoint)
+            factors = step.factors if points is start else MakeEachTime()  # coupling iterations share the start's
+            found = alike._attempt(_Step(points, waypoint, factors))
+            return Leg(found.points, found.standard.inverted == 0, found.correction.iterations)
+
+        paths = self._ways(start[self.roles.moving], step.targets)
+        walk = furthest_walk(start, (path.at for path in paths), move)
+        refusal = refusal or walk.refusal
+        if walk.fraction < 1.0 and refusal is not None:
+            raise QualityRefused(
+                f"{refusal.message}; in {walk.legs} sub-steps the mesh was kept valid for "
+                f"{walk.fraction:.3g} of the way",
+                best=refusal.best,
+                cells=refusal.cells,
+                details=refusal.details,
+            )
+        return walk
+
+    def _ways(self, origin: Floats, targets: Floats) -> Iterator[Way]:
+        """Ways for the moving nodes (k, d); periodic nodes must move alike, so their displacement is only scaled."""
+        if self.standard_motion.periodic is not None:
+            return iter([straight_way(origin, targets)])
+        return ways(origin, targets, self.bodies)
+
+    def _other_unit(self, targets: Floats) -> str:
+        """The question whether the targets (k, d) are in the unit of the mesh, where that is in doubt."""
+        return other_unit(self.points, targets - self.points[self.roles.moving])
+
+    def _impossible(self, step: _Step, refusal: QualityRefused | None = None) -> NoMeshExists | None:
+        """The refusal of a boundary that forbids every mesh, with the details of an earlier one; None of any other."""
+        try:
+            self.boundary.refuse(step.committed, step.targets, refusal)
+        except NoMeshExists as certain:
+            return certain
+        return None
+
+    def _acceptable_fraction(self, step: _Step, whole: BoundaryDisplacement, refusal: QualityRefused) -> float:
+        """A fraction of the ``whole`` displacement that is accepted, which has met with this refusal."""
+
+        def accepts(model: MotionModel, fraction: float) -> bool:
+            try:
+                model._accept_or_lead(replace(step, targets=whole.at(fraction)))
+            except QualityRefused:
+                return False
+            return True
+
+        method = self.method
+        enough = self.with_method(correction_target="threshold")  # more costs much and accepts nothing else
+        if method.correction == "smooth" and method.sub_steps == "auto" and not method.refuse_below_threshold:
+            # what no smooth motion reaches is corrected so, up to the threshold, or led there if that fails
+            valid = min(method.quality_threshold, _VALID)
+            enough = enough.with_method(correction="optimised", quality_threshold=valid)
+        direct = enough if method.sub_steps == "always" else enough.with_method(sub_steps="never")
+        plain = self.with_method(sub_steps="never", correction="none")
+        plain = replace(plain.without_distributions(), layered=None)
+        # a correction of one valid mesh leaves it as it is where it finds no better one
+        certain = not method.refuse_below_threshold and self.standard_motion.layer is None
+        certain = certain and method.sub_steps != "always" and self.method.correction != "smooth"
+        exists, kinds = not isinstance(refusal, NoMeshExists), getattr(refusal, "looked_for", 0)
+
+        def possible(fraction: float) -> bool:
+            targets = whole.at(fraction)
+            if kinds:  # the same fault, mostly; all are looked for where a motion is tried
+                return not self.boundary.has_fault(step.committed, targets, kinds)
+            return self._impossible(replace(step, targets=targets)) is None
+
+        return largest_accepted(
+            lambda fraction: accepts(direct, fraction),
+            lambda fraction: accepts(plain, fraction),
+            possible,
+            whole=exists,
+            certain=certain,
+            corrected=method.correction != "none",
+        )
+
+
+def _may_be_avoided(refusal: QualityRefused) -> bool:
+    """Whether another correction or way may find a mesh."""
+    return _of_the_mesh(refusal) and not isinstance(refusal, NoMeshExists)
+
+
+def _of_the_mesh(refusal: QualityRefused) -> bool:
+    """Whether a mesh was refused; otherwise a system could not be solved, and smaller steps do not help."""
+    return refusal.code == QualityRefused.default_code

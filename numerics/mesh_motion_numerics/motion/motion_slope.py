@@ -1,0 +1,331 @@
+"""The motion as a function of the moving nodes' positions, differentiated: J v, and Jᵀ w.
+
+What can be differentiated is the motion that is a function of where the boundary is: the total displacement
+interpolated from the reference mesh (``displacement = "absolute"``), plain or with the correction ``"smooth"``. Each
+step of the motion is a linear map here, in the order of :meth:`.StandardMotion.trial`, and the transpose runs through
+the same maps backwards. Vectors are (nodes, d) arrays: velocities forwards, weights of positions backwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused
+
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
+from mesh_motion_numerics.correction.smooth_slope import SmoothSlope, not_at_minimum
+from mesh_motion_numerics.interpolation.factor_source import FactorSource
+from mesh_motion_numerics.interpolation.interpolation_map import InterpolationMap, interpolation_map
+from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.motion.boundary_layer_slope import carried_slope
+from mesh_motion_numerics.motion.prepared_mesh import PreparedMesh
+from mesh_motion_numerics.motion.rigid_slope import RigidSlope, rigid_slope
+from mesh_motion_numerics.motion.smooth_step import LatestPlain
+from mesh_motion_numerics.motion.standard_motion import StandardMotion
+from mesh_motion_numerics.stopwatch import Stopwatch
+
+__all__ = ["DifferentiableMesh", "MotionSlope", "motion_slope", "why_no_slope"]
+
+
+#: Of the extent: nodes as close are at the same place.
+_SAME = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSlope:
+    """The derivative J of all nodes' positions by those of the moving nodes, at one mesh.
+
+    Attributes
+    ----------
+    plain : PlainSlope
+    smooth : SmoothSlope or None
+        Of the correction; None without one.
+    """
+
+    plain: PlainSlope
+    smooth: SmoothSlope | None
+
+    def tangent(self, velocity: Floats) -> Floats:
+        """(n, d) J v: velocities of all nodes, for those (k, d) of the moving nodes in their order."""
+        plain = self.plain.apply(velocity)
+        return plain if self.smooth is None else self.smooth.apply(plain)
+
+    def cotangent(self, weights: Floats) -> Floats:
+        """(k, d) Jᵀ w: the derivative of Σ w · y by the moving nodes' positions, for (n, d) weights w of all nodes."""
+        return self.plain.transpose(weights if self.smooth is None else self.smooth.transpose(weights))
+
+
+@dataclass(frozen=True, eq=False)
+class DifferentiableMesh(PreparedMesh):
+    """A prepared mesh, and the derivative of its motion.
+
+    ``_latest``: the latest plain motions, which the next step and a derivative begin with.
+    """
+
+    _latest: LatestPlain = field(default_factory=LatestPlain)
+
+    def why_no_slope(self) -> InvalidInput | None:
+        """What keeps the motion from having a derivative; None if it has one."""
+        return why_no_slope(self.carrying_layers)
+
+    def slope(self, points: Floats, factors: FactorSource) -> MotionSlope:
+        """The derivative of the motion that has led to ``points`` (n, d).
+
+        Raises
+        ------
+        InvalidInput
+            If it has none.
+        QualityRefused
+            If the mesh was corrected in another way.
+        """
+        refusal = self.why_no_slope()
+        if refusal is not None:
+            raise refusal
+        targets, layered = points[self.roles.moving], self.carrying_layers
+        if self.winding is not None and self.winding.turns(points, targets) is not None:
+            raise QualityRefused(
+                "a body has turned by more than a quarter turn: the motion that winds the mesh is not differentiated",
+                code="FAILED_PRECONDITION",
+                hint="ask at a smaller turn",
+            )
+
+        def plain_of(motion: StandardMotion) -> Floats:
+            return motion.trial(self.points, targets, factors, Stopwatch()).points
+
+        candidates = list(dict.fromkeys((layered, self.standard_motion)))
+        known = self._latest.that_led_to(points)
+        for motion in candidates:
+            if known is not None and known.sliding is None and known.layer is motion.layer:
+                return motion_slope(motion, None, points, points, factors)
+        if self.method.correction == "smooth" and self.smooth is not None:
+            plain = self._latest.at(targets, lambda: plain_of(layered))
+            return motion_slope(layered, self.smooth, plain, points, factors)
+        candidates += [replace(one, sliding=one.sliding.held()) for one in candidates if one.sliding is not None]
+        for motion in candidates:  # whether layers were carried, and nodes slid, the mesh says
+            plain = plain_of(motion)
+            if np.abs(plain - points).max() <= _SAME * np.ptp(bounding_box(self.points), axis=0).max():
+                return motion_slope(motion, None, plain, points, factors)
+        raise not_at_minimum()
+
+
+def why_no_slope(motion: StandardMotion) -> InvalidInput | None:
+    """What of a method or a mesh keeps its motion from having a derivative; None if it has one."""
+    method = motion.method
+    named = {"displacement": ("absolute",), "correction": ("none", "smooth"), "reduction": ("none",)}
+    for key, allowed in named.items():
+        value = getattr(method, key)
+        if value not in allowed:
+            return _no_slope(
+                f"{key} = {value!r}: the motion is no differentiable function of the boundary",
+                f"open the session with {key} {' or '.join(map(repr, allowed))}",
+                setting=key,
+            )
+    return None
+
+
+def motion_slope(
+    motion: StandardMotion, smooth: SmoothMotion | None, plain: Floats, points: Floats, factors: FactorSource
+) -> MotionSlope:
+    """The derivative at a mesh.
+
+    Parameters
+    ----------
+    smooth : SmoothMotion or None
+        The correction that followed.
+    plain, points : (n, d) arrays, mesh length unit
+        Where the motion alone, and with its correction, has led.
+
+    Raises
+    ------
+    QualityRefused
+        If the mesh was corrected in another way.
+    """
+    _refuse_held_order(motion, points[motion.roles.moving], plain, factors)
+    slope = PlainSlope.build(motion, plain, factors)
+    return MotionSlope(slope, None if smooth is None else SmoothSlope.build(smooth, plain, points))
+
+
+def _refuse_held_order(motion: StandardMotion, targets: Floats, plain: Floats, factors: FactorSource) -> None:
+    """Raise if nodes slide less than they would, so that none passes the end of its wall: there is a kink."""
+    if motion.sliding is None or not motion.sliding.lines:
+        return
+    loose = replace(motion, sliding=replace(motion.sliding, lines=()))
+    passing = np.abs(loose.trial(motion.reference, targets, factors, Stopwatch()).points - plain).max(axis=1) > 0.0
+    if passing.any():
+        raise QualityRefused(
+            f"node {int(np.argmax(passing))} slides no further, so that it keeps its order along its wall: "
+            "the motion has no derivative here",
+            code="FAILED_PRECONDITION",
+            hint="ask at a smaller displacement, or give the wall the role fixed",
+        )
+
+
+def _no_slope(message: str, hint: str, **details: object) -> InvalidInput:
+    return InvalidInput(message, code="FAILED_PRECONDITION", hint=hint, details=details)
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """A change of all nodes' displacements (n, d) in place, and its transpose."""
+
+    apply: Callable[[Floats], None]
+    transpose: Callable[[Floats], None]
+
+
+@dataclass(frozen=True, eq=False)
+class PlainSlope:
+    """The derivative of the standard motion.
+
+    ``steps`` set rows of all nodes' velocities from the rows before; the last interpolation leads to all nodes, and
+    ``tied`` places periodic images by their roots.
+    """
+
+    motion: StandardMotion
+    steps: tuple[_Linear, ...]
+    interpolated: _Interpolated
+    known: Integers
+    tied: _Linear
+
+    @classmethod
+    def build(cls, motion: StandardMotion, plain: Floats, factors: FactorSource) -> PlainSlope:
+        """That where the motion has led, which is to ``plain`` (n, d)."""
+        roles, layer = motion.roles, motion.layer
+        steps, known = [], roles.all
+        if layer is not None:
+            steps.append(_of_layer(motion, plain))
+            known = np.union1d(known, np.flatnonzero(layer.known))
+        steps += _of_walls(motion, plain, factors)
+        controls = motion.control_nodes(roles.all)
+        outer = _Interpolated.build(motion, controls, plain, motion.reference, factors, known)
+        return cls(motion, tuple(steps), outer, known, _of_images(motion))
+
+    def apply(self, velocity: Floats) -> Floats:
+        """(n, d) velocities of all nodes for (k, d) of the moving ones."""
+        rows = np.zeros_like(self.motion.reference)
+        rows[self.motion.roles.moving] = velocity
+        for step in self.steps:
+            step.apply(rows)
+        out = self.interpolated.apply(rows)
+        out[self.known] = rows[self.known]
+        self.tied.apply(out)
+        return out
+
+    def transpose(self, weights: Floats) -> Floats:
+        """(k, d) weights of the moving nodes for (n, d) of all."""
+        free, rows = weights.copy(), np.zeros_like(weights)
+        self.tied.transpose(free)
+        rows[self.known] = free[self.known]
+        free[self.known] = 0.0
+        self.interpolated.add_transposed(free, rows)
+        for step in reversed(self.steps):
+            step.transpose(rows)
+        return rows[self.motion.roles.moving]
+
+
+@dataclass(frozen=True, eq=False)
+class _Interpolated:
+    """The interpolation from control nodes (c,) to places (p, d): without fixed nodes around the best rigid motion."""
+
+    controls: Integers
+    map: InterpolationMap
+    rigid: RigidSlope | None
+
+    @classmethod
+    def build(
+        cls,
+        motion: StandardMotion,
+        controls: Integers,
+        goal: Floats,
+        places: Floats,
+        factors: FactorSource,
+        left_out: Integers | None = None,
+    ) -> _Interpolated:
+        """That of a motion of its control nodes from rest to ``goal`` (n, d), but for the rows ``left_out``."""
+        made = interpolation_map(motion.factorized(controls, factors), places, factors, left_out=left_out)
+        rigid = None if len(motion.roles.fixed) else rigid_slope(motion, controls, goal, places)
+        return cls(controls, made, rigid)
+
+    def apply(self, rows: Floats) -> Floats:
+        values = rows[self.controls]
+        if self.rigid is None:
+            return self.map.apply(values)
+        carried, places = self.rigid.apply(values)
+        return places + self.map.apply(values - carried)
+
+    def add_transposed(self, weights: Floats, rows: Floats) -> None:
+        """Add to all nodes' ``rows`` (n, d) what those of the control nodes count for (p, d) weights of the places."""
+        values = self.map.transpose(weights)
+        rows[self.controls] += values if self.rigid is None else values + self.rigid.transpose(-values, weights)
+
+
+def _of_layer(motion: StandardMotion, prescribed: Floats) -> _Linear:
+    """A layer's nodes follow their wall."""
+    layer = motion.layer
+    assert layer is not None
+    wall, nodes, d = layer.wall.nodes, layer.nodes, prescribed.shape[1]
+    slope = carried_slope(layer, prescribed)
+
+    def apply(rows: Floats) -> None:
+        rows[nodes] = (slope @ rows[wall].ravel()).reshape(-1, d)
+
+    def transpose(rows: Floats) -> None:
+        weights = rows[nodes].ravel()
+        rows[nodes] = 0.0
+        rows[wall] += (slope.T @ weights).reshape(-1, d)
+
+    return _Linear(apply, transpose)
+
+
+def _of_walls(motion: StandardMotion, plain: Floats, factors: FactorSource) -> list[_Linear]:
+    """The nodes of walls follow, projected onto them."""
+    steps, rest, layer = [], motion.reference, motion.layer
+    for followed, wall in motion.walls():
+        own = wall if layer is None else wall.of(~layer.known[wall.nodes])
+        places, following = rest[own.nodes], None
+        if wall.freedom().any():
+            controls = motion.control_nodes(followed)
+            following = _Interpolated.build(motion, controls, plain, places, factors)
+            if own.curved:
+                places = motion.following(rest, controls, plain, factors, Stopwatch()).positions(places)
+        steps += [_of_wall(own.nodes, own.slope(places), following), _of_images(motion)]
+    return steps
+
+
+def _nothing(_rows: Floats) -> None:
+    """No node moves as another one."""
+
+
+def _of_images(motion: StandardMotion) -> _Linear:
+    """Periodic images move as their roots; moving nodes go to their targets."""
+    if motion.periodic is None:
+        return _Linear(_nothing, _nothing)
+    orbits = motion.periodic.of(~np.isin(motion.periodic.members, motion.roles.moving))
+    members, roots, matrices = orbits.members, orbits.roots, orbits.matrices
+
+    def apply(rows: Floats) -> None:
+        rows[members] = np.einsum("pij,pj->pi", matrices, rows[roots])
+
+    def transpose(rows: Floats) -> None:
+        weights = np.einsum("pij,pi->pj", matrices, rows[members])
+        rows[members] = 0.0
+        np.add.at(rows, roots, weights)
+
+    return _Linear(apply, transpose)
+
+
+def _of_wall(nodes: Integers, onto: Floats, following: _Interpolated | None) -> _Linear:
+    """The nodes of one wall, which follow, projected by ``onto`` (k, d, d), or stay."""
+
+    def apply(rows: Floats) -> None:
+        rows[nodes] = 0.0 if following is None else np.einsum("mij,mj->mi", onto, following.apply(rows))
+
+    def transpose(rows: Floats) -> None:
+        weights = np.einsum("mij,mi->mj", onto, rows[nodes])
+        rows[nodes] = 0.0
+        if following is not None:
+            following.add_transposed(weights, rows)
+
+    return _Linear(apply, transpose)

@@ -1,0 +1,207 @@
+"""The data that every motion of a session needs and none changes: the reference mesh, its roles, and derived data."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.correction.boundary_constraint import BoundaryConstraint
+from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
+from mesh_motion_numerics.interpolation.support_radius import suggest_enrichment_radius, suggest_support_radius
+from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.plane_rims import PlaneRims
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.body_paths import Body, moving_bodies
+from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer, held_with
+from mesh_motion_numerics.motion.crossing import PossibleCrossing
+from mesh_motion_numerics.motion.layered_walls import LayeredWalls
+from mesh_motion_numerics.motion.method_check import check_method
+from mesh_motion_numerics.motion.standard_motion import StandardMotion
+from mesh_motion_numerics.motion.winding import Winding, winding_body
+from mesh_motion_numerics.quality.headroom import Headroom, headroom
+from mesh_motion_numerics.quality.mesh_check import checked_mesh
+from mesh_motion_numerics.quality.mesh_summary import lowest_of, lowest_quality, mesh_summary, summarize
+from mesh_motion_numerics.quality.metrics import AtRest, CellQuality, cells_at_rest
+from mesh_motion_numerics.quality.quality_summary import Judgement
+
+__all__ = ["PreparedMesh", "with_radii"]
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedMesh:
+    """A checked mesh with a method, prepared for its motions.
+
+    Attributes
+    ----------
+    points : (n, d) array
+        Reference coordinates, mesh length unit.
+    method : Method
+        With both radii filled in.
+    reference_sizes : (m,) array or CellsAtRest
+        Summed corner determinants of the reference cells: the w of thesis (3.21); with their skews if these count.
+    held : (n,) bool array
+        Nodes on the boundary or on a patch. No correction may move them, nor the nodes of a boundary layer.
+    constraint : BoundaryConstraint or None
+        Which of the held nodes the optimised correction may still move, and how.
+    warnings : tuple of str
+        The warnings of :func:`checked_mesh`.
+    smooth : SmoothMotion or None
+        The prepared correction "smooth".
+    layered : LayeredWalls or None
+        Walls whose layers move with them if interpolation would spoil the layers; None if the method selects layers.
+    distributions : bool
+        Whether a judgement contains the distributions, or the worst cells alone.
+    coincident : (c, 2) int64 array
+        Boundary nodes at the same place: the first there, and another.
+    rims : PlaneRims
+        Moving nodes on plane slip and symmetry walls.
+    """
+
+    points: Floats
+    cells: CellTable
+    roles: BoundaryRoles
+    method: Method
+    reference_sizes: AtRest
+    held: Marks
+    standard_motion: StandardMotion
+    constraint: BoundaryConstraint | None
+    coincident: Integers
+    rims: PlaneRims
+    warnings: tuple[str, ...]
+    smooth: SmoothMotion | None = None
+    layered: LayeredWalls | None = None
+    distributions: bool = True
+
+    @classmethod
+    def build(
+        cls,
+        points: Floats,
+        cells: CellTable,
+        patches: Mapping[str, Patch],
+        method: Method,
+    ) -> Self:
+        """Check the mesh and prepare what every motion needs.
+
+        Raises
+        ------
+        InvalidInput
+            When the mesh or a patch is unusable (see :func:`checked_mesh`), or the method does not fit the mesh.
+        """
+        cells, sizes, warnings, resting, coincident = checked_mesh(points, cells, patches)
+        if len(resting):
+            patches = {**patches, "": Patch("fixed", resting)}
+        at_rest = cells_at_rest(points, cells, sizes) if method.quality_metric == "relative-size-skew" else sizes
+        roles = BoundaryRoles.from_patches(patches)
+        periodic = any(patch.role == "periodic" for patch in patches.values())
+        check_method(method, points, roles, periodic=periodic)
+        method = with_radii(method, points, roles)
+        held = np.zeros(len(points), dtype=bool)
+        held[boundary_nodes(cells)] = True
+        held[roles.all] = True
+        motion = StandardMotion.build(points, cells, patches, method)
+        if motion.layer is None and method.boundary_layer_thickness:
+            warnings = [*warnings, f"boundary_layer_thickness = {method.boundary_layer_thickness:.4g} holds no node"]
+        constraint, smooth = BoundaryConstraint.build(points, cells, patches, motion.sliding, motion.periodic), None
+        if method.correction == "smooth":
+            smooth = SmoothMotion.build(points, cells, held_with(held, motion.layer), constraint)
+        layered = None
+        if method.boundary_layer_thickness is None and motion.periodic is None:
+            layered = LayeredWalls.build(points, cells, patches, motion.sliding)
+        return cls(
+            points,
+            cells,
+            roles,
+            method,
+            at_rest,
+            held,
+            motion,
+            constraint,
+            coincident,
+            PlaneRims.build(points, cells, patches, roles.moving),
+            tuple(warnings),
+            smooth,
+            layered,
+        )
+
+    def without_distributions(self) -> Self:
+        """The same mesh, judged exactly by its worst cells, without distributions."""
+        return replace(self, distributions=False)
+
+    def with_method(self, **choices: Any) -> Self:
+        """The same mesh with other choices of its method that need no new preparation."""
+        method = replace(self.method, **choices)
+        return replace(self, method=method, standard_motion=replace(self.standard_motion, method=method))
+
+    @cached_property
+    def boundary(self) -> PossibleCrossing:
+        """The boundary, which may cross itself."""
+        sliding = self.standard_motion.sliding
+        return PossibleCrossing.build(self.points, self.cells, self.roles, self.coincident, sliding)
+
+    def headroom(self, way: Floats, points: Floats) -> Headroom:
+        """How many more such ways (n, d) the mesh at ``points`` (n, d) admits."""
+        method = self.method
+        return headroom(points, way, self.cells, self.reference_sizes, method.quality_metric, method.quality_threshold)
+
+    def summary(self, points: Floats, quality: CellQuality | None = None) -> Judgement:
+        """Quality of the mesh with its nodes at ``points`` (n, d), size relative to the reference mesh.
+
+        If the ``quality`` of every cell there is given, no cell is judged again.
+        """
+        metric = self.method.quality_metric
+        if quality is not None:
+            return (summarize if self.distributions else lowest_of)(quality, points, self.cells, metric=metric)
+        judged = mesh_summary if self.distributions else lowest_quality
+        return judged(points, self.cells, self.reference_sizes, metric=metric)
+
+    @cached_property
+    def carrying_layers(self) -> StandardMotion:
+        """The standard motion with the layer that the method requests, or else with that of the layered walls."""
+        if self.layered is None or self.standard_motion.layer is not None:
+            return self.standard_motion
+        return self.motion_with(self.layered.layer)
+
+    @cached_property
+    def bodies(self) -> tuple[Body, ...]:
+        """The bodies of the moving boundary."""
+        return moving_bodies(self.cells, self.roles.moving)
+
+    @cached_property
+    def winding(self) -> Winding | None:
+        """The bodies that may wind the mesh of a smooth motion; None without such bodies."""
+        smooth, layer = self.smooth, self.carrying_layers.layer
+        if smooth is None or not len(self.roles.fixed):
+            return None
+        simplices = smooth.corners.nodes
+        found = (
+            winding_body(self.points, simplices, self.roles.moving[body.rows], body.rows, self.roles.fixed)
+            for body in self.bodies
+            if not len(body.seam) and not np.isin(self.roles.moving[body.rows], self.roles.periodic).any()
+        )
+        bodies = tuple(body for body in found if body is not None)
+        if not bodies:
+            return None
+        held = held_with(self.held, layer)
+        return Winding(self.points, self.roles.moving, held, simplices, layer, lambda: smooth.averages, bodies)
+
+    def motion_with(self, layer: BoundaryLayer | None) -> StandardMotion:
+        """The standard motion with this boundary layer."""
+        return self.standard_motion if layer is self.standard_motion.layer else self.standard_motion.with_layer(layer)
+
+    def constraint_with(self, layer: BoundaryLayer | None) -> BoundaryConstraint | None:
+        """The constraint of the boundary nodes that are not in this boundary layer."""
+        if self.constraint is None or layer is None:
+            return self.constraint
+        return replace(self.constraint, released=self.constraint.released & ~layer.known)
+
+
+def with_radii(method: Method, points: Floats, roles: BoundaryRoles) -> Method:
+    """The method with its missing radii chosen from the mesh with nodes at ``points`` (n, d)."""
+    radius = method.support_radius or suggest_support_radius(points, roles)
+    enrichment_radius = method.enrichment_radius or suggest_enrichment_radius(points, roles, radius)
+    return replace(method, support_radius=radius, enrichment_radius=enrichment_radius)

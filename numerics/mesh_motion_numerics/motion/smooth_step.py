@@ -1,0 +1,166 @@
+"""A step of the motion that is a smooth function of the boundary: at once if it can be, otherwise along a way.
+
+The result depends on where the boundary is, not on the way (:mod:`~.correction.smooth_motion`). The way only leads to
+the start of Newton's iterations: the committed mesh, carried along with the plain motion, and for a large step the same
+in parts, each corrected before the next.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
+
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.correction.correction import Correction
+from mesh_motion_numerics.correction.smooth_motion import Smoothed, SmoothMotion
+
+if TYPE_CHECKING:
+    from mesh_motion_numerics.motion.standard_motion import StandardMotion
+
+__all__ = ["NOT_SMOOTH", "Followed", "LatestPlain", "follow", "smooth_step", "unconverged"]
+
+NOT_SMOOTH = (
+    "no mesh was found that is a smooth function of the boundary: this step is corrected by itself, and nodes may jump"
+)
+"""The warning of such a step."""
+
+_MOST_KEPT = 100_000  # nodes of a mesh whose plain motions are kept
+_SHORTEST = 1 / 64  # part of a way
+_MOST_ITERATIONS = 300  # of a step that is led
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """How far a way was followed: the last corrected mesh, its fraction of the way, the parts and the iterations."""
+
+    found: Smoothed
+    fraction: float
+    legs: int
+    iterations: int
+
+    def correction(self) -> Correction:
+        """What was done; with a warning if it is not at the minimum."""
+        found = self.found
+        return Correction(
+            found.points,
+            np.empty((0, found.points.shape[1])),
+            freed_nodes=found.freed,
+            iterations=self.iterations,
+            method="smooth" if found.freed else "none",
+            warnings=() if found.converged else (unconverged(found),),
+        )
+
+
+@dataclass(eq=False)
+class LatestPlain:
+    """The latest plain motions of a mesh: a step begins where another one ended.
+
+    Three are kept, the latest last: a step's first boundary, the trial before and the trial. Of a large mesh none is:
+    its correction takes many times as long, and they would be a tenth of its memory. But of as many meshes that nothing
+    has corrected, the motion that led there is known.
+    """
+
+    kept: dict[bytes, Floats] = field(default_factory=dict)
+    uncorrected: tuple[tuple[weakref.ref[Floats], StandardMotion], ...] = ()
+
+    def at(self, targets: Floats, make: Callable[[], Floats]) -> Floats:
+        """That (n, d) to the moving nodes' ``targets`` (k, d), made if it is not kept."""
+        key = targets.tobytes()
+        kept = self.kept.pop(key, None)
+        plain = make() if kept is None else kept
+        if len(plain) <= _MOST_KEPT:
+            self.kept = dict([*self.kept.items()][-2:]) | {key: plain}
+        return plain
+
+    def led_to(self, points: Floats, motion: StandardMotion) -> None:
+        """Keep that a motion alone has led to the mesh ``points`` (n, d), as long as there is this array."""
+        self.uncorrected = (*self.uncorrected[-2:], (weakref.ref(points), motion))
+
+    def that_led_to(self, points: Floats) -> StandardMotion | None:
+        """The motion that alone has led to this array ``points`` (n, d), if that is known."""
+        return next((motion for mesh, motion in self.uncorrected if mesh() is points), None)
+
+
+def smooth_step(
+    correction: SmoothMotion,
+    committed: Floats,
+    plain_before: Callable[[], Floats],
+    plain: Floats,
+    ways: Iterable[PlainWay],
+    carried: Carried | None = None,
+) -> Followed:
+    """The corrected mesh for the ``plain`` motion (n, d).
+
+    Parameters
+    ----------
+    committed, plain : (n, d) arrays, mesh length unit
+    plain_before : callable
+        Makes the plain motion (n, d) to the committed mesh's boundary, if it is needed.
+    ways : iterable of callable
+        Fraction → the plain motion (n, d), from there to ``plain``; tried in turn where one step fails.
+    carried : callable, optional
+        Carries a mesh along a part of the way; by default with the plain motion.
+
+    Raises
+    ------
+    QualityRefused
+        If no way leads to a valid mesh: says how far the mesh stayed valid.
+    """
+    carried = carried or _with_plain
+    at_once = correction.correct(plain, lambda: carried(committed, plain_before(), plain, 0.0, 1.0))
+    if at_once.converged:
+        return Followed(at_once, 1.0, 1, at_once.iterations)
+    furthest, left, before = 0.0, _MOST_ITERATIONS, plain_before()
+    for way in ways:
+        followed = follow(correction, committed, before, way, left, carried)
+        if followed.fraction == 1.0:
+            return followed
+        furthest, left = max(furthest, followed.fraction), left - followed.iterations
+    if np.isfinite(at_once.residual):
+        return Followed(at_once, 1.0, 1, at_once.iterations)
+    raise QualityRefused(f"no valid mesh found: in sub-steps the mesh was kept valid for {furthest:.3g} of the way")
+
+
+PlainWay = Callable[[float], Floats]
+Carried = Callable[[Floats, Floats, Floats, float, float], Floats]
+"""A mesh, the plain motion there, the one to reach, and both fractions of the way → a mesh near the result (n, d)."""
+
+
+def follow(
+    correction: SmoothMotion, committed: Floats, plain_before: Floats, way: PlainWay, most: int, carried: Carried
+) -> Followed:
+    """Lead the committed mesh along a way, in hardly more than ``most`` iterations.
+
+    A part is halved where the iterations cannot begin or do not end soon.
+    """
+    fraction, length, points, before = 0.0, 0.5, committed, plain_before
+    found, legs, iterations = Smoothed(committed), 0, 0
+    while fraction < 1.0 and length >= _SHORTEST and iterations < most:
+        length = min(length, 1.0 - fraction)  # sums of powers of two: exact
+        plain = way(fraction + length)
+        leg = correction.correct(plain, partial(carried, points, before, plain, fraction, fraction + length))
+        iterations += leg.iterations
+        if leg.converged:
+            found, fraction, points, before, legs = leg, fraction + length, leg.points, plain, legs + 1
+            length *= 2.0
+        else:
+            length *= 0.5
+    return Followed(found, fraction, legs, iterations)
+
+
+def _with_plain(points: Floats, before: Floats, plain: Floats, _begin: float, _end: float) -> Floats:
+    return points + (plain - before)
+
+
+def unconverged(found: Smoothed) -> str:
+    """The warning about a mesh that is not at the minimum."""
+    return (
+        f"the correction stopped before its minimum: its last step was {found.residual:.3g} long, so the mesh depends "
+        "on the way by about as much"
+    )

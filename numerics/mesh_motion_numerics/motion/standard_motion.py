@@ -1,0 +1,357 @@
+"""Standard RBF motion: the displacement of every node from that of the boundary (thesis (2.6)), without correction.
+
+The *displacement* of the method says from which mesh and how it interpolates:
+
+relative
+    from the committed mesh, with the displacement since then. Drifts on periodic motion.
+absolute
+    from the reference mesh, with the total displacement. The result depends on the boundary alone: no drift.
+reanchored
+    from the reference mesh, through sub-steps along a path that rotates with the body; each sub-step interpolates from
+    the mesh of the one before. The result depends on the boundary alone too, and allows larger rotations than
+    ``absolute``.
+
+The wall carries the nodes of its boundary layer (:mod:`.boundary_layer`), and the nodes outside follow the layer.
+
+With a point reduction the interpolation starts from few of the boundary nodes and is corrected near the surface
+(:mod:`.reduced_motion`); everything else stays the same.
+
+When every prescribed node moves (no node is fixed), the best rigid motion is separated first and applied to all nodes
+exactly: a mesh in rigid motion is not deformed at all. Slip walls must map onto themselves, as the hub and the tip of a
+sector that turns about its axis do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
+
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation.factor_source import (
+    DeferredFactorization,
+    FactorSource,
+    factorization_of,
+    prepared_for,
+    two_scale_factorization_of,
+)
+from mesh_motion_numerics.interpolation.interpolant import Factorization
+from mesh_motion_numerics.interpolation.kernels import basis_named
+from mesh_motion_numerics.interpolation.periodic_interpolant import periodic_factorization_of
+from mesh_motion_numerics.interpolation.two_scale.plans import TwoScalePlans, plan_for
+from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion, substeps
+from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
+from mesh_motion_numerics.mesh.points import bounding_box
+from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles, Patch
+from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
+from mesh_motion_numerics.motion.stage import Stage
+from mesh_motion_numerics.reduction.near_surface import boundary_spacing
+from mesh_motion_numerics.reduction.reduced_motion import interpolate_reduced
+from mesh_motion_numerics.stopwatch import Stopwatch
+
+__all__ = ["StandardMotion", "StandardTrial"]
+
+
+#: A re-anchored motion takes one sub-step for each such share of the domain's extent that a boundary node moves …
+_SUBSTEP_FRACTION = 0.025
+#: … and at most this many.
+_MAX_SUBSTEPS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class StandardTrial:
+    """The positions of all nodes by the standard motion.
+
+    Attributes
+    ----------
+    start : (n, d) array
+        Positions from which the interpolation started, mesh length unit.
+    points : (n, d) array
+        Trial positions.
+    stages : tuple of Stage
+        The motion from ``start``, anywhere.
+    factorization : Factorization
+        Of all nodes with a role at ``start`` (with a boundary layer's outermost nodes instead of the wall behind them);
+        with a reduction, it is made at its first use. It includes periodic nodes only if an enrichment follows.
+    control_points : (nc,) int64 array
+        Control nodes of the last interpolation: all nodes with a role, or those that a reduction chose.
+    reduction_error : float
+        Largest error that a reduction left at a boundary node before it was corrected, as a share of the largest
+        displacement of that interpolation; 0 without a reduction.
+    """
+
+    start: Floats
+    points: Floats
+    stages: tuple[Stage, ...]
+    factorization: Factorization
+    control_points: Integers
+    reduction_error: float
+
+
+@dataclass(frozen=True, eq=False)
+class StandardMotion:
+    """The standard motion of one mesh.
+
+    Attributes
+    ----------
+    reference : (n, d) array
+        Reference coordinates, mesh length unit.
+    method : Method
+        With the support radius filled in.
+    sliding : SlidingSurfaces or None
+        Surfaces on which ``roles.sliding`` stay; None without such nodes.
+    periodic : PeriodicNodes or None
+        Nodes that move alike; None without periodic patches.
+    spacing : float, mesh length unit
+        Of the moving nodes in the reference mesh; 0 if no reduction needs it.
+    plans : TwoScalePlans
+        Say which control nodes are interpolated in two scales.
+    layer : BoundaryLayer or None
+        Nodes that the moving walls carry with them.
+    """
+
+    reference: Floats
+    roles: BoundaryRoles
+    method: Method
+    sliding: SlidingSurfaces | None
+    periodic: PeriodicNodes | None
+    spacing: float
+    plans: TwoScalePlans
+    layer: BoundaryLayer | None = None
+
+    @classmethod
+    def build(cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch], method: Method) -> StandardMotion:
+        """Prepare the motion of a checked mesh with reference coordinates ``points`` (n, d)."""
+        roles = BoundaryRoles.from_patches(patches)
+        periodic = PeriodicNodes.build(points, cells, patches, roles)
+        sliding = None
+        if len(roles.sliding):
+            surfaces = {name: patch.nodes for name, patch in patches.items() if patch.role in SLIDING_ROLES}
+            images = () if periodic is None else periodic.generators
+            mirrors = [name for name in surfaces if patches[name].role == "symmetry"]
+            sliding = SlidingSurfaces.build(points, cells, surfaces, roles.sliding, images=images, mirrors=mirrors)
+        spacing = 0.0 if method.reduction == "none" else boundary_spacing(points[roles.moving])
+        layer = None
+        if method.boundary_layer_thickness:
+            thickness = method.boundary_layer_thickness
+            layer = BoundaryLayer.build(points, cells, patches, thickness=thickness, sliding=sliding)
+        plain = cls(points, roles, method, sliding, periodic, spacing, TwoScalePlans(()))
+        return plain.with_layer(layer)
+
+    def with_layer(self, layer: BoundaryLayer | None) -> StandardMotion:
+        """The same motion with another boundary layer, or none, and so with other control points."""
+        other = replace(self, layer=layer)
+        offered = self.periodic is None
+        plans = TwoScalePlans.build(
+            self.reference,
+            self.roles,
+            self.method,
+            offered=offered,
+            followed=[followed for followed, wall in self.walls() if wall.freedom().any()],
+            controls=other._controls,
+        )
+        return replace(other, plans=plans)
+
+    def walls(self) -> Iterator[tuple[Integers, SlidingSurfaces]]:
+        """The sliding nodes in the order in which they are placed, and the nodes (k,) that each part of them follows.
+
+        Lines follow their ends, and surfaces follow their lines, so that no node passes the end of its wall.
+        """
+        followed = self.roles.prescribed
+        for wall in () if self.sliding is None else self.sliding.by_freedom:
+            yield followed, wall
+            followed = np.union1d(followed, wall.nodes)
+
+    def trial(self, committed: Floats, targets: Floats, factors: FactorSource, watch: Stopwatch) -> StandardTrial:
+        """Trial positions with ``roles.moving`` at ``targets`` (k, d), bitwise, and every other node following.
+
+        Parameters
+        ----------
+        committed : (n, d) array
+            Committed positions, mesh length unit.
+        targets : (k, d) array
+        watch : Stopwatch
+            Gains the seconds of ``solve`` and ``displace``.
+        """
+        if self.periodic is not None:
+            self.periodic.check_targets(self.roles.moving, targets)
+        start = committed if self.method.displacement == "relative" else self.reference
+        points = start
+        solved: list[_Solved] = []
+        for waypoint in self._waypoints(start, targets):
+            points, stage = self._interpolate(points, waypoint, factors, watch)
+            solved.append(stage)
+        return StandardTrial(
+            start,
+            points,
+            tuple(s.stage for s in solved),
+            self._boundary_factorization(start, solved[0].factorization, factors),
+            solved[-1].control_points,
+            max(s.reduction_error for s in solved),
+        )
+
+    def _waypoints(self, start: Floats, targets: Floats) -> list[Floats]:
+        """Positions of the moving nodes after each sub-step, the targets last."""
+        if self.method.displacement != "reanchored":
+            return [targets]
+        origin = start[self.roles.moving]
+        furthest = float(np.sqrt(np.max(np.sum((targets - origin) ** 2, axis=1))))
+        stride = _SUBSTEP_FRACTION * float(np.ptp(bounding_box(self.reference), axis=0).max())
+        count = min(max(math.ceil(furthest / stride), 1), _MAX_SUBSTEPS)
+        path = substeps(origin, targets - origin, count)
+        return [*(origin + displacement for displacement in path[:-1]), targets]
+
+    def _interpolate(
+        self, points: Floats, targets: Floats, factors: FactorSource, watch: Stopwatch
+    ) -> tuple[Floats, _Solved]:
+        """One interpolation from the mesh ``points`` (n, d): the new positions and the solved stage."""
+        roles = self.roles
+        if self.layer is None and self.periodic is None and self.sliding is None:
+            told = roles.prescribed_positions(targets, self.reference)  # an array of all nodes costs as much as a pass
+            solved = self._solve(points, roles.prescribed, told, factors, watch)
+            with watch.phase("displace"):
+                return self._displaced(points, roles.prescribed, told, solved.stage, factors), solved
+        prescribed = points.copy()
+        prescribed[roles.prescribed] = roles.prescribed_positions(targets, self.reference)
+        if self.layer is not None:
+            with watch.phase("displace"):
+                prescribed[self.layer.nodes] = self.layer.carried(prescribed)
+        if self.sliding is not None:
+            prescribed = self._slid(points, prescribed, factors, watch)
+        controls = self.control_nodes(roles.all)
+        solved = self._solve(points, controls, prescribed[controls], factors, watch)
+        with watch.phase("displace"):
+            known = roles.all if self.layer is None else np.union1d(roles.all, np.flatnonzero(self.layer.known))
+            return self._tied(self._displaced(points, known, prescribed[known], solved.stage, factors)), solved
+
+    def _slid(self, points: Floats, prescribed: Floats, factors: FactorSource, watch: Stopwatch) -> Floats:
+        """The ``prescribed`` positions (n, d) with the sliding nodes on their surfaces."""
+        for followed, wall in self.walls():
+            places = points[wall.nodes]
+            if wall.freedom().any():  # corners stay
+                following = self.following(points, self.control_nodes(followed), prescribed, factors, watch)
+                with watch.phase("displace"):
+                    places = following.positions(places)
+            known = np.zeros(len(points), dtype=bool) if self.layer is None else self.layer.known.copy()
+            own = ~known[wall.nodes]
+            prescribed[wall.nodes[own]] = wall.project(places)[own]
+            prescribed = self._tied(prescribed)
+            if 1 in wall.freedom():
+                known[followed] = True
+                prescribed[wall.nodes] = wall.project(wall.in_order(prescribed, known)[wall.nodes])
+        return prescribed
+
+    def following(
+        self, points: Floats, controls: Integers, prescribed: Floats, factors: FactorSource, watch: Stopwatch
+    ) -> Stage:
+        """The stage that walls follow: it takes control nodes (c,) from ``points`` (n, d) to ``prescribed`` (n, d)."""
+        return self._solve(points, controls, prescribed[controls], factors, watch).stage
+
+    def _controls(self, nodes: Integers) -> Integers:
+        """The control nodes for nodes (c,) with a role: a layer's outermost nodes replace the nodes behind them."""
+        return nodes if self.layer is None else self.layer.shield.instead(nodes)
+
+    def control_nodes(self, nodes: Integers) -> Integers:
+        """The control nodes for nodes (c,) with a role: one node of each periodic orbit represents its images."""
+        controls = self._controls(nodes)
+        return controls if self.periodic is None else np.unique(self.periodic.root_of(controls))
+
+    def _displaced(self, points: Floats, known: Integers, told: Floats, stage: Stage, factors: FactorSource) -> Floats:
+        """The mesh ``points`` (n, d) displaced by a stage, the nodes ``known`` (k,) at ``told`` (k, d)."""
+        prepared = prepared_for(stage.interpolant, points, factors, unasked=known)
+        moved = stage.positions(points, prepared)
+        numbers = known[:, None] * moved.shape[1] + np.arange(moved.shape[1])
+        moved.reshape(-1)[numbers.reshape(-1)] = told.reshape(-1)  # moved[known] = given, in a third of the time
+        return moved
+
+    def _solve(
+        self, points: Floats, controls: Integers, goal: Floats, factors: FactorSource, watch: Stopwatch
+    ) -> _Solved:
+        """The stage that takes the control nodes (c,) from ``points`` (n, d) to ``goal`` (c, d)."""
+        with watch.phase("solve"):
+            origin = points.take(controls, axis=0)  # three times as fast as points[controls]
+            rigid = None
+            if not len(self.roles.fixed) and not np.array_equal(origin, goal):  # rest stays rest, bitwise
+                rigid = self.carry(points, origin, goal)
+            carried = origin if rigid is None else rigid.apply(origin)
+            solved = self._levels(points, origin, goal - carried, controls, factors)
+            return replace(solved, stage=replace(solved.stage, rigid=rigid))
+
+    def carry(self, points: Floats, origin: Floats, goal: Floats) -> RigidMotion | None:
+        """The rigid motion of the mesh ``points`` (n, d) closest to that of control nodes, if its walls admit it."""
+        rigid = self.fitted(origin, goal)
+        if rigid is None or self.sliding is None:
+            return rigid
+        return self.sliding.admitted(rigid, points[self.sliding.nodes])
+
+    def fitted(self, origin: Floats, goal: Floats) -> RigidMotion | None:
+        """The rigid motion closest to that of control nodes from origin to goal (c, d), whatever the walls admit."""
+        return fit_rigid_motion(origin, goal) if self.periodic is None else self.periodic.carry(origin, goal)
+
+    def _levels(
+        self, points: Floats, origin: Floats, displacement: Floats, controls: Integers, factors: FactorSource
+    ) -> _Solved:
+        """The interpolation of the ``displacement`` (c, d) of control nodes (c,), at ``origin`` (c, d) in the mesh."""
+        if self.periodic is not None or self.method.reduction == "none":
+            factorization = self._all_factorized(points, origin, controls, factors)
+            return _Solved(Stage(None, factorization.solve(displacement)), factorization, controls)
+        reduced = interpolate_reduced(origin, displacement, self.method, factors, spacing=self.spacing)
+        return _Solved(
+            Stage(None, reduced.levels[0], reduced.levels[1:]),
+            DeferredFactorization(origin, self.method, factors),
+            controls[reduced.selected],
+            reduced.error,
+        )
+
+    def factorized(self, controls: Integers, factors: FactorSource) -> Factorization:
+        """The factorization of control nodes (c,) in the reference mesh, without reduction."""
+        return self._all_factorized(self.reference, self.reference.take(controls, axis=0), controls, factors)
+
+    def _all_factorized(
+        self, points: Floats, origin: Floats, controls: Integers, factors: FactorSource
+    ) -> Factorization:
+        """The factorization of all control nodes (c,), at ``origin`` (c, d) in the mesh ``points`` (n, d).
+
+        If the boundary has changed too much for the reference mesh's plan, it uses a new plan.
+        """
+        if self.periodic is not None:
+            return periodic_factorization_of(
+                origin, self.periodic.generators, bounding_box(points), self.method, factors
+            )
+        plan = self.plans.of(controls)
+        try:
+            if plan is None:
+                return factorization_of(origin, self.method, factors)
+            return two_scale_factorization_of(origin, bounding_box(points), plan, factors)
+        except QualityRefused:
+            if not basis_named(self.method.basis).compact:
+                raise
+        anew = plan_for(points, controls, self.roles, self.method)
+        return two_scale_factorization_of(origin, bounding_box(points), anew, factors)
+
+    def _tied(self, positions: Floats) -> Floats:
+        """Positions (n, d) with periodic images placed by their roots, except the moving nodes."""
+        return positions if self.periodic is None else self.periodic.tied(positions, left=self.roles.moving)
+
+    def _boundary_factorization(self, start: Floats, own: Factorization, factors: FactorSource) -> Factorization:
+        """The motion's own factorization; if an enrichment must vanish on periodic sides too, one with them."""
+        if self.periodic is None or self.method.correction in ("none", "smooth", "optimised"):
+            return own
+        nodes = np.union1d(self._controls(self.roles.all), self.roles.periodic)
+        return factorization_of(start[nodes], self.method, factors)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """A stage, the boundary's factorization and the control nodes (nc,)."""
+
+    stage: Stage
+    factorization: Factorization
+    control_points: Integers
+    reduction_error: float = 0.0

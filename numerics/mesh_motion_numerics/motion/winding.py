@@ -1,0 +1,328 @@
+"""Bodies that turn by more than half a turn: which turn they are on, and the plain motion that winds the mesh.
+
+A boundary at 200° is also one at −160°, and both have a mesh. The committed mesh says which of the two is meant: along
+a chain of cells from a wall at rest to the body the rotation is continuous. In the plane two cells of positive size
+that share an edge differ by less than half a turn, so the turn is counted exactly; in space it is counted about the
+coordinate axis that is nearest to the rotation's. A body goes on from there by the smallest change. Nothing is stored,
+so a mesh that is resumed or rolled back goes on alike.
+
+Interpolation of a displacement cannot wind: it is the same after a whole turn. So a turn θ is divided into two::
+
+    θ = φ + ρ,      φ = θ S(|θ|),      y = c + R(φ g(x)) (x̃ − c)
+
+x̃ is interpolated to the boundary that is turned back by φ about its centre c. g is 1 at the body and its layer, 0 at
+all other boundaries, and in between the mean over a node's neighbours: rings of cells share the turn. S rises from 0
+at a quarter turn to 1 at three quarters with two continuous derivatives; up to a quarter turn φ is exactly 0.
+
+Winding shears all cells. They resist where they lose more than that takes (:meth:`Winding.sheared`): if all resist,
+there are many minima.
+
+A body that is attached to nodes that do not move cannot turn that far. Without fixed nodes there is no turn to count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array, eye_array
+from scipy.sparse.csgraph import breadth_first_order
+from scipy.sparse.linalg import bicgstab
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.blas import one_blas_thread
+from mesh_motion_numerics.decomposition import nearest_rotation
+from mesh_motion_numerics.mesh.paths import fit_rigid_motion
+from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
+
+__all__ = ["UNWOUND", "Turns", "Winding", "WindingBody", "winding_body", "wound"]
+
+UNWOUND = "the mesh can be wound no further: it goes on from the least turn to the same boundary, and nodes jump"
+"""The warning of a step that could not go on from the committed mesh's turn."""
+
+_FIRST, _ALL = np.pi / 2, 1.5 * np.pi  # |θ| at which S rises from 0, and is 1
+_NARROW = 1.5  # a tube's first radius, in distances between its ends' nodes and their neighbours
+_ACCURATE = 1e-12  # of g
+_MOST = 0.9  # of the cells between a body and the others
+_LATER = 1.25  # simplices that are turned one ring against the next lose more than their shear takes
+_UNCERTAIN = 5 / 6 * np.pi  # two cells of a chain that differ by more may differ by the rest of a whole turn
+
+
+@dataclass(frozen=True, eq=False)
+class WindingBody:
+    """A body that may wind the mesh.
+
+    Attributes
+    ----------
+    rows : (b,) int64 array
+        Its nodes, as rows among the moving nodes.
+    chain : (p, d + 1) int array
+        Corner simplices from a wall at rest to the body, each with an edge of the one before.
+    """
+
+    rows: Integers
+    chain: NDArray[np.integer]
+
+
+@dataclass(frozen=True, eq=False)
+class Turns:
+    """How the bodies turn in one step, rows by body.
+
+    Attributes
+    ----------
+    axes : (b,) int64 array
+        Coordinate axis about which each turns.
+    before, after : (b,) arrays, radians
+        The angles at the committed mesh and at the targets.
+    certain : bool
+        Whether the whole turns could be counted.
+    """
+
+    axes: Integers
+    before: Floats
+    after: Floats
+    certain: bool = True
+
+    @property
+    def unwound(self) -> Turns | None:
+        """The same with the least turns that lead to the same targets; None if these certainly are the least."""
+        least = self.after - 2.0 * np.pi * np.round(self.after / (2.0 * np.pi))
+        return None if self.certain and np.array_equal(least, self.after) else Turns(self.axes, least, least)
+
+
+@dataclass(eq=False)
+class Winding:
+    """The bodies of one mesh that may wind it.
+
+    Attributes
+    ----------
+    reference : (n, d) array, mesh length unit
+    moving : (k,) int64 array
+        Nodes of the moving boundary.
+    held : (n,) bool array
+        Boundary nodes and those of layers.
+    simplices : (c, d + 1) int array
+        Corner simplices of all cells.
+    averages : callable
+        Makes the means (n, n) over nodes' neighbours, when a body first winds the mesh.
+    """
+
+    reference: Floats
+    moving: Integers
+    held: Marks
+    simplices: NDArray[np.integer]
+    layer: BoundaryLayer | None
+    averages: Callable[[], csr_array]
+    bodies: tuple[WindingBody, ...] = field(default=())
+
+    # --- which turn --------------------------------------------------------------------------------------------------
+
+    def turns(self, committed: Floats, targets: Floats) -> Turns | None:
+        """How the bodies turn from the ``committed`` mesh (n, d) to ``targets`` (k, d): by the smallest change.
+
+        None if interpolation alone is the plain motion at both ends.
+        """
+        if not any(self._may_wind(body, committed, targets) for body in self.bodies):
+            return None
+        axes, before, after, certain = [], [], [], []
+        for body in self.bodies:
+            rest, was = self.reference[self.moving[body.rows]], committed[self.moving[body.rows]]
+            old, new = _fitted(rest, was), _fitted(rest, targets[body.rows])
+            chain = self._rotations(body, committed)
+            relative = (chain[1:] * chain[:-1].inv()).as_rotvec()
+            about = chain[0].as_rotvec() + relative.sum(axis=0) + (new * old.inv()).as_rotvec()
+            axis = 2 if self.reference.shape[1] == 2 else int(np.argmax(np.abs(about)))
+            counted = np.unwrap(np.append(0.0, _twist(chain, axis)))
+            axes.append(axis)
+            before.append(_nearest(_twist(old, axis), counted[-1]))
+            after.append(_nearest(_twist(new, axis), before[-1]))
+            certain.append(np.abs(np.diff(counted)).max() < _UNCERTAIN)
+        turns = Turns(np.array(axes, dtype=np.int64), np.array(before), np.array(after), all(certain))
+        furthest = max(np.abs(turns.before).max(), np.abs(turns.after).max())
+        return turns if furthest > _FIRST or not turns.certain else None
+
+    def _may_wind(self, body: WindingBody, committed: Floats, targets: Floats) -> bool:
+        """False if no edge of the chain has turned by a quarter turn, and the body will not have either."""
+        now, rest = (p[body.chain[:, 1:]] - p[body.chain[:, :1]] for p in (committed, self.reference))
+        if not (np.einsum("pij,pij->pi", now, rest) > 0.0).all():
+            return True
+        return abs(fit_rigid_motion(self.reference[self.moving[body.rows]], targets[body.rows]).angle) > _FIRST
+
+    def _rotations(self, body: WindingBody, points: Floats) -> Rotation:
+        """Those (p,) of the chain's simplices when the nodes are at ``points`` (n, d)."""
+        now, rest = (p[body.chain[:, 1:]] - p[body.chain[:, :1]] for p in (points, self.reference))
+        turned = nearest_rotation(np.swapaxes(np.linalg.solve(rest, now), 1, 2))
+        whole = np.tile(np.eye(3), (len(turned), 1, 1))
+        whole[:, : turned.shape[1], : turned.shape[1]] = turned
+        return Rotation.from_matrix(whole)
+
+    # --- plain motion ------------------------------------------------------------------------------------------------
+
+    def winds(self, targets: Floats, turns: Turns, fraction: float) -> tuple[Floats, Callable[[Floats], Floats]]:
+        """The boundary (k, d) turned back from ``targets``, and what winds a mesh (n, d) interpolated to it.
+
+        The bodies are a ``fraction`` of the way of their ``turns``.
+        """
+        back, winds = targets.copy(), []
+        nearly = turns.before + fraction * (turns.after - turns.before)
+        for body, axis, share, near in zip(self.bodies, turns.axes, self._shares, nearly, strict=True):
+            own = targets[body.rows]
+            angle = wound(_nearest(_twist(_fitted(self.reference[self.moving[body.rows]], own), axis), near))
+            if angle != 0.0:
+                centre = own.mean(axis=0)
+                back[body.rows] += _turn(own, centre, axis, np.full(len(own), -angle))
+                winds.append((centre, axis, angle * share))
+
+        def wind(points: Floats) -> Floats:
+            found = points + sum(_turn(points, *one) for one in winds)
+            found[self.moving] = targets
+            return found
+
+        return back, wind
+
+    def sheared(self, turns: Turns) -> float:
+        """The distortion log(1 + γ²/d) of cells that are sheared by γ, as most cells at the targets are at most."""
+        d = self.reference.shape[1]
+        strained = (shear * wound(angle) for shear, angle in zip(self._shears, turns.after, strict=True))
+        return float(_LATER * sum(np.log1p(gamma**2 / d) for gamma in strained))
+
+    @cached_property
+    def _shears(self) -> list[float]:
+        """|x − c| |∇g|, which most cells have at most, for each body."""
+        nodes = self.simplices
+        edges = self.reference[nodes[:, 1:]] - self.reference[nodes[:, :1]]
+        found = []
+        for body, share in zip(self.bodies, self._shares, strict=True):
+            arms = self.reference[nodes].mean(axis=1) - self.reference[self.moving[body.rows]].mean(axis=0)
+            slopes = np.linalg.solve(edges, (share[nodes[:, 1:]] - share[nodes[:, :1]])[:, :, None])[:, :, 0]
+            shears = np.linalg.norm(arms, axis=1) * np.linalg.norm(slopes, axis=1)
+            found.append(float(np.quantile(shears[shears > 0.0], _MOST)))
+        return found
+
+    def carried(self, turns: Turns, points: Floats, before: Floats, plain: Floats, begin: float, end: float) -> Floats:
+        """A mesh (n, d) carried on from one fraction of the way of the ``turns`` to another, as :data:`.Carried`.
+
+        All nodes turn with the bodies by their shares; those that are held go to their ``plain`` positions.
+        """
+        found = points.copy()
+        for body, axis, share, angle in zip(
+            self.bodies, turns.axes, self._shares, (end - begin) * (turns.after - turns.before), strict=True
+        ):
+            nodes = self.moving[body.rows]
+            was, goes = (p[nodes].mean(axis=0) for p in (before, plain))
+            found += _turn(points, was, axis, angle * share) + share[:, None] * (goes - was)
+        found[self.held] = plain[self.held]
+        return found
+
+    @cached_property
+    def _shares(self) -> Floats:
+        """g (b, n) of the bodies."""
+        shares = np.zeros((len(self.bodies), len(self.reference)))
+        body_of = np.full(len(self.reference), -1)
+        for number, body in enumerate(self.bodies):
+            body_of[self.moving[body.rows]] = number
+        if self.layer is not None:
+            corners, weights = self.layer.tied.places
+            foot = corners[np.arange(len(corners)), weights.argmax(axis=1)]
+            body_of[self.layer.nodes] = body_of[self.layer.wall.nodes[foot]]
+        means, free = self.averages(), np.flatnonzero(~self.held)
+        inner = csr_array(means[free][:, free])
+        system = eye_array(len(free), format="csr") - inner
+        for number, share in enumerate(shares):
+            share[body_of == number] = 1.0
+            with one_blas_thread():
+                found, failed = bicgstab(system, (means @ share)[free], rtol=_ACCURATE, maxiter=100 * len(shares[0]))
+            if failed:
+                raise QualityRefused("the share of a body's turn at the nodes was not found")
+            share[free] = found
+        return shares
+
+
+def winding_body(
+    reference: Floats, simplices: NDArray[np.integer], nodes: Integers, rows: Integers, fixed: Integers
+) -> WindingBody | None:
+    """The body of moving ``nodes`` (b,), at ``rows`` (b,); None if no cells lead from ``fixed`` (f,) nodes to it.
+
+    Parameters
+    ----------
+    reference : (n, d) array, mesh length unit
+    simplices : (c, d + 1) int array
+        Corner simplices of all cells.
+    """
+    d = reference.shape[1]
+    distances, nearest = cKDTree(reference[fixed]).query(reference[nodes])
+    closest = int(np.argmin(distances))
+    start, end = reference[nodes[closest]], reference[fixed[nearest[closest]]]
+    along = (reference - start) @ (end - start) / max(float((end - start) @ (end - start)), np.finfo(float).tiny)
+    apart = np.linalg.norm(reference - start - np.clip(along, 0.0, 1.0)[:, None] * (end - start), axis=1)
+    of_body, of_wall = (np.isin(np.arange(len(reference)), some) for some in (nodes, fixed))
+    radius = _NARROW * float(np.partition(np.linalg.norm(reference - start, axis=1), 1 + d)[1 + d])
+    while True:
+        inside = simplices[(apart[simplices] <= radius).any(axis=1)]
+        chain = _chain(inside, of_wall[inside].sum(axis=1) >= d, of_body[inside].sum(axis=1) >= d)
+        if chain is not None:
+            return WindingBody(rows, inside[chain])
+        if len(inside) == len(simplices):
+            return None
+        radius *= 2.0
+
+
+def _chain(simplices: NDArray[np.integer], first: Marks, last: Marks) -> Integers | None:
+    """Simplices (c, d + 1) from one that is marked ``first`` (c,) to one marked ``last``, with common edges."""
+    if not first.any() or not last.any():
+        return None
+    edges = np.concatenate([np.sort(simplices[:, pair], axis=1) for pair in combinations(range(simplices.shape[1]), 2)])
+    names, edge = np.unique(edges, axis=0, return_inverse=True)
+    c, source = len(simplices), len(simplices) + len(names)
+    own = np.tile(np.arange(c), len(edges) // c)
+    begin = np.flatnonzero(first)
+    one, other = np.append(own, begin), np.append(c + edge.ravel(), np.full(len(begin), source))
+    graph = coo_array((np.ones(len(one)), (one, other)), shape=(source + 1, source + 1)).tocsr()
+    order, before = breadth_first_order(graph, source, directed=False)
+    ends = order[order < c]
+    ends = ends[last[ends]]
+    if not len(ends):
+        return None
+    chain = [int(ends[0])]
+    while (place := int(before[chain[-1]])) != source:
+        chain.append(int(before[place]) if place >= c else place)
+    return np.array(chain[::-1], dtype=np.int64)
+
+
+def wound(angle: float) -> float:
+    """φ of a turn θ, radians."""
+    s = float(np.clip((abs(angle) - _FIRST) / (_ALL - _FIRST), 0.0, 1.0))
+    return angle * s**3 * (10.0 + s * (6.0 * s - 15.0))
+
+
+def _fitted(rest: Floats, moved: Floats) -> Rotation:
+    """The rotation of a body from its nodes (b, d)."""
+    rigid = fit_rigid_motion(rest, moved)
+    return Rotation.from_rotvec(rigid.angle * rigid.axis)
+
+
+def _twist(rotations: Rotation, axis: int) -> Floats:
+    """The angle (…,) about a coordinate axis."""
+    quaternions = rotations.as_quat()
+    return np.asarray(2.0 * np.arctan2(quaternions[..., axis], quaternions[..., 3]))
+
+
+def _nearest(angle: float | Floats, near: float) -> float:
+    """The angle plus the whole turns that bring it nearest to another one."""
+    return float(angle + 2.0 * np.pi * np.round((near - angle) / (2.0 * np.pi)))
+
+
+def _turn(points: Floats, centre: Floats, axis: int, angles: Floats) -> Floats:
+    """(n, d) displacements of points that turn about a centre and a coordinate axis by angles (n,)."""
+    one, other = ((1, 2), (2, 0), (0, 1))[axis]
+    out, sine, less = np.zeros_like(points), np.sin(angles), 2.0 * np.sin(angles / 2.0) ** 2
+    x, y = points[:, one] - centre[one], points[:, other] - centre[other]
+    out[:, one], out[:, other] = -less * x - sine * y, sine * x - less * y
+    return out

@@ -1,0 +1,367 @@
+"""Mesh quality: relative size, skew and size-skew of every cell (thesis §2.3).
+
+The size metric compares a cell with itself in the reference mesh, ``τ = Σ_k α_k / Σ_k α_k⁰`` with the corner
+determinants α_k (on a line the ratio of lengths (3.6)), ``size = sign(τ) · min(|τ|, 1/|τ|)``: thesis (2.13), which as
+printed sums the ratios and so gives n for an undeformed cell. Skew is absolute: 1 for the ideal cell, 0 for a
+degenerate one. It is computed from the entries of λ = AᵀA (3.22), thesis (2.14), (3.30); the formulas of all cell types
+are in ``kernels/src/quality/cell_types.h``. Size and skew are combined to
+
+======================  =================================  =========================================
+metric                  formula                            source
+======================  =================================  =========================================
+``size``                size                               thesis (2.13); its 2D tables use this one
+``skew``                skew                               thesis (2.14)
+``size-skew``           sign(size) · √|size| · skew        thesis, text below (2.15)
+``size-skew-root``      sign(size) · √(|size| · skew)      thesis (2.15)
+``size-skew-product``   size · skew                        thesis (3.21), (3.24), (3.28), (3.30)
+``relative-size-skew``  size-skew with the shape relative  target matrices: Knupp (2012)
+                        to the cell at rest
+======================  =================================  =========================================
+
+The last one compares both with the cell itself in the reference mesh: 1 at rest and after any rigid motion of the cell,
+whatever its shape. Of triangles and tetrahedra the relative shape is ``min(1, skew / skew at rest)``: a triangle of a
+boundary layer that is a thousand times as long as high always has a skew of 1e-3; its relative shape falls when its
+height does. Of other cells it is the smallest ``d det(T)^(2/d) / |T|²_F`` of ``T = A_k A_k⁰⁻¹`` over the corners: the
+skew of (2.14) sees their angles alone and is 1 for every rectangle, T sees the aspect ratio too. It is the worst corner
+and not a mean, because a flow solver feels the worst corner: a mean over a quad's corners may be three times as good.
+
+Skew is never negative. A cell whose corners are all inverted has the skew of its mirror image, so size-skew
+distinguishes a badly inverted cell from a slightly inverted one; a cell with only some corners inverted has skew 0. A
+cell with a position that is not finite has -inf in every metric: worse than any number, never equal to a good value.
+
+Node indices are not checked here: :func:`~mesh_motion_numerics.quality.mesh_check.checked_mesh` does that once.
+
+References
+----------
+P. M. Knupp, Algebraic mesh quality metrics for unstructured initial meshes, Finite Elements in Analysis and Design
+39 (2003) 217–241. P. M. Knupp, Introducing the target-matrix paradigm for mesh optimization via node-movement,
+Engineering with Computers 28 (2012) 419–429.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mesh_motion_kernels as kernels
+import numpy as np
+from mesh_motion_protocol.errors import InvalidInput
+from numpy.typing import NDArray
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks, Shorts
+from mesh_motion_numerics.mesh.cells import CellBlock, CellTable, CellType
+
+__all__ = [
+    "METRIC_CODES",
+    "QUALITY_METRICS",
+    "WORST_CORNER",
+    "AtRest",
+    "CellQuality",
+    "CellsAtRest",
+    "cell_quality",
+    "cells_at_rest",
+    "corner_quality",
+    "reference_sizes",
+    "rest_for",
+    "sizes_of",
+    "skews_of",
+    "subset_quality",
+]
+
+
+#: Name → formula of every quality metric.
+QUALITY_METRICS: dict[str, str] = {
+    "size": "sign(τ) min(|τ|, 1/|τ|)",
+    "skew": "skew",
+    "size-skew": "sign(size) √|size| skew",
+    "size-skew-root": "sign(size) √(|size| skew)",
+    "size-skew-product": "size skew",
+    "relative-size-skew": "sign(size) √|size| shape relative to the cell at rest",
+}
+
+#: Name of :func:`corner_quality`, by which regions are chosen.
+WORST_CORNER = "corner-shape-size"
+#: Number of each quality metric in the compiled loops.
+METRIC_CODES = {name: code for code, name in enumerate(QUALITY_METRICS)}
+_RELATIVE = "relative-size-skew"
+_NOTHING = np.empty(0), np.empty((0, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class CellQuality:
+    """Quality of m cells.
+
+    Attributes
+    ----------
+    size : (m,) array
+        Signed relative size in [-1, 1]; -inf for a cell with positions that are not finite.
+    skew : (m,) array
+        In [0, 1]; -inf as above.
+    inverted : (m,) bool array
+        Any corner determinant ≤ 0 (or not a number).
+    relative : (m,) array, optional
+        Shape relative to the cell at rest, in [0, 1], if the cells at rest are known; "relative-size-skew" needs it.
+    """
+
+    size: Floats
+    skew: Floats
+    inverted: Marks
+    relative: Floats | None = None
+
+    def __len__(self) -> int:
+        return len(self.size)
+
+    def subset(self, numbers: Integers | slice) -> CellQuality:
+        """The quality of the cells with the given numbers only, in that order."""
+        relative = None if self.relative is None else self.relative[numbers]
+        return CellQuality(self.size[numbers], self.skew[numbers], self.inverted[numbers], relative)
+
+    @property
+    def relative_shape(self) -> Floats:
+        """Shape relative to that at rest (m,), at most 1; InvalidInput if the cells at rest are not known."""
+        if self.relative is None:
+            raise _unknown_rest()
+        return self.relative
+
+    def relative_extremes(self) -> tuple[float, float]:
+        """The smallest relative shape (0 for an inverted cell) and the smallest size."""
+        relative = np.where(self.inverted, 0.0, self.relative_shape)
+        return float(relative.min()), float(self.size.min())
+
+    def metric(self, name: str) -> Floats:
+        """Values (m,) of one of :data:`QUALITY_METRICS`.
+
+        Raises
+        ------
+        InvalidInput
+            On an unknown name, or one that needs the cells at rest if they are not known.
+        """
+        code, skew = metric_code(name), self.skew
+        if name in ("size", "skew"):
+            return self.size if name == "size" else self.skew
+        if name == _RELATIVE:
+            skew = self.relative_shape
+        values = np.empty(len(self))
+        kernels.metric_values(np.ascontiguousarray(self.size), np.ascontiguousarray(skew), code, values)
+        return values
+
+
+@dataclass(frozen=True, eq=False)
+class CellsAtRest:
+    """The cells in the reference mesh; moved cells are measured against them.
+
+    Attributes
+    ----------
+    sizes : (m,) array
+        Of :func:`reference_sizes`.
+    skews : (m,) array
+    points : (n, d) array, mesh length unit
+        Of the reference mesh's nodes.
+    """
+
+    sizes: Floats
+    skews: Floats
+    points: Floats
+
+    def __len__(self) -> int:
+        return len(self.sizes)
+
+    def __getitem__(self, rows: Any) -> CellsAtRest:
+        return CellsAtRest(self.sizes[rows], self.skews[rows], self.points)
+
+    def of_nodes(self, nodes: Integers) -> CellsAtRest:
+        """The same cells in a mesh that has only these nodes (k,)."""
+        return replace(self, points=self.points[nodes])
+
+
+#: Reference sizes alone, or the cells at rest.
+AtRest = Floats | CellsAtRest
+
+
+def _unknown_rest() -> InvalidInput:
+    return InvalidInput("the metric 'relative-size-skew' needs the cells at rest: give CellsAtRest")
+
+
+def sizes_of(rest: AtRest) -> Floats:
+    """(m,) reference sizes."""
+    return rest.sizes if isinstance(rest, CellsAtRest) else rest
+
+
+def skews_of(rest: AtRest) -> Floats | None:
+    """(m,) skews at rest, or None."""
+    return rest.skews if isinstance(rest, CellsAtRest) else None
+
+
+def rest_for(metric: str, rest: AtRest) -> AtRest:
+    """The data of the cells at rest that a metric needs: the sizes alone, except for "relative-size-skew"."""
+    metric_code(metric)
+    if metric != _RELATIVE:
+        return sizes_of(rest)
+    if not isinstance(rest, CellsAtRest):
+        raise _unknown_rest()
+    return rest
+
+
+def metric_code(name: str) -> int:
+    """Number of a metric in the compiled loops; InvalidInput on an unknown name."""
+    if name not in QUALITY_METRICS:
+        raise InvalidInput(
+            f"unknown quality metric {name!r}; known are {', '.join(QUALITY_METRICS)}", details={"metric": str(name)}
+        )
+    return METRIC_CODES[name]
+
+
+def uses_angles(cell_type: CellType) -> bool:
+    """Whether the skew of a cell type follows from the angles between its edges, not from the mean ratio."""
+    return cell_type.name in ("quad", "hexahedron", "wedge")
+
+
+def empty_quality(count: int) -> CellQuality:
+    """Uninitialised result arrays for the compiled loops."""
+    return CellQuality(np.empty(count), np.empty(count), np.empty(count, dtype=np.bool_))
+
+
+def block_slices(cells: CellTable) -> Iterator[tuple[CellBlock, slice]]:
+    """Each block with the slice of cell numbers that belongs to it."""
+    for block, first in cells.numbered():
+        yield block, slice(first, first + len(block))
+
+
+def judged(cells: CellTable, rest: AtRest) -> tuple[list[Shorts], Floats, tuple[Floats, Floats]]:
+    """Arguments of loops over all cells: the nodes of each block, the reference sizes, skews and points at rest."""
+    nodes = [np.ascontiguousarray(block.nodes) for block in cells]
+    known = (rest.skews, rest.points) if isinstance(rest, CellsAtRest) else _NOTHING
+    skews, points = (np.ascontiguousarray(each) for each in known)
+    return nodes, np.ascontiguousarray(sizes_of(rest)), (skews, points)
+
+
+def as_positions(points: NDArray[np.floating], dimension: int) -> Floats:
+    """Points in the form that compiled loops need; InvalidInput if they are not (n, d) with the cells' dimension."""
+    positions = np.ascontiguousarray(points, dtype=np.float64)
+    if positions.ndim != 2 or positions.shape[1] != dimension:
+        raise InvalidInput(
+            f"points: expected an array of shape (n, {dimension}) for {dimension}D cells, got {positions.shape}",
+            code="INVALID_ARGUMENT.SHAPE",
+            details={"shape": list(positions.shape), "dimension": dimension},
+        )
+    return positions
+
+
+def reference_sizes(points: NDArray[np.floating], cells: CellTable) -> Floats:
+    """Σ_k det A_k of every cell of the reference mesh: the reference of τ.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+
+    Returns
+    -------
+    (m,) array, mesh length unit to the power d
+        Proportional to length, area or volume (:attr:`CellType.size_factor`).
+    """
+    positions = as_positions(points, cells.dimension)
+    out = np.empty(len(cells))
+    for block, rows in block_slices(cells):
+        kernels.cell_sizes(positions, np.ascontiguousarray(block.nodes), out[rows])
+    return out
+
+
+def cells_at_rest(points: NDArray[np.floating], cells: CellTable, sizes: Floats | None = None) -> CellsAtRest:
+    """The cells of the reference mesh with nodes at ``points`` (n, d).
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+    sizes : (m,) array, optional
+        Of :func:`reference_sizes`, if they are known.
+    """
+    sizes = reference_sizes(points, cells) if sizes is None else sizes
+    positions = as_positions(points, cells.dimension)
+    return CellsAtRest(sizes, cell_quality(positions, cells, sizes).skew, positions)
+
+
+def cell_quality(points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest) -> CellQuality:
+    """Size, skew, validity and, if the cells at rest are known, relative shape of every cell.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+    reference_sizes : (m,) array or CellsAtRest
+        From :func:`reference_sizes` or :func:`cells_at_rest` of the reference mesh; non-zero.
+    """
+    positions, sizes = as_positions(points, cells.dimension), sizes_of(reference_sizes)
+    out = empty_quality(len(cells))
+    for block, rows in block_slices(cells):
+        _block_quality(positions, block.nodes, sizes[rows], out, rows)
+    if not isinstance(reference_sizes, CellsAtRest):
+        return out
+    relative = np.empty(len(cells))
+    for block, rows in block_slices(cells):
+        _relate(positions, block.nodes, reference_sizes[rows], out.skew[rows], relative[rows])
+    return replace(out, relative=relative)
+
+
+def subset_quality(
+    points: NDArray[np.floating], cells: CellTable, reference_sizes: AtRest, numbers: NDArray[np.integer]
+) -> CellQuality:
+    """As :func:`cell_quality` for the cells with the given numbers (s,) only, in that order; the cost is O(s)."""
+    positions = as_positions(points, cells.dimension)
+    chosen, sizes = np.asarray(numbers, dtype=np.int64), sizes_of(reference_sizes)
+    rest = reference_sizes if isinstance(reference_sizes, CellsAtRest) else None
+    out = replace(empty_quality(len(chosen)), relative=None if rest is None else np.empty(len(chosen)))
+    for block, rows in block_slices(cells):
+        here = np.flatnonzero((chosen >= rows.start) & (chosen < rows.stop))
+        part, own = empty_quality(len(here)), chosen[here] - rows.start
+        _chosen_quality(positions, block, own, sizes[rows], part)
+        out.size[here], out.skew[here], out.inverted[here] = part.size, part.skew, part.inverted
+        if rest is not None and out.relative is not None:
+            relative = np.empty(len(here))
+            _relate(positions, block.nodes[own], rest[chosen[here]], part.skew, relative)
+            out.relative[here] = relative
+    return out
+
+
+def corner_quality(points: NDArray[np.floating], cells: CellTable, rest: CellsAtRest, skews: Floats) -> Floats:
+    """(m,) quality of each cell's worst corner against itself at rest: shape · √size, and of no simplex its angles.
+
+    ``skews`` (m,) are those of :func:`cell_quality` at the same points (n, d).
+    A cell without a corner below ``exp(−f)`` has no distortion above f in the smooth correction; its metric is named
+    :data:`WORST_CORNER` where regions are chosen.
+    """
+    positions, out = as_positions(points, cells.dimension), np.empty(len(cells))
+    for block, rows in block_slices(cells):
+        arrays = positions, rest.points, np.ascontiguousarray(block.nodes), skews[rows]
+        kernels.corner_quality(*arrays, np.ascontiguousarray(rest[rows].skews), out[rows])
+    return out
+
+
+def _relate(points: Floats, nodes: Shorts, rest: CellsAtRest, skew: Floats, out: Floats) -> None:
+    """Relative shapes (m,) of cells of one type, from their skews (m,) now."""
+    arrays = points, rest.points, np.ascontiguousarray(nodes), skew, np.ascontiguousarray(rest.skews)
+    kernels.relative_shapes(*arrays, out)
+
+
+def _block_quality(points: Floats, nodes: Shorts, reference: Floats, out: CellQuality, rows: slice) -> None:
+    """Quality of cells of one type, written into out[rows]."""
+    kernels.cell_quality(
+        points,
+        np.ascontiguousarray(nodes),
+        np.ascontiguousarray(reference),
+        out.size[rows],
+        out.skew[rows],
+        out.inverted[rows],
+    )
+
+
+def _chosen_quality(points: Floats, block: CellBlock, chosen: Integers, reference: Floats, out: CellQuality) -> None:
+    """Quality of the cells with the given numbers (s,) in a block."""
+    kernels.chosen_quality(
+        points,
+        np.ascontiguousarray(block.nodes),
+        np.ascontiguousarray(reference),
+        np.ascontiguousarray(chosen),
+        out.size,
+        out.skew,
+        out.inverted,
+    )

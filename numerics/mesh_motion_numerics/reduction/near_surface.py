@@ -1,0 +1,67 @@
+"""The boundary made exact after a reduction: the error left at all boundary nodes, interpolated near the surface.
+
+Setting the boundary nodes to their targets alone puts the whole error into the first layer of cells, and inverts a
+boundary layer that is thinner than the error. So the error is interpolated too, from all boundary nodes, with a compact
+function of small support: the matrix is sparse, the field vanishes a few boundary spacings away, it is smooth and has
+the same gradient as any interpolant. Then the nodes are set.
+
+The radius is four spacings of the moving boundary; doubled until it is ten times the largest error, so that the
+gradient of the correction stays below about a fifth; at most the support radius of the motion itself. It takes steps of
+two so that nearly the same displacements share a factorization.
+
+Measured, minimum size-skew of the cells at the moving surface. "decay": the error of the nearest boundary node times
+φ(distance / r), the cheap correction of the literature, which has a jump wherever the nearest node changes.
+
+===================================  =======  =========  =========  ==========  ==========  ===========
+case, tolerance                      full     nodes set  r = 4 h    r = 8 h     decay 4 h   decay 20 ε
+===================================  =======  =========  =========  ==========  ==========  ===========
+thin ellipse, 0.0004 layers, 3e-2    0.609    −0.980     0.604      0.603       0.599       0.597
+the same, 1e-2                       0.609    −0.973     0.610      0.609       0.603       0.603
+the same, 1e-3                       0.609    0.482      0.610      0.610       0.610       0.604
+wing without layers, 3e-2            0.292    0.270      0.277      0.285       0.276       0.280
+the same, 1e-2                       0.292    0.287      0.290      0.292       0.288       0.288
+the same, 1e-3                       0.292    0.294      0.293      0.292       0.293       0.294
+===================================  =======  =========  =========  ==========  ==========  ===========
+
+References
+----------
+L. Kedward, C. B. Allen, T. C. S. Rendall, J. Comput. Phys. 345 (2017) 732–751 (thesis [28]), too make all boundary
+nodes exact by functions of small support.
+"""
+
+import numpy as np
+
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.mesh.spacing import local_spacing
+
+__all__ = ["BASIS", "boundary_spacing", "near_surface_radius"]
+
+BASIS = "wendland-c2"
+"""Compact, positive definite, with a gradient at its centres, whatever the basis of the motion is."""
+
+_SPACINGS, _ERRORS = 4.0, 10.0
+
+
+def boundary_spacing(points: Floats) -> float:
+    """Median distance of (n, d) points to their nearest neighbours, mesh length unit; 0 of a single point."""
+    if len(points) < 2:
+        return 0.0
+    return float(np.median(local_spacing(points)))
+
+
+def near_surface_radius(spacing: float, largest_error: float, widest: float) -> float:
+    """Support radius of the correction, mesh length unit.
+
+    Parameters
+    ----------
+    spacing : float, mesh length unit
+        Of the moving boundary; 0 where there is none.
+    largest_error : float, mesh length unit
+        Left at a boundary node.
+    widest : float, mesh length unit
+        The support radius of the motion, or the extent of the boundary where its basis has none.
+    """
+    radius = _SPACINGS * spacing if spacing > 0.0 else widest
+    while radius < _ERRORS * largest_error and radius < widest:
+        radius *= 2.0
+    return min(radius, widest)

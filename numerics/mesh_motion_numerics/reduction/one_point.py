@@ -1,0 +1,103 @@
+"""The greedy algorithm with a one-point correction instead of a solution (thesis §2.2.2, (2.8)–(2.10)).
+
+    β = f_max / φ(0);  α_max ← α_max + β;  f(x) ← f(x) + β φ(|x − x_max|)
+
+The correction takes the error at its node away and ignores what it does to the others: cheap (N_b values of φ a point)
+and approximate. The largest error may come back to a node that was corrected before; (2.9) then adds to its coefficient
+once more, and no point is gained.
+
+With a wide support the approximate errors may never meet the tolerance, however many points there are. So a full
+solution on the selected set decides: at the end, when the approximate errors meet the tolerance, and each time the
+number of points has doubled. The corrections go on from its errors.
+
+References
+----------
+T. C. S. Rendall, C. B. Allen, "Reduced surface point selection options for efficient mesh deformation using radial
+basis functions", J. Comput. Phys. 229 (2010) 2810–2820.
+"""
+
+from collections.abc import Callable
+
+import mesh_motion_kernels as kernels
+import numpy as np
+
+from mesh_motion_numerics.interpolation.kernels import values
+from mesh_motion_numerics.mesh.points import padded
+from mesh_motion_numerics.reduction.full_solve import full_operations, full_weights
+from mesh_motion_numerics.reduction.problem import Level, Reduced, ReductionProblem
+from mesh_motion_numerics.reduction.progress import Progress, lengths
+
+__all__ = ["corrected_reduction", "reduce"]
+
+#: Corrections of nodes that are selected already, between two new ones. 400 points on the tapered wing leave 0.0107,
+#: 0.0085, 0.0054, 0.0050, 0.0049 of the displacement with at most 1, 3, 10, 30, 100 of them, for 1, 1.6, 2.8, 4.1, 4.9
+#: times the values of φ; without a bound a tolerance near rounding would never be given up.
+_REVISITS = 10
+#: Points at the first full solution; a power of two.
+_FIRST_CHECK = 16
+
+
+def reduce(problem: ReductionProblem) -> Reduced:
+    """One-point corrections, and a full solution each time the number of points has doubled."""
+    return corrected_reduction(problem, lambda points: points >= _FIRST_CHECK and points & (points - 1) == 0)
+
+
+def corrected_reduction(problem: ReductionProblem, full_due: Callable[[int], bool]) -> Reduced:
+    """One-point corrections, and a full solution where ``full_due(points)`` and at the end."""
+    corrections = _Corrections(problem)
+    while True:
+        done = corrections.add_point()
+        if not done and not full_due(len(corrections.selected)):
+            continue
+        level, done = corrections.solve()
+        if done:
+            selected = np.array(corrections.selected)
+            return Reduced((level,), selected, corrections.error, tuple(corrections.progress.history))
+
+
+class _Corrections:
+    """The selected nodes, and the (nb, k) error of the coefficients so far."""
+
+    def __init__(self, problem: ReductionProblem) -> None:
+        self.problem = problem
+        self.progress = Progress(problem)
+        self.selected: list[int] = []
+        self.error = problem.displacement.copy()
+        self._worst = problem.start
+        self._size = lengths(self.error)
+        self._chosen = np.zeros(problem.n_points, dtype=bool)
+        self._points = padded(problem.points)
+        self._at_zero = float(values(problem.row, np.zeros(1))[0])
+
+    def add_point(self) -> bool:
+        """Correct at the largest error until that selects a new node; whether a full solution is due."""
+        for _ in range(_REVISITS):
+            if not self._chosen[self._worst]:
+                break
+            self._correct(self._worst)
+        else:
+            self._worst = int(np.argmax(np.where(self._chosen, -1.0, self._size)))
+        self._chosen[self._worst] = True
+        self.selected.append(self._worst)
+        self._correct(self._worst)
+        return self.progress.record(len(self.selected), self.error)
+
+    def solve(self) -> tuple[Level, bool]:
+        """The interpolant of the selected set, and whether it is the end."""
+        selected = np.array(self.selected)
+        level = self.problem.level(selected, full_weights(self.problem, selected))
+        self.error = np.ascontiguousarray(self.problem.displacement - self.problem.values(level))
+        self._size = lengths(self.error)
+        self._worst = int(np.argmax(self._size))
+        self.progress.count(
+            solve=full_operations(self.problem, len(selected)), error=float(self.problem.n_points) * len(selected)
+        )
+        return level, self.progress.record(len(selected), self.error)
+
+    def _correct(self, node: int) -> None:
+        """Remove the error at a node, thesis (2.8)–(2.10)."""
+        problem, beta = self.problem, self.error[node] / self._at_zero
+        self._worst = kernels.subtract_function(
+            problem.row.code, self._points, node, 1.0 / problem.support_radius, beta, self.error, self._size
+        )
+        self.progress.count(solve=float(len(beta)), error=float(problem.n_points))

@@ -1,0 +1,76 @@
+"""The interpolation of one motion from few control points, exact at all of them: reduction and near-surface correction.
+
+Joins the point reductions (:mod:`.reduction`) to the standard motion: the method's keys on one side, interpolants to
+add up on the other.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation.factor_source import FactorSource, factorization_of
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
+from mesh_motion_numerics.method import Method
+from mesh_motion_numerics.reduction import REDUCTIONS, ReductionProblem
+from mesh_motion_numerics.reduction.near_surface import BASIS, near_surface_radius
+
+__all__ = ["ReducedInterpolation", "interpolate_reduced"]
+
+
+#: An error this small against the largest displacement is rounding: setting the nodes takes care of it.
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedInterpolation:
+    """Interpolants whose sum is the displacement, at all boundary nodes to rounding.
+
+    Attributes
+    ----------
+    levels : tuple of Interpolant
+        Those of the reduction, then the near-surface correction where an error was left.
+    selected : (nc,) int64 array
+        Rows of the boundary that the reduction chose, in their order.
+    error : float
+        The largest it left, as a share of the largest displacement.
+    """
+
+    levels: tuple[AnyInterpolant, ...]
+    selected: Integers
+    error: float
+
+
+def interpolate_reduced(
+    points: Floats, displacement: Floats, method: Method, factors: FactorSource, *, spacing: float
+) -> ReducedInterpolation:
+    """Interpolate the displacement of boundary nodes from few of them.
+
+    Parameters
+    ----------
+    points, displacement : (nb, d) arrays, mesh length unit
+    method : Method
+        With the support radius filled in.
+    factors : FactorSource
+        Keeps the factorization of the near-surface correction.
+    spacing : float, mesh length unit
+        Of the moving boundary.
+    """
+    radius = float(method.support_radius or 1.0)
+    problem = ReductionProblem(
+        points,
+        displacement,
+        basis=method.basis,
+        support_radius=radius,
+        tolerance=method.reduction_tolerance,
+        max_points=method.max_control_points,
+    )
+    reduced = REDUCTIONS[method.reduction](problem)
+    left = reduced.max_error
+    if left <= _ROUNDING * problem.largest:
+        return ReducedInterpolation(reduced.levels, reduced.selected, 0.0)
+    widest = radius if problem.row.compact else float(np.ptp(points, axis=0).max())
+    near = replace(method, basis=BASIS, support_radius=near_surface_radius(spacing, left, widest))
+    factorization = factorization_of(points, near, factors)
+    levels = (*reduced.levels, factorization.solve(reduced.error))
+    return ReducedInterpolation(levels, reduced.selected, left / problem.largest)

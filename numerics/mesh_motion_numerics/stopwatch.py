@@ -1,0 +1,65 @@
+"""Wall time of the phases of a motion, and the limit of it that a caller sets."""
+
+import math
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+from mesh_motion_protocol.errors import Timeout
+
+__all__ = ["PHASES", "Stopwatch", "check_time", "time_limit"]
+
+#: In the order they begin.
+PHASES = ("solve", "displace", "predict", "correct")
+
+
+class Stopwatch:
+    """Adds up the seconds spent in each named phase."""
+
+    def __init__(self) -> None:
+        self._started = time.perf_counter()
+        self._seconds = dict.fromkeys(PHASES, 0.0)
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        """Count the block's time towards ``name``, one of :data:`PHASES`."""
+        begin = time.perf_counter()
+        try:
+            yield
+        finally:
+            self._seconds[name] += time.perf_counter() - begin
+
+    def seconds(self) -> dict[str, float]:
+        """Seconds of each phase, and of everything since the start as ``total``."""
+        return {**self._seconds, "total": time.perf_counter() - self._started}
+
+
+#: When the caller's limit ends, on :func:`time.monotonic`'s clock; and the limit.
+_END: ContextVar[tuple[float, float]] = ContextVar("_END", default=(math.inf, math.inf))
+
+
+@contextmanager
+def time_limit(seconds: float) -> Iterator[None]:
+    """Let :func:`check_time` raise within the block once ``seconds`` are over."""
+    token = _END.set((time.monotonic() + seconds, seconds))
+    try:
+        yield
+    finally:
+        _END.reset(token)
+
+
+def check_time() -> None:
+    """Called between the parts of a long computation, which has changed nothing yet.
+
+    Raises
+    ------
+    Timeout
+        If the caller's time limit is over.
+    """
+    end, seconds = _END.get()
+    if time.monotonic() > end:
+        raise Timeout(
+            f"the motion was not computed within the {seconds:g} s that the request allows",
+            hint="allow more time, or take a smaller step",
+        )
