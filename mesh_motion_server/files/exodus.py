@@ -86,7 +86,7 @@ def _points(data: dict[str, Any]) -> Floats:
         return np.asarray(data["coord"][0], dtype=np.float64).T
     columns = [data[f"coord{axis}"][0] for axis in "xyz" if f"coord{axis}" in data]
     if not columns:
-        raise ValueError("it has no coordinates")
+        raise ValueError("neither coord nor coordx is among its variables: is it netCDF of another program?")
     return np.column_stack(columns).astype(np.float64)
 
 

@@ -200,6 +200,11 @@ def _read_hdf5(path: Path) -> MeshFile:
         Without h5py, and for what does not fit.
     """
     with opened_hdf5(path, "Fluent mesh") as file:
+        if "meshes" not in file:
+            raise InvalidInput(
+                f"{path}: a file in HDF5 without Fluent's group 'meshes'",
+                hint="give the .xdmf that it belongs to; the files of other programs end with .cgns, .med or .exo",
+            )
         faces = file["meshes/1/faces"]
         content = _Content(int(np.ravel(file["meshes/1"].attrs["dimension"])[0]))
         for part in _parts(file["meshes/1/nodes/coords"]):

@@ -27,6 +27,8 @@ _BY_GMSH = (
 )
 _BY_MFEM = "read are the versions 1.0, 1.2 and 1.3; MFEM refines, or writes for others: Mesh::PrintVTK"
 _BY_PARAVIEW = "ParaView reads it: File, Save Data, with the ending .vtu"
+_BY_MESHIO = "meshio reads it: pip install meshio, meshio convert FILE mesh.vtu"
+_BY_ITS_PROGRAM = "its program exports others that are read, as CGNS or Fluent's .msh"
 
 
 def _named(name: str, suffixes: tuple[str, ...], head: bytes, way_in: str) -> Format:
@@ -35,7 +37,19 @@ def _named(name: str, suffixes: tuple[str, ...], head: bytes, way_in: str) -> Fo
 
 
 FORMATS: tuple[Format, ...] = (
+    _named("an empty file", (), rb"\A\Z", "was its program or its copy interrupted?"),
+    _named("a packed file", (), rb"\A(\x1f\x8b|BZh\d|\xfd7zXZ|\x28\xb5\x2f\xfd|7z\xbc\xaf)", "unpack it before"),
+    _named("a file in HDF5", (), rb"\A\x89HDF", "its ending says of which program: .cgns, .med, .exo, .msh.h5"),
+    _named("a pointer of Git LFS", (), rb"\Aversion https://git-lfs", "the file itself is missing: git lfs pull"),
+    _named("a page of the web", (), rb"(?i)\A\s*<(!doctype\s+)?html\b", "the download brought no mesh: look at it"),
+    _named(
+        "a text with a byte order mark",
+        (),
+        rb"\A(\xef\xbb\xbf(?!\s*<)|\xff\xfe|\xfe\xff)",
+        "save it without",
+    ),
     NPZ,
+    _named("a Gmsh mesh of version 1", (), rb"\A\s*\$NOD\b", _BY_GMSH),
     GMSH,
     FLUENT,
     FLUENT_HDF5,
@@ -45,6 +59,7 @@ FORMATS: tuple[Format, ...] = (
     CGNS,
     MED,
     EXODUS,
+    _named("an LS-DYNA deck", (".k", ".key", ".dyn"), rb"(?im)^\*KEYWORD\b", _BY_ITS_PROGRAM),
     ABAQUS_INP,
     KRATOS,
     ELMER,
@@ -58,9 +73,28 @@ FORMATS: tuple[Format, ...] = (
     _named("an MFEM mesh of another kind", (".mesh", ".mfem"), rb"\AMFEM ", _BY_MFEM),
     _named("a Netgen mesh", (".vol",), rb"\A\s*mesh3d", "Netgen writes it for Gmsh: File, Export Mesh, Gmsh2 Format"),
     _named("an EnSight case", (".case",), rb"(?i)\A(\s|#.*\n)*FORMAT\s+type:\s*ensight", _BY_PARAVIEW),
-    _named("a Tecplot file", (".plt", ".dat", ".tec"), rb"(?i)\A\s*(#!TDV|TITLE\s*=|VARIABLES\s*=)", _BY_PARAVIEW),
+    _named("a Tecplot file", (".plt", ".tec"), rb"(?i)\A(#!TDV|(\s|#.*\n)*(TITLE|VARIABLES)\s*=)", _BY_PARAVIEW),
     _named("an AVS UCD file", (".inp", ".ucd"), rb"\A(\x07|(\s|#.*\n)*\d+(\s+\d+){4}\s*\n)", _BY_PARAVIEW),
+    _named("an Ansys deck", (".cdb",), rb"(?im)^(/PREP7|NBLOCK,|/COM,\s*ANSYS)", _BY_ITS_PROGRAM),
+    _named("a Gambit mesh", (".neu",), rb"\A\s*CONTROL INFO", _BY_ITS_PROGRAM),
+    _named(
+        "a COMSOL mesh",
+        (".mphtxt", ".mphbin"),
+        rb"\A# .* COMSOL",
+        "COMSOL exports Nastran, which Gmsh reads",
+    ),
+    _named("a mesh of DOLFIN", (".xml",), rb"<dolfin\b", _BY_MESHIO),
+    _named("a mesh of TetGen", (".node", ".ele", ".poly", ".smesh"), rb"(?!)", "tetgen -k writes .vtk"),
+    _named("a UGRID mesh", (".ugrid",), rb"(?!)", _BY_MESHIO),
+    _named("a Plot3D grid", (".xyz", ".p3d", ".x"), rb"(?!)", "plot3d_to_cgns of CGNS' tools, or ParaView"),
+    _named("EnSight's geometry", (), rb"(?i)\A\s*(C Binary|ensight)", _BY_PARAVIEW),
     _named("a surface (STL)", (".stl",), rb"\A\s*solid\b[^$]*\bfacet\s+normal", _MESHED),
+    _named("a surface (PLY)", (".ply",), rb"\Aply\r?\n", _MESHED),
+    _named("a surface (OFF)", (".off",), rb"\AOFF\s", _MESHED),
+    _named("a surface (OBJ)", (".obj",), rb"(?m)\A(#.*\n|\s|\w+ .*\n)*v( +[-+.\deE]+){3}", _MESHED),
     _named("a geometry (STEP)", (".step", ".stp"), rb"\A\s*ISO-10303-21", _MESHED),
+    _named("a geometry (IGES)", (".iges", ".igs"), rb"\A.{72}S\s*1\s", _MESHED),
+    _named("a geometry (BREP)", (".brep", ".brp"), rb"\A\s*(DBRep_DrawableShape|CASCADE Topology)", _MESHED),
+    _named("a file of OpenFOAM", (), rb"(?m)^FoamFile\b", "give the folder of its case"),
     _named("a geometry of Gmsh", (".geo",), rb"(?!)", "mesh it: gmsh -3 FILE -format msh41 (-2 in a plane)"),
 )

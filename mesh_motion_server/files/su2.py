@@ -111,7 +111,7 @@ def read_su2(path: Path, zone: str = "") -> MeshFile:
         Without the zone, for unknown element types, missing or malformed sections.
     """
     try:
-        zones = _read_zones(path.read_text(encoding="utf-8", errors="replace"))
+        zones = _read_zones(path.read_text(encoding="utf-8-sig", errors="replace"))
         chosen = chosen_zone(path, list(zones), zone)
         return zones[chosen].mesh(path, chosen)
     except (ValueError, IndexError) as error:

@@ -95,12 +95,10 @@ def grids_as_mesh(path: Path, read: Callable[[Path], list[VtkGrid]], files: list
         except (OSError, InvalidInput):
             raise
         except Exception as error:
-            hint = (
-                "divide polygons and polyhedra into simple cells: ParaView's filters Triangulate and Tetrahedralize do"
-            )
+            hint = "divide such cells into simple ones: ParaView's filters Triangulate and Tetrahedralize do"
             raise InvalidInput(
                 f"{file}: not readable as {file.suffix}: {reason_of(error)}",
-                hint=hint if " (poly" in str(error) else "",
+                hint=hint if "VTK's type" in str(error) else "",
             ) from None
     dimension = max((CELL_TYPES[name].dimension for cells in listed for name, _, _ in cells), default=0)
     _require_alike(path, [grid for _, grid in grids])

@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.packages import check_unpacked, most_unpacked
@@ -28,6 +29,15 @@ _UNPACKERS: dict[str, Callable[[], Any]] = {
     "vtkZLibDataCompressor": zlib.decompressobj,
     "vtkLZMADataCompressor": lzma.LZMADecompressor,
 }
+_OF_FILES = "give one of the files that it names"
+_BY_PARAVIEW = "ParaView's filter Append Datasets makes such a grid of it: save that as .vtu"
+_WAYS_IN = {
+    "Collection": _OF_FILES,
+    "vtkMultiBlockDataSet": _OF_FILES,
+    "ImageData": _BY_PARAVIEW,
+    "RectilinearGrid": _BY_PARAVIEW,
+    "PolyData": "a surface has no cells of a volume: mesh the space around it",
+}
 _TYPES = {
     **{f"Float{bits}": f"f{bits // 8}" for bits in (32, 64)},
     **{f"{sign}Int{bits}": f"{kind}{bits // 8}" for sign, kind in (("", "i"), ("U", "u")) for bits in (8, 16, 32, 64)},
@@ -39,14 +49,17 @@ def read_xml(path: Path) -> list[VtkGrid]:
 
     Raises
     ------
+    InvalidInput
+        For other kinds of files.
     ValueError
-        For other kinds of files, and damaged ones; XML errors and those of zlib and lzma pass through.
+        For damaged ones; XML errors and those of zlib and lzma pass through.
     """
     raw = path.read_bytes()
     values = _Values(path, raw)
     kind = values.root.get("type")
     if kind not in ("UnstructuredGrid", "StructuredGrid"):
-        raise ValueError(f"a file of type {kind}, expected UnstructuredGrid or StructuredGrid")
+        message = f"{path}: a VTK file of type {kind}, expected UnstructuredGrid or StructuredGrid"
+        raise InvalidInput(message, hint=_WAYS_IN.get(str(kind), ""))
     read = _unstructured if kind == "UnstructuredGrid" else _structured
     pieces = [piece for grid in values.root.iter(kind) for piece in grid.findall("Piece")]
     if not pieces:

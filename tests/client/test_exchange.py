@@ -44,6 +44,7 @@ class Grid:
         corners.SetData(numpy_to_vtk(points, deep=True))
         self.vtk.SetPoints(corners)
         self.vtk.SetCells(kinds.tolist(), held)
+        self.celltypes = kinds
         self.cells_dict = {kind: np.array(rows) for kind, rows in blocks.items()}
 
     def cast_to_unstructured_grid(self):
@@ -89,6 +90,31 @@ def test_to_pyvista_and_back():
     same(Mesh.from_pyvista(flat.to_pyvista(), {"low": "moving"}), flat)
     with pytest.raises(InvalidInput, match=r"patch 'botom' is not among the point arrays .*did you mean 'bottom'"):
         Mesh.from_pyvista(grid, {"botom": "moving"})
+
+
+@pytest.mark.parametrize(
+    ("cells", "kinds", "name", "expected"),
+    [
+        ([8, *range(8)], [11], "hexahedron", [[0, 1, 3, 2, 4, 5, 7, 6]]),
+        ([4, 0, 1, 2, 3], [8], "quad", [[0, 1, 3, 2]]),
+        ([1, 0, 4, 0, 1, 3, 2, 4, 0, 1, 2, 3], [1, 9, 8], "quad", [[0, 1, 3, 2]] * 2),
+    ],
+)
+def test_cells_of_images_are_quads_and_hexahedra(cells, kinds, name, expected):
+    corners = CUBE if name == "hexahedron" else CUBE[:4]
+    mesh = Mesh.from_pyvista(Grid(np.array(cells), np.array(kinds), corners), {})
+    assert mesh.cells[name].tolist() == expected
+    assert list(mesh.cells) == [name]
+
+
+@pytest.mark.parametrize(
+    ("kind", "shape"), [(6, "triangle strips"), (7, "polygons"), (42, "polyhedra"), (29, "curved")]
+)
+def test_cells_of_other_shapes_are_named_with_the_way_in(kind, shape):
+    grid = Grid(np.array([4, 0, 1, 3, 2]), np.array([9]), CUBE[:4])
+    grid.celltypes, grid.cells_dict = np.array([kind]), None  # which PyVista does not make of polyhedra
+    with pytest.raises(InvalidInput, match=rf"VTK's type {kind} \(.*{shape}\); .*triangulate\(\)"):
+        Mesh.from_pyvista(grid, {})
 
 
 @pytest.mark.usefixtures("pyvista")
@@ -140,7 +166,7 @@ def test_load_reads_what_the_server_reads(tmp_path):
     same(Mesh.load(path, ROLES), Mesh(CUBE, cells, WEDGES.patches))
     with pytest.raises(InvalidInput, match=r"there is no patch 'tpo'; .*did you mean 'top'"):
         Mesh.load(path, {"bottom": "moving", "top": "fixed", "tpo": "fixed"})
-    (tmp_path / "a.stl").touch()
+    (tmp_path / "a.stl").write_bytes(bytes(84))
     with pytest.raises(InvalidInput, match=r"a\.stl: a surface \(STL\), which is not read"):
         Mesh.load(tmp_path / "a.stl", {})
     with pytest.raises(InvalidInput, match="has no zones"):

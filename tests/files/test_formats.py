@@ -134,12 +134,62 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.dat", 'TITLE = "x"\n', "a Tecplot file, which is not read"),
         ("m.inp", "# made by x\n 4 1 0 0 0\n", "an AVS UCD file, which is not read"),
         ("m.geo", "Point(1) = {0, 0, 0};", r"a geometry of Gmsh, which is not read \(mesh it"),
+        ("m.geo", "C Binary" + 72 * " ", "EnSight's geometry, which is not read"),
+        ("m.vtu", "", r"an empty file, which is not read \(was its program"),
+        ("m.dat", "", "an empty file, which is not read"),
+        ("m.msh", "\x1f\x8b\x08", r"a packed file, which is not read \(unpack it"),
+        ("m.cgns", "version https://git-lfs.github.com/spec/v1\n", r"a pointer of Git LFS, .*git lfs pull"),
+        ("m.vtu", "<!DOCTYPE html>\n<html>", "a page of the web, which is not read"),
+        ("m.msh", "\xef\xbb\xbf$MeshFormat\n", "a text with a byte order mark, which is not read"),
+        ("m.dat", '# by x\nVARIABLES = "X"\n', "a Tecplot file, which is not read"),
+        ("m.h5m", "\x89HDF\r\n\x1a\n", r"a file in HDF5, which is not read \(its ending says"),
+        ("m.msh", "$NOD\n3\n", r"a Gmsh mesh of version 1, which is not read \(Gmsh reads it"),
+        ("m.k", "*KEYWORD\n*NODE\n 1 0. 0. 0.\n", "an LS-DYNA deck, which is not read"),
+        ("m.msh", "/PREP7\nNBLOCK,6,SOLID,8,8\n", "an Ansys deck, which is not read"),
+        ("m.neu", "        CONTROL INFO 2.4.6\n", "a Gambit mesh, which is not read"),
+        ("m.txt", "# Created by COMSOL Multiphysics.\n", "a COMSOL mesh, which is not read"),
+        ("m.xml", '<dolfin><mesh celltype="triangle" dim="2">', "a mesh of DOLFIN, which is not read"),
+        ("m.node", "4 3 0 0\n", "a mesh of TetGen, which is not read"),
+        ("m.b8.ugrid", "\0\0\0\x08", "a UGRID mesh, which is not read"),
+        ("m.xyz", "1\n2 2 2\n", "a Plot3D grid, which is not read"),
+        ("m.msh", "# by x\no Cube\nv 0 0 -1e-3\n", r"a surface \(OBJ\), which is not read"),
+        ("m.ply", "ply\nformat ascii 1.0\n", r"a surface \(PLY\), which is not read"),
+        ("m.off", "OFF\n3 1 0\n", r"a surface \(OFF\), which is not read"),
+        ("m.txt", 72 * " " + "S      1\n", r"a geometry \(IGES\), which is not read"),
+        ("m.txt", "DBRep_DrawableShape\n", r"a geometry \(BREP\), which is not read"),
+        ("blockMeshDict", "FoamFile\n{\n", r"a file of OpenFOAM, which is not read \(give the folder"),
+        ("m.pvd", '<VTKFile type="Collection"/>', r"a VTK file of type Collection, .*\(give one of the files"),
+        ("m.vti", '<VTKFile type="ImageData"/>', r"a VTK file of type ImageData, .*\(ParaView's filter Append"),
         ("m.msh", "hello", r"neither a Gmsh mesh nor a Fluent mesh: it begins with b'hello'"),
     ],
 )
 def test_a_file_of_another_kind_is_named(tmp_path: Path, name: str, content: str, message: str) -> None:
-    (tmp_path / name).write_text(content)
+    (tmp_path / name).write_text(content, encoding="latin-1")
     one_line(tmp_path / name, message)
+
+
+def test_an_empty_file_named_foam_is_its_case(tmp_path: Path) -> None:
+    (tmp_path / "m.foam").touch()
+    one_line(tmp_path / "m.foam", "neither an OpenFOAM case nor a polyMesh folder")
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("m.h5", "without Fluent's group 'meshes' .*give the .xdmf"), ("m.exo", "neither coord nor coordx")],
+)
+def test_hdf5_of_another_program_is_no_damaged_file(tmp_path: Path, name: str, message: str) -> None:
+    with pytest.importorskip("h5py").File(tmp_path / name, "w") as file:
+        file["points"] = POINTS
+    one_line(tmp_path / name, message)
+
+
+def test_su2_with_a_byte_order_mark(tmp_path: Path) -> None:
+    WRITERS["box.su2"](tmp_path / "m.su2")
+    plain = read_mesh(tmp_path / "m.su2")
+    (tmp_path / "m.su2").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "m.su2").read_bytes())
+    np.testing.assert_array_equal(read_mesh(tmp_path / "m.su2").points, plain.points)
+    write_mesh(tmp_path / "moved.su2", replace(read_mesh(tmp_path / "m.su2"), points=plain.points + 0.5))
+    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.su2").points, plain.points + 0.5)
 
 
 def test_gmsh_writes_med_with_its_groups(tmp_path: Path) -> None:

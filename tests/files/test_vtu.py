@@ -210,7 +210,7 @@ def test_a_series_lists_its_times(tmp_path: Path) -> None:
 def test_damaged_files_give_one_clear_line(tmp_path: Path, suffix: str, content: str) -> None:
     path = tmp_path / f"damaged{suffix}"
     path.write_text(content)
-    with pytest.raises(InvalidInput, match="not readable") as caught:
+    with pytest.raises(InvalidInput, match=r"not read|a VTK file of type PolyData") as caught:
         read_mesh(path)
     assert "\n" not in str(caught.value)
 
@@ -232,7 +232,7 @@ def test_polygons_are_refused_with_the_way_in(tmp_path: Path) -> None:
     text = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n"
     text += "0 0 0 1 0 0 2 1 0\n1 2 0 0 1 0\nCELLS 1 6\n5 0 1 2 3 4\nCELL_TYPES 1\n7\n"
     (tmp_path / "m.vtk").write_text(text)
-    with pytest.raises(InvalidInput, match=r"cells of VTK's type 7 \(polygons\) \(divide polygons"):
+    with pytest.raises(InvalidInput, match=r"cells of VTK's type 7 \(polygons\) \(divide such cells"):
         read_mesh(tmp_path / "m.vtk")
 
 

@@ -36,6 +36,11 @@ _TYPES = {
     "wedge": (3, 13, 6),
     "hexahedron": (3, 12, 5),
 }
+#: Types of VTK that are ours with the nodes in another order: pixels and voxels, the cells of images and of axes.
+_ALIGNED = {8: ("quad", [0, 1, 3, 2]), 11: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6])}
+#: Types of VTK that are no cells (none, a vertex, several), and names of those that are never taken.
+_NO_CELLS = (0, 1, 2)
+_ODD = {4: "polylines", 6: "triangle strips", 7: "polygons", 15: "prisms", 16: "prisms", 42: "polyhedra"}
 _PREFIX = "patch_"
 
 
@@ -82,8 +87,19 @@ def from_pyvista(dataset: Any, wanted: Iterable[str]) -> Content:
             hint="pyvista.read(…), or Mesh.load of a file",
         )
     grid = dataset.cast_to_unstructured_grid()
-    names = {number: name for name, (_, number, _) in _TYPES.items()}
-    cells = {names.get(int(kind), f"VTK's type {kind}"): nodes for kind, nodes in grid.cells_dict.items()}
+    ours = {number: (name, slice(None)) for name, (_, number, _) in _TYPES.items()} | _ALIGNED
+    kinds = set(np.unique(grid.celltypes).tolist()).difference(_NO_CELLS)
+    for kind in sorted(kinds - set(ours)):  # before cells_dict, which has no polyhedra
+        raise InvalidInput(
+            f"the mesh has cells of VTK's type {kind} ({_ODD.get(kind, 'of another shape, or curved')}); "
+            f"expected {', '.join(_TYPES)}, pixels, voxels",
+            hint="dataset.triangulate() divides them; curved ones: save a .vtu for Mesh.load, which takes corners",
+        )
+    blocks: dict[str, list[Ints]] = {}
+    for kind in sorted(kinds):
+        name, order = ours[kind]
+        blocks.setdefault(name, []).append(np.asarray(grid.cells_dict[kind])[:, order])
+    cells = {name: np.concatenate(parts) for name, parts in blocks.items()}
     marks = {name.removeprefix(_PREFIX): values for name, values in grid.point_data.items()}
     _check_patches("the point arrays", wanted, marks)
     return _content(grid.points, cells, {name: np.flatnonzero(marks[name]) for name in wanted})

@@ -129,4 +129,4 @@ def _move(source: Path, target: Path, points: Floats) -> None:
 
 _IN_FOLDER = re.compile(rb"(?m)^(faces|faces\.gz|constant|polyMesh|system|processor0)$")
 OPENFOAM = Format("an OpenFOAM case", (), _IN_FOLDER, read_polymesh, move=_move, folder=True)
-FOAM_FILE = Format("an OpenFOAM case", (".foam",), re.compile(rb"(?!)"), read_polymesh, move=_move)
+FOAM_FILE = Format("an OpenFOAM case", (".foam",), re.compile(rb"\A\s*\Z"), read_polymesh, move=_move)
