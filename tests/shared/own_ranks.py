@@ -93,8 +93,15 @@ def assert_same_quality(found, expected):
         one, other = ({k: v for k, v in quality[name].items() if k != "mean"} for quality in (found, expected))
         assert one == other
         assert abs(found[name]["mean"] - expected[name]["mean"]) <= 1e-13 * abs(expected[name]["mean"])
+    assert_same_worst(found, expected)
+
+
+def assert_same_worst(found, expected):
+    """What the report of a step's later move has: bitwise, but for which of equally bad cells are named."""
+    assert found["metric"]["min"] == expected["metric"]["min"]
     assert (found["cells"], found["inverted"]) == (expected["cells"], expected["inverted"])
     assert [cell["metric"] for cell in found["worst"]] == [cell["metric"] for cell in expected["worst"]]
+
 
 
 def on_ranks(server, parts, work, settings=SETTINGS):
