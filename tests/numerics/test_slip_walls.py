@@ -85,7 +85,7 @@ def test_slip_walls_are_never_worse_than_fixed_ones(kind, shift, angle, displace
     angle=st.floats(-1.0, 1.0),
 )
 def test_with_nothing_set_slip_walls_are_never_worse_than_fixed_ones(kind, shift, angle) -> None:
-    """By the metric of the method, but for rounding; where walls that slip admit no motion, fixed ones admit none either."""
+    """By the metric of the method, but for rounding; where slip walls admit no motion, fixed ones admit none either."""
     mesh = box_mesh(kind, 10 if kind != "tetra" else 5)
     d = mesh.points.shape[1]
     turn = np.eye(d)
