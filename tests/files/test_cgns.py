@@ -37,7 +37,8 @@ def volumes(mesh: MeshFile) -> float:
     return total
 
 
-def test_gmsh_writes_the_same_mesh_as_msh_and_as_cgns(tmp_path: Path) -> None:
+@pytest.mark.parametrize("order", [1, 2])
+def test_gmsh_writes_the_same_mesh_as_msh_and_as_cgns(tmp_path: Path, order: int) -> None:
     gmsh = pytest.importorskip("gmsh", exc_type=OSError)
     gmsh.initialize(interruptible=False)
     try:
@@ -56,6 +57,7 @@ def test_gmsh_writes_the_same_mesh_as_msh_and_as_cgns(tmp_path: Path) -> None:
         gmsh.model.addPhysicalGroup(2, faces[3:], name="rest")
         gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)], name="fluid")
         gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.setOrder(order)
         for suffix in ("msh", "cgns"):
             gmsh.write(str(tmp_path / f"m.{suffix}"))
     finally:
@@ -72,6 +74,8 @@ def test_gmsh_writes_the_same_mesh_as_msh_and_as_cgns(tmp_path: Path) -> None:
         assert positions[0] == positions[1]
     assert volumes(ours) == pytest.approx(1.5)
     assert check(tmp_path / "m.cgns").mesh.n_cells == ours.n_cells
+    assert ours.notes == other.notes
+    assert len(ours.notes) == order - 1
 
 
 VTK_COUNTS = """
@@ -354,8 +358,8 @@ def swell(node: Any) -> None:
         (lambda b, z: section(z, "s", 10, 1, 2, [1, 2, 3, 4]), "2 elements of 4 nodes, but a connectivity of 4"),
         (lambda b, z: section(z, "s", 10, 5, 1, [1, 2, 3, 4]), "elements 5 to 1"),
         (lambda b, z: section(z, "s", 10, 1, 10**12, [1, 2, 3, 4]), "elements 1 to 1000000000000"),
-        (lambda b, z: section(z, "s", 11, 1, 1, range(1, 11)), "CGNS' type 11; known are .* first-order"),
-        (lambda b, z: section(z, "s", 20, 1, 2, [10, 1, 2, 3, 4, 18]), "element 1 of the section is of CGNS' type 18"),
+        (lambda b, z: section(z, "s", 25, 1, 1, range(1, 10)), "CGNS' type 25; known are .* first and second order"),
+        (lambda b, z: section(z, "s", 20, 1, 2, [10, 1, 2, 3, 4, 25]), "element 1 of the section is of CGNS' type 25"),
         (lambda b, z: section(z, "s", 20, 1, 1, [10, 1, 2, 3, 4], [0, 4]), "ElementStartOffset does not run"),
         (lambda b, z: section(z, "s", 22, 1, 1, [3, 1, 2, 3]), "NGON_n faces without NFACE_n cells"),
         (lambda b, z: section(z, "s", 23, 1, 1, [3, 1, 2, 3]), "NFACE_n cells without NGON_n faces"),

@@ -19,15 +19,20 @@ __all__ = ["NFACE", "NGON", "VERTEX", "Elements", "ListedElements", "read_elemen
 NODE, MIXED, NGON, NFACE = 2, 20, 22, 23
 #: Our type for each CGNS type number that is read; the CGNS name for other numbers.
 TYPES = {3: "line", 5: "triangle", 7: "quad", 10: "tetra", 12: "pyramid", 14: "wedge", 17: "hexahedron"}
+#: Second order: the corners come first, and so many nodes are there in all.
+_SECOND = {4: ("line", 3), 6: ("triangle", 6), 8: ("quad", 8), 9: ("quad", 9), 11: ("tetra", 10), 13: ("pyramid", 14),
+           15: ("wedge", 15), 16: ("wedge", 18), 18: ("hexahedron", 20), 19: ("hexahedron", 27),
+           21: ("pyramid", 13)}  # fmt: skip
 #: Single nodes are also elements: boundary conditions may list them.
 VERTEX = "vertex"
-_NAMES = TYPES | {NODE: VERTEX}
-_WIDTHS = {kind: CELL_TYPES[name].n_nodes for kind, name in TYPES.items()} | {NODE: 1}
+_NAMES = TYPES | {kind: name for kind, (name, _) in _SECOND.items()} | {NODE: VERTEX}
+_WIDTHS = {kind: CELL_TYPES[name].n_nodes for kind, name in TYPES.items()}
+_WIDTHS |= {kind: width for kind, (_, width) in _SECOND.items()} | {NODE: 1}
 
 
 @dataclass(frozen=True, eq=False)
 class Elements:
-    """Elements of one type: nodes (m, k) counted from 0, and element numbers (m,) in the zone."""
+    """Elements of one type: nodes (m, k) counted from 0, corners first, and element numbers (m,) in the zone."""
 
     name: str
     nodes: Integers
@@ -61,7 +66,7 @@ def read_elements(section: Node) -> list[Elements | ListedElements]:
     Raises
     ------
     InvalidInput
-        For types of higher order, and counts that do not fit.
+        For types of third and higher order, and counts that do not fit.
     """
     kind = int(_first(section, section.integers(), 2)[0])
     low, high = (int(v) for v in _first(section, _array(section, "ElementRange"), 2))
@@ -76,7 +81,8 @@ def read_elements(section: Node) -> list[Elements | ListedElements]:
         return _mixed(section, connectivity, low, count)
     if kind not in _NAMES:
         raise section.refused(
-            f"elements of CGNS' type {kind}; known are {', '.join(TYPES.values())}, MIXED, NGON_n and NFACE_n",
+            f"elements of CGNS' type {kind}; known are {', '.join(TYPES.values())} of first and second "
+            "order, MIXED, NGON_n and NFACE_n",
             "save the mesh with first-order elements",
         )
     width = _WIDTHS[kind]
@@ -139,7 +145,7 @@ def _mixed(section: Node, connectivity: Integers, low: int, count: int) -> list[
         rows = np.flatnonzero(kinds == kind)
         if int(kind) not in _NAMES:
             raise section.refused(
-                f"element {low + int(rows[0])} of CGNS' type {int(kind)}; only first-order cells are read"
+                f"element {low + int(rows[0])} of CGNS' type {int(kind)}; cells of first and second order are read"
             )
         width = _WIDTHS[int(kind)]
         if (np.diff(starts)[rows] != width + 1).any():
@@ -158,7 +164,7 @@ def _walked(section: Node, connectivity: Integers, count: int) -> Integers:
         kind = values[place] if place < len(values) else 0
         if kind not in _WIDTHS:
             raise section.refused(
-                f"element {element} of the section is of CGNS' type {kind}; only first-order cells are read"
+                f"element {element} of the section is of CGNS' type {kind}; cells of first and second order are read"
             )
         place += 1 + _WIDTHS[kind]
     starts[count] = place

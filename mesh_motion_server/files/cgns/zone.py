@@ -22,7 +22,7 @@ from mesh_motion_server.files.cgns.faces import NumberedFaces, join_faces
 from mesh_motion_server.files.cgns.structured import numbering, read_structured
 from mesh_motion_server.files.cgns.tree import Node, open_cgns
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_name, chosen_zone, named_groups
+from mesh_motion_server.files.mesh_file import MeshFile, assemble, assemble_elements, by_name, chosen_zone, named_groups
 from mesh_motion_server.files.moved import copied_hdf5
 from mesh_motion_server.files.polyhedra.cells import find_cells
 from mesh_motion_server.files.polyhedra.pieces import divide
@@ -123,11 +123,8 @@ def _check_nodes(zone: Node, part: Elements, n_points: int) -> None:
 
 def _simple(path: Path, base: Node, zone: Node, points: Floats, fixed: list[Elements]) -> MeshFile:
     """A zone of cells of known types."""
-    cells: dict[str, list[Integers]] = defaultdict(list)
-    for part in fixed:
-        if part.name != VERTEX:
-            cells[part.name].append(part.nodes)
-    dimension = max((CELL_TYPES[name].dimension for name in cells), default=0)
+    cells = [(part.name, part.nodes) for part in fixed if part.name != VERTEX]
+    dimension = max((CELL_TYPES[name].dimension for name, _ in cells), default=0)
     flat = [part for part in fixed if _dimension(part) < dimension]
     numbers = _numbers(flat), _numbers([part for part in fixed if part not in flat])
     nodes_of: dict[PatchKey, list[Integers]] = defaultdict(list)
@@ -142,8 +139,7 @@ def _simple(path: Path, base: Node, zone: Node, points: Floats, fixed: list[Elem
             nodes_of[_dimension(part), part.section].append(part.nodes.ravel())
     found = {key: np.concatenate(parts) for key, parts in nodes_of.items() if parts}
     patches, notes = by_name(named_groups({key: nodes for key, nodes in found.items() if len(nodes)}))
-    joined = {name: np.concatenate(parts) for name, parts in cells.items()}
-    mesh = assemble(path, points, joined, patches)
+    mesh = assemble_elements(path, points, cells, patches)
     return replace(mesh, notes=(*mesh.notes, *notes))
 
 
