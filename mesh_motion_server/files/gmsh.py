@@ -310,4 +310,4 @@ def _move(source: Path, target: Path, points: Floats) -> None:
     edit(source, target, lambda data: replaced(data, _read_sections(data).places, points))
 
 
-GMSH = Format("a Gmsh mesh", (".msh",), re.compile(rb"(?m)^\s*\$MeshFormat\b"), read_gmsh, move=_move)
+GMSH = Format("a Gmsh mesh", (".msh",), re.compile(rb"(?m)^[ \t]*\$MeshFormat\b"), read_gmsh, move=_move)

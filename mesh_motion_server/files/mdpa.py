@@ -157,7 +157,7 @@ def _move(source: Path, target: Path, points: Floats) -> None:
 KRATOS = Format(
     "a Kratos mesh",
     (".mdpa",),
-    re.compile(rb"(?m)^\s*Begin\s+(ModelPartData|Properties|Nodes|Table)\b"),
+    re.compile(rb"(?m)^[ \t]*Begin\s+(ModelPartData|Properties|Nodes|Table)\b"),
     _read,
     move=_move,
 )

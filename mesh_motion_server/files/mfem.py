@@ -42,7 +42,7 @@ _FACES: dict[str, list[tuple[int, ...]]] = {
 }
 _COMMENT = re.compile(rb"(?m)^[ \t]*#.*$")
 _WORD = re.compile(r'"((?:\\.|[^"\\])*)"|(\S+)')
-_VERTICES = re.compile(rb"(?m)^\s*vertices\s+(\d+)\s+(\S+)\s+")
+_VERTICES = re.compile(rb"(?m)^[ \t]*vertices\s+(\d+)\s+(\S+)\s+")
 _END = re.compile(rb"\s*mfem_mesh_end")
 _NODES = re.compile(rb"\s*FiniteElementSpace\s+FiniteElementCollection:\s*(\S+)\s+VDim:\s*(\d+)\s+Ordering:\s*(\d+)\s+")
 _ORDERS = {"Linear": 1, "Quadratic": 2, "Cubic": 3}

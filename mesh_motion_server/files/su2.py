@@ -211,5 +211,5 @@ def _move(source: Path, target: Path, points: Floats, zone: str) -> None:
 
 
 SU2 = Format(
-    "a SU2 mesh", (".su2",), re.compile(rb"(?im)^\s*(NDIME|NZONE|IZONE|NELEM|NPOIN)\s*="), read_su2, True, _move
+    "a SU2 mesh", (".su2",), re.compile(rb"(?im)^[ \t]*(NDIME|NZONE|IZONE|NELEM|NPOIN)\s*="), read_su2, True, _move
 )

@@ -1,5 +1,6 @@
 """The files of other programs: read with their patches, written back with moved nodes, refused in one clear line."""
 
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -33,6 +34,8 @@ from mesh_motion_numerics.quality.orientation import oriented
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files import read_mesh, write_mesh
+from mesh_motion_server.files.format import Format
+from mesh_motion_server.files.formats import FORMATS
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -166,6 +169,13 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
 def test_a_file_of_another_kind_is_named(tmp_path: Path, name: str, content: str, message: str) -> None:
     (tmp_path / name).write_text(content, encoding="latin-1")
     one_line(tmp_path / name, message)
+
+
+@pytest.mark.parametrize("row", FORMATS, ids=lambda row: row.name)
+def test_no_head_is_sought_over_blank_lines(row: Format) -> None:
+    """From the start of each line ``\\s*`` takes all blank lines that follow: the square of their number."""
+    pattern = row.head.pattern
+    assert not (row.head.flags & re.MULTILINE and rb"^\s" in pattern), pattern
 
 
 def test_an_empty_file_named_foam_is_its_case(tmp_path: Path) -> None:
