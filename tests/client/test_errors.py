@@ -1,6 +1,7 @@
 """Every error code is an exception that says which."""
 
 import mesh_motion_client
+import mesh_motion_client.errors
 import pytest
 from mesh_motion_protocol import errors
 from mesh_motion_protocol.errors import ERROR_CODES, error_from
@@ -24,6 +25,11 @@ def test_an_unknown_detail_is_its_canonical_name():
 
 
 def test_the_public_names_are_sorted_and_exist():
-    for module in (mesh_motion_client, errors):
+    for module in (mesh_motion_client, mesh_motion_client.errors, errors):
         assert sorted(module.__all__) == list(module.__all__)
         assert all(hasattr(module, name) for name in module.__all__)
+
+
+def test_the_client_s_errors_are_those_of_the_server():
+    for name in mesh_motion_client.errors.__all__:
+        assert getattr(mesh_motion_client.errors, name) is getattr(errors, name) is getattr(mesh_motion_client, name)
