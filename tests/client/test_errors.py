@@ -25,7 +25,7 @@ def test_an_unknown_detail_is_its_canonical_name():
 
 
 def test_the_public_names_are_sorted_and_exist():
-    for module in (mesh_motion_client, mesh_motion_client.errors, errors):
+    for module in (mesh_motion_client, mesh_motion_client.errors):
         assert sorted(module.__all__) == list(module.__all__)
         assert all(hasattr(module, name) for name in module.__all__)
 
