@@ -383,7 +383,7 @@ def test_over_the_wire_with_all_results(server: Server, folder: Path, tmp_path: 
     comparison = replay(folder, out, {}, endpoint=server.endpoint, until=3)
     agreement = comparison.agreement
     assert agreement.exact or not computes_as_servers()
-    assert agreement.replayed_min == pytest.approx(agreement.recorded_min, abs=1e-12)
+    assert agreement.replayed_min == pytest.approx(agreement.recorded_min, abs=1e-12, nan_ok=True)
     assert comparison.unpromised == "equal bits are not promised: another server made the replay"
     assert {"comparison.json", "summary.json", "steps.csv", "points.npy", "mesh.pvd"} <= {
         path.name for path in out.iterdir()

@@ -193,7 +193,7 @@ HEADER = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("", "neither a Gmsh mesh nor a Fluent mesh"),
+        ("", "an empty file, which is not read"),
         ("hello", "neither a Gmsh mesh nor"),
         ("$MeshFormat\n4.0 0 8\n$EndMeshFormat\n", "version 4.0"),
         (HEADER, "no cells"),

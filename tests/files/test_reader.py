@@ -13,7 +13,7 @@ from mesh_motion_server.files.reader import SUFFIXES
 def test_a_missing_file_and_an_unknown_suffix(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="no such mesh file"):
         read_mesh(tmp_path / "none.npz")
-    (tmp_path / "mesh.odd").touch()
+    (tmp_path / "mesh.odd").write_text("odd")
     with pytest.raises(InvalidInput, match=r"known are \.npz, \.msh"):
         read_mesh(tmp_path / "mesh.odd")
 

@@ -59,7 +59,7 @@ def test_the_server_alone_plays_and_says_what_is_missing_for_more(installed: Ins
     assert played.returncode == 0, played.stderr
     assert "mesh-motion-server[plot]" in played.stderr
     assert "0 inverted cells" in played.stdout
-    (tmp_path / "mesh.cgns").touch()
+    (tmp_path / "mesh.cgns").write_bytes(b"\x89HDF\r\n\x1a\n")
     asks_for_extra(run("mesh-motion", "check", tmp_path / "mesh.cgns"), "mesh")
 
 

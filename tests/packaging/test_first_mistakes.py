@@ -220,7 +220,7 @@ def test_at_the_command_line(
     line, status, words = LINES[name]
     for file in ROTATION.glob("*.[nt]*"):
         (tmp_path / file.name).write_bytes(file.read_bytes())
-    (tmp_path / "mesh.png").touch()
+    (tmp_path / "mesh.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["mesh-motion", *line.replace("{taken}", str(taken)).split()])
     with pytest.raises(SystemExit) as ended:

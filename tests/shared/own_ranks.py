@@ -103,7 +103,6 @@ def assert_same_worst(found, expected):
     assert [cell["metric"] for cell in found["worst"]] == [cell["metric"] for cell in expected["worst"]]
 
 
-
 def on_ranks(server, parts, work, settings=SETTINGS):
     """``work(session, mesh)`` on each rank, in a thread of its own."""
     opened, results, failures = threading.Event(), [None] * len(parts), []
