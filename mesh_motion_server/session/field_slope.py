@@ -103,7 +103,7 @@ class FieldSlope:
         for step in plain.steps:
             step.apply(rows)
         interpolant = self._map.interpolant(rows[plain.interpolated.controls])
-        free = np.setdiff1d(np.arange(len(rows)), plain.known)
+        free = self._unknown
         rows[free] = evaluation.displacement(interpolant, self.mesh.points[free])
         plain.tied.apply(rows)
         coefficients = Field.of(interpolant).coefficients
@@ -134,7 +134,7 @@ class FieldSlope:
             places.append(region.points[inside])
             counted.append(weights[inside])
         plain.tied.transpose(rows)
-        free = np.setdiff1d(np.arange(len(rows)), plain.known)
+        free = self._unknown
         places.append(self.mesh.points[free])
         counted.append(rows[free])
         total = given.coefficients + self.field.counted(np.concatenate(places), np.concatenate(counted))
@@ -152,6 +152,11 @@ class FieldSlope:
     def _plain(self) -> PlainSlope:
         """Of the uploaded nodes."""
         return self.model.plain_slope(self.points, self.factors)
+
+    @cached_property
+    def _unknown(self) -> Integers:
+        """Rows of the uploaded nodes that the field moves."""
+        return np.setdiff1d(np.arange(len(self.points)), self._plain.known)
 
     # --- the corrected region ----------------------------------------------------------------------------------------
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from mesh_motion_numerics.arrays import Integers
+from mesh_motion_numerics.mesh.local_facets import FACET_NAMES
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
@@ -11,7 +12,7 @@ from mesh_motion_server.session.partitions.meshes import PartitionMesh
 __all__ = ["FACET_NODES", "merge_facets"]
 
 #: Types of facets, and their numbers of nodes.
-FACET_NODES = {"vertex": 1, "line": 2, "triangle": 3, "quad": 4}
+FACET_NODES = {name: count for count, name in FACET_NAMES.items()}
 
 
 def merge_facets(

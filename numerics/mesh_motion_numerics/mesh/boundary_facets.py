@@ -8,12 +8,10 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_numerics.arrays import Integers
 from mesh_motion_numerics.mesh.cell_facets import facet_nodes, matched_facets
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.mesh.local_facets import LOCAL_FACETS
+from mesh_motion_numerics.mesh.local_facets import FACET_NAMES, LOCAL_FACETS
 
 __all__ = ["LOCAL_FACETS", "boundary_facets", "boundary_nodes"]
 
-
-_FACET_NAMES = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
 
 _KEPT: WeakKeyDictionary[CellTable, dict[str, Integers]] = WeakKeyDictionary()
 
@@ -56,7 +54,7 @@ def _found(cells: CellTable) -> dict[str, Integers]:
         raise _crowded_facet(cells, crowded)
     nodes = facet_nodes(cells, single).astype(np.int64)
     sizes = np.count_nonzero(nodes >= 0, axis=1)
-    by_type = {name: np.ascontiguousarray(nodes[sizes == size, :size]) for size, name in _FACET_NAMES.items()}
+    by_type = {name: np.ascontiguousarray(nodes[sizes == size, :size]) for size, name in FACET_NAMES.items()}
     return {name: found for name, found in by_type.items() if len(found)}
 
 

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, widened
 
-__all__ = ["as_simplices", "closed_parts", "of_one_width", "overturned_place"]
+__all__ = ["closed_parts", "of_one_width", "overturned_place"]
 
 
 #: Rounding error of the sum of a part's contributions, relative to their size.
@@ -62,11 +62,6 @@ def of_one_width(facets: Mapping[str, Integers]) -> Integers:
     widest = max(nodes.shape[1] for nodes in facets.values())
     width = 4 if widest > 2 else 2
     return np.concatenate([widened(nodes, width) for nodes in facets.values()])
-
-
-def as_simplices(rows: Integers) -> Integers:
-    """(s, d) segments or triangles of facets (f, w), those of :func:`of_one_width`."""
-    return rows if rows.shape[1] == 2 else np.concatenate([rows[:, :3], rows[rows[:, 3] >= 0][:, [0, 2, 3]]])
 
 
 def _parts(rows: Integers, count: int) -> Integers:

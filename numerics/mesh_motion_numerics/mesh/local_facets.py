@@ -1,6 +1,9 @@
-"""The local nodes of each facet of a cell: a table that needs no compiled code."""
+"""The local nodes of each facet of a cell, and the types of facets: tables that need no compiled code."""
 
-__all__ = ["LOCAL_FACETS"]
+__all__ = ["FACET_NAMES", "LOCAL_FACETS"]
+
+#: The type of a facet by its number of nodes.
+FACET_NAMES = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
 
 #: Local node numbers of each cell type's facets, seen anticlockwise from outside (an edge has its cell on the left).
 LOCAL_FACETS: dict[str, tuple[tuple[int, ...], ...]] = {

@@ -1,11 +1,11 @@
-"""Points of one, two or three coordinates: padded to three coordinates, and their bounding box."""
+"""Points of one, two or three coordinates: padded to three coordinates, their bounding box; some of many."""
 
 import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.arrays import Floats, Integers
 
-__all__ = ["bounding_box", "padded"]
+__all__ = ["bounding_box", "padded", "spread"]
 
 
 def padded(points: Floats) -> Floats:
@@ -22,3 +22,8 @@ def bounding_box(points: Floats) -> Floats:
     """(2, d) lower and upper corner of (n, d) finite points, n ≥ 1."""
     corners: Floats = kernels.bounding_box(np.ascontiguousarray(points, dtype=np.float64))
     return corners
+
+
+def spread(some: Integers, most: int) -> Integers:
+    """At most so many of ``some`` (s, …), spread over them."""
+    return some[np.unique(np.linspace(0, len(some) - 1, min(most, len(some))).astype(np.int64))]

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_numerics.arrays import Floats, Integers
 
-__all__ = ["Piece", "area_vectors", "sides", "smooth_pieces", "widened"]
+__all__ = ["Piece", "area_vectors", "as_simplices", "sides", "smooth_pieces", "widened"]
 
 
 #: Edges with a larger angle are sharp: a circle of ten segments is still smooth, a hexagon is not.
@@ -45,10 +45,14 @@ class Piece:
     @property
     def simplices(self) -> Integers:
         """(s, 2) segments or (s, 3) triangles; a quad is two triangles."""
-        if self.facets.shape[1] < 4:
-            return self.facets
-        quads = self.facets[self.facets[:, 3] >= 0]
-        return np.concatenate([self.facets[:, :3], quads[:, [0, 2, 3]]])
+        return as_simplices(self.facets)
+
+
+def as_simplices(rows: Integers) -> Integers:
+    """(s, d) segments or triangles of facets (f, w) of one width: a quad is two triangles, which end with −1."""
+    if rows.shape[1] < 4:
+        return rows
+    return np.concatenate([rows[:, :3], rows[rows[:, 3] >= 0][:, [0, 2, 3]]])
 
 
 def smooth_pieces(points: Floats, facets: Mapping[str, Integers], nodes: Integers) -> list[Piece]:

@@ -17,8 +17,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.mesh.boundary_orientation import as_simplices, closed_parts, of_one_width
-from mesh_motion_numerics.mesh.smooth_pieces import area_vectors
+from mesh_motion_numerics.mesh.boundary_orientation import closed_parts, of_one_width
+from mesh_motion_numerics.mesh.points import spread
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, as_simplices
 
 __all__ = ["contact_place", "misplaced_place"]
 
@@ -67,7 +68,7 @@ def misplaced_place(
         return None
     rows = of_one_width(facets)
     parts, whole = closed_parts(rows, prescribed, len(points))
-    chosen = _spread(moving, len(rows))
+    chosen = spread(moving, max(_PROBES, _MOST_PAIRS // max(len(rows), 1)))
     for part in np.flatnonzero(whole):
         own = rows[parts == part]
         others, simplices = chosen[~np.isin(chosen, own)], as_simplices(own)
@@ -103,7 +104,7 @@ def contact_place(
     rows = rows[whole[parts]]
     touching = touching[np.isin(touching[:, 0], rows)]
     some, simplices = as_simplices(touching), as_simplices(rows)
-    some = some[np.unique(np.linspace(0, len(some) - 1, min(_MOST_TOUCHING, len(some))).astype(np.int64))]
+    some = spread(some, _MOST_TOUCHING)
     inside, outside = _sides(some, points, simplices)
     wrong = np.argwhere((inside != 1) | (outside > 1) | (outside < 0))
     for row, place in wrong:
@@ -151,12 +152,6 @@ def _crossings(probes: Floats, points: Floats, simplices: Integers) -> Integers:
             through &= np.sign(np.linalg.det(replaced)) == side
         found.append(np.bincount(number, np.where(through, side, 0.0), len(block)).astype(np.int64))
     return np.concatenate(found)
-
-
-def _spread(some: Integers, weight: int) -> Integers:
-    """So many of ``some`` (s, …), spread over them, as may be tested against ``weight`` facets."""
-    most = max(_PROBES, _MOST_PAIRS // max(weight, 1))
-    return some[np.unique(np.linspace(0, len(some) - 1, min(most, len(some))).astype(np.int64))]
 
 
 def _windings(probes: Floats, points: Floats, rows: Integers) -> Floats:

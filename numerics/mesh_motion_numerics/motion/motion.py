@@ -462,7 +462,7 @@ class MotionModel(DifferentiableMesh):
         does not accept at its end; None if it is not nearly linear in the displacement, or has no such cells.
         """
         plain = self.standard_motion
-        if plain.layer is not None or self.method.displacement == "reanchored" or not len(self.roles.fixed):
+        if self.method.displacement == "reanchored" or not len(self.roles.fixed):
             return None
         sizes, metric = self.reference_sizes, self.method.quality_metric
         threshold = self.method.quality_threshold if self.method.refuse_below_threshold else -np.inf

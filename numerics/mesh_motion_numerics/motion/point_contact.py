@@ -17,8 +17,9 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.mesh.boundary_orientation import as_simplices, of_one_width
-from mesh_motion_numerics.mesh.smooth_pieces import area_vectors
+from mesh_motion_numerics.mesh.boundary_orientation import of_one_width
+from mesh_motion_numerics.mesh.points import spread
+from mesh_motion_numerics.mesh.smooth_pieces import area_vectors, as_simplices
 
 __all__ = ["meeting_place"]
 
@@ -98,11 +99,11 @@ def meeting_place(facets: Mapping[str, Integers], touching: Integers, points: Fl
 def _places(rows: Integers, points: Floats, tolerance: float) -> Iterator[Floats]:
     """Places where simplices (t, d) may meet: their nodes and, in 3D, where their edges cross; some of many."""
     nodes = np.unique(rows)
-    yield from points[_spread(nodes)]
+    yield from points[spread(nodes, _MOST)]
     if rows.shape[1] == 2:
         return
     edges = np.sort(np.concatenate([rows[:, [0, 1]], rows[:, [1, 2]], rows[:, [2, 0]]]), axis=1)
-    edges = _spread(np.unique(edges, axis=0))
+    edges = spread(np.unique(edges, axis=0), _MOST)
     first, second = np.triu_indices(len(edges), 1)
     apart = ~(edges[first][:, :, None] == edges[second][:, None]).any(axis=(1, 2))
     one, other = points[edges[first[apart]]], points[edges[second[apart]]]
@@ -115,11 +116,6 @@ def _places(rows: Integers, points: Floats, tolerance: float) -> Iterator[Floats
     meet = (s > 0.0) & (s < 1.0) & (t > 0.0) & (t < 1.0)
     meet &= np.abs(np.sum(between * across, axis=1)) <= tolerance * np.sqrt(square)
     yield from (one[slanted, 0] + s[:, None] * a)[meet]
-
-
-def _spread(some: Integers) -> Integers:
-    """So many rows of ``some`` as are tested, spread over them."""
-    return some[np.unique(np.linspace(0, len(some) - 1, min(_MOST, len(some))).astype(np.int64))]
 
 
 def _contains(corners: Floats, place: Floats, tolerance: float) -> Marks:
