@@ -28,7 +28,7 @@ _TESTS = (
     "../docs/studies/volume_reduction/test_background_grid.py",
     "test_centres.py", "test_closest_point.py", "test_evaluation.py", "test_exact_displacements.py",
     "test_hashed_cells.py", "test_headroom.py", "test_linked_unknowns.py", "test_sliding.py",
-    "test_newton.py", "test_cell_distortion.py", "test_smooth_motion.py",
+    "test_newton.py", "test_cell_distortion.py", "test_smooth_motion.py", "test_motion_slope.py",
     "../docs/studies/test_predictors.py", "two_scale/test_grid_sums.py", "two_scale/test_nested_grid.py",
 )  # fmt: skip
 #: Of each loop so many forms of calls are kept, none longer than so many bytes; and so many of fuzzing.
