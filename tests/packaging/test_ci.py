@@ -64,6 +64,28 @@ def test_long_parts_are_left_out_where_their_files_are_those_of_main(checkout: P
     assert parts_run(checkout) == [part for part in PARTS if part not in ("sanitize", "bare")] + ["end"]
 
 
+@pytest.mark.parametrize(
+    ("changed", "left_out"),
+    [
+        ("page.md", ["another_processor", "distributions", "extras", "release"]),
+        ("pyproject.toml", ["another_processor"]),
+        ("numerics/kernels/loop.hpp", []),
+    ],
+)
+def test_tests_of_minutes_are_left_out_where_their_files_are_those_of_main(
+    checkout: Path, changed: str, left_out: list[str]
+) -> None:
+    (checkout / "bin" / "make").write_text('#!/bin/sh\n[ "$1" != test-all ] || echo "$PYTEST_ADDOPTS" >> options\n')
+    change(checkout, changed)
+    parts_run(checkout)
+    parts_run(checkout, "tests")
+    options, named = (checkout / "options").read_text().splitlines()
+    files = sorted(re.findall(r"--ignore=(\S+)", options))
+    assert sorted(re.findall(r"test_(\w+)\.py", options)) == left_out
+    assert all((ROOT / name).is_file() for name in files)
+    assert not named
+
+
 @pytest.mark.parametrize("environment", [{}, {"CI_BASE": "main"}])
 def test_a_change_of_the_kernels_runs_all_parts(checkout: Path, environment: dict[str, str]) -> None:
     change(checkout, "numerics/kernels/loop.hpp")
