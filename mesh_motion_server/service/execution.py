@@ -51,7 +51,6 @@ class Execution:
     ----------
     session : Session
         The replies to its journaled commits are restored.
-    limits : ServerSettings
     clock : callable
         Monotonic seconds.
     teller : Teller

@@ -38,7 +38,6 @@ class Gathering:
 
     Attributes
     ----------
-    partitions : int
     deadline : float
         On the host's clock.
     arrivals : dict

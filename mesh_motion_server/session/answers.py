@@ -34,7 +34,6 @@ class Answers(Position):
 
     Parameters
     ----------
-    spec : StoredSpec
     factors : FactorCache
         Shared by moves and derivatives.
     """
