@@ -1,33 +1,43 @@
-"""Opens the session that :mod:`.play` drives a case through."""
+"""Opens the sessions that a case and a recorded session are driven through."""
 
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
+from typing import Any
 
 from mesh_motion_client import Keys, Mesh, MeshMotionError, MeshMotionWarning, Patch, Session, connect
 
 from mesh_motion_server.cases.case import Case
 from mesh_motion_server.files import MeshFile
 
-__all__ = ["open_session"]
+__all__ = ["open_session", "passing_session"]
+
+
+def open_session(
+    case: Case, mesh: MeshFile, endpoint: str | None, *, keys: Keys | None = None
+) -> AbstractContextManager[Session]:
+    """Open a session for a case, as :func:`passing_session` does."""
+    patches = {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
+    method = case.content.method.model_dump(exclude_unset=True)
+    return passing_session(Mesh(mesh.points, mesh.cells, patches), method, endpoint, keys, label=case.name)
 
 
 @contextmanager
-def open_session(case: Case, mesh: MeshFile, endpoint: str | None, *, keys: Keys | None = None) -> Iterator[Session]:
-    """Open a session for a case; it is discarded when the block ends.
+def passing_session(
+    mesh: Mesh, settings: Mapping[str, Any], endpoint: str | None, keys: Keys | None, **options: Any
+) -> Iterator[Session]:
+    """A session that is discarded when the block ends, with these ``options`` of :meth:`.Server.open`.
 
     Parameters
     ----------
     endpoint : str or None
         None: a private server that ends with the session.
-    keys : Keys, optional
+    keys : Keys or None
         Keys for a server that requires them.
     """
-    patches = {name: Patch(role, mesh.patches[name]) for name, role in case.content.patches.items()}
-    method = case.content.method.model_dump(exclude_unset=True)
     with warnings.catch_warnings(), connect(endpoint, keys=keys) as server:
         warnings.simplefilter("ignore", MeshMotionWarning)  # the results collect them
-        session = server.open(Mesh(mesh.points, mesh.cells, patches), method, label=case.name)
+        session = server.open(mesh, settings, **options)
         try:
             yield session
         finally:

@@ -5,20 +5,20 @@ trials that were rolled back and restarts do not affect the committed state: wit
 on the same machine, the state digests are equal, bit for bit.
 """
 
-import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from mesh_motion_client import Keys, Mesh, MeshMotionWarning, Patch, connect
+from mesh_motion_client import Keys, Mesh, Patch, Session
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.mesh.roles import nodes_with
 from mesh_motion_protocol.errors import InvalidInput, MeshMotionError
 
 from mesh_motion_server import __version__
 from mesh_motion_server.cases.comparison import Comparison, Replayed, write_comparison
+from mesh_motion_server.cases.driver import passing_session
 from mesh_motion_server.cases.outputs import SERIES, run_folder, write_points
 from mesh_motion_server.cases.recorded import Recorded, difference_velocity, read_recorded
 from mesh_motion_server.cases.records import StepRecord
@@ -165,10 +165,9 @@ def replay_steps(
     return Replayed(dict(changes), series.columns(), digests, refusal, stored, velocity)
 
 
-@contextmanager
 def _session(
     recorded: Recorded, settings: Mapping[str, Any], endpoint: str | None, keys: Keys | None
-) -> Iterator[Runner]:
+) -> AbstractContextManager[Session]:
     """A session of the recorded mesh, on a running server or on a private one that ends with the block."""
     view = recorded.mesh
     patches = {name: Patch(patch.role, patch.nodes) for name, patch in view.patches.items()}
@@ -176,17 +175,7 @@ def _session(
     timed = recorded.log.timed and recorded.spec.time_levels
     levels: dict[str, Any] = {"time": recorded.spec.time, "time_levels": recorded.spec.time_levels} if timed else {}
     label = f"replay of {recorded.spec.label or recorded.spec.session}"[:200]
-    with (
-        warnings.catch_warnings(),
-        connect(endpoint, keys=keys) as server,
-        server.open(mesh, settings, label=label, **levels) as session,
-    ):
-        warnings.simplefilter("ignore", MeshMotionWarning)  # the results collect them
-        try:
-            yield session
-        finally:
-            with suppress(MeshMotionError):  # the results do not depend on it
-                session.close("discard")
+    return passing_session(mesh, settings, endpoint, keys, label=label, **levels)
 
 
 def _last_step(recorded: Recorded, until: int | None) -> int:

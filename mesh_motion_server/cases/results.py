@@ -30,7 +30,6 @@ class Results:
     Parameters
     ----------
     reference : (n, d) array, mesh length unit
-    cells : CellTable
     moving : (k,) int64 array
         The moving nodes.
     metric : str
@@ -44,7 +43,6 @@ class Results:
         After the last step.
     before, worst : Snapshot
         The mesh at opening, and after the step that left the lowest minimum.
-    records : list of StepRecord
     warnings : list of str
         Each once, in the order of first appearance.
     """

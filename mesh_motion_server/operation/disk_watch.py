@@ -28,7 +28,6 @@ class DiskWatch:
 
     Parameters
     ----------
-    folder : Path
     look : callable, optional
         Folder → room.
     """

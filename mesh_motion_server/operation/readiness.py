@@ -16,14 +16,12 @@ class Readiness:
 
     Attributes
     ----------
-    draining : bool
     gateway_silent : bool
         The gateway has not answered for ``stuck_seconds``.
     warm : bool
         A template has completed its imports since the server started.
     template_silent : bool
         There is no template to fork workers from, or it has not become ready for too long.
-    disk : DiskRoom
     disk_silence : float
         Seconds for which the disk has not answered.
     reserve : int

@@ -75,12 +75,7 @@ class Everybody:
 
 
 class AllowList:
-    """A file with the admitted keys.
-
-    Parameters
-    ----------
-    path : Path
-    """
+    """A file with the admitted keys."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

@@ -76,7 +76,6 @@ def decide(roles: Collection[str], request: str, *, own: bool) -> Verdict:
 
     Parameters
     ----------
-    roles : collection of str
     request : str
         Type of the request.
     own : bool

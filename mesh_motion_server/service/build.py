@@ -13,10 +13,10 @@ from mesh_motion_server.session.state import Operation
 __all__ = ["check", "run"]
 
 
-def check(session: Session, request: Build) -> None:
+def check(session: Session, request: Build) -> Build:
     """Check that the state allows it."""
-    del request
     session.admit(Operation.BUILD)
+    return request
 
 
 def run(session: Session, requests: Sequence[Build]) -> list[Built]:

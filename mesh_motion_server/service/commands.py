@@ -38,16 +38,14 @@ class Collective:
     Attributes
     ----------
     check : callable
-        (session, request): raises if one partition's request is invalid, before it waits for the others.
+        (session, request) → what ``run`` gets of the request, which is read once, before it waits for the other
+        partitions; raises if it is invalid.
     run : callable
-        (session, requests by partition) → replies by partition.
-    with_ids : bool
-        Whether ``run`` takes the requests' identities, too, by partition.
+        (session, what ``check`` gave by partition) → replies by partition.
     """
 
-    check: Callable[[Session, Any], None]
-    run: Callable[..., Sequence[Message]]
-    with_ids: bool = False
+    check: Callable[[Session, Any], Any]
+    run: Callable[[Session, Sequence[Any]], Sequence[Message]]
 
 
 def id_of(request: SessionMessage) -> RequestId:

@@ -10,6 +10,7 @@ from mesh_motion_protocol.messages import Commit as CommitRequest
 from mesh_motion_protocol.messages import Committed
 
 from mesh_motion_server.failpoints import failpoint
+from mesh_motion_server.service.commands import id_of
 from mesh_motion_server.service.reports import summary_report
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.journal.replies import RequestId
@@ -20,15 +21,16 @@ from mesh_motion_server.session.values import CommitOutcome
 __all__ = ["check", "replies_of", "run"]
 
 
-def check(session: Session, request: CommitRequest) -> None:
+def check(session: Session, request: CommitRequest) -> CommitRequest:
     """Check the step, then the state: a repeated step and a missing trial give different errors."""
     if session.state in (State.READY, State.TRIAL):
         session.require_next_step(request.step)
     session.admit(Operation.COMMIT)
     session.require_time_of_commit(request.time)
+    return request
 
 
-def run(session: Session, requests: Sequence[CommitRequest], ids: Sequence[RequestId]) -> list[Committed]:
+def run(session: Session, requests: Sequence[CommitRequest]) -> list[Committed]:
     """Commit; the replies are journaled with the state, each with the identity of its request."""
     content: dict[str, Any] = {}
 
@@ -46,7 +48,7 @@ def run(session: Session, requests: Sequence[CommitRequest], ids: Sequence[Reque
         packed: bytes = msgpack.packb(content | {name: value for name, value in noted.items() if value})
         return packed
 
-    session.commit(list(ids), receipt, time=requests[0].time)
+    session.commit([id_of(request) for request in requests], receipt, time=requests[0].time)
     failpoint("request.committed")
     return [Committed(client=request.client, sequence=request.sequence, **content) for request in requests]
 

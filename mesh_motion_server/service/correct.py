@@ -14,7 +14,7 @@ from mesh_motion_server.session.state import Operation
 __all__ = ["check", "run"]
 
 
-def check(session: Session, request: Correct) -> None:
+def check(session: Session, request: Correct) -> tuple[Correct, Region]:
     """Check the step and the state, and that the session's cells are with the client.
 
     Raises
@@ -27,16 +27,15 @@ def check(session: Session, request: Correct) -> None:
     session.require_client_evaluation()
     session.admit(Operation.CORRECT if request.what == "trial" else Operation.FETCH)
     session.require_next_step(request.step)
-    Region.read(vars(request), partition=request.partition)
+    return request, Region.read(vars(request), partition=request.partition)
 
 
-def run(session: Session, requests: Sequence[Correct]) -> list[Corrected]:
+def run(session: Session, parts: Sequence[tuple[Correct, Region]]) -> list[Corrected]:
     """Correct the region, or ask for a larger one."""
-    told = [Region.read(vars(one), partition=one.partition) for one in requests]
-    found = session.correct(requests[0].what, told)
+    found = session.correct(parts[0][0].what, [region for _, region in parts])
     reply: dict[str, Any] = {
         "region": {} if found.extent is None else found.extent.as_plain(),
         "nodes": found.nodes,
         "displacement": found.displacement,
     }
-    return [Corrected(client=one.client, sequence=one.sequence, step=one.step, **reply) for one in requests]
+    return [Corrected(client=one.client, sequence=one.sequence, step=one.step, **reply) for one, _ in parts]

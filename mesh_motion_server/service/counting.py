@@ -21,7 +21,6 @@ def count_executed(reply: Message, seconds: float) -> None:
 
     Parameters
     ----------
-    reply : Message
     seconds : float
         How long it took.
     """

@@ -17,7 +17,7 @@ from mesh_motion_server.session.state import Operation
 __all__ = ["check_cotangent", "check_tangent", "cotangent", "tangent"]
 
 
-def check_tangent(session: Session, request: Tangent) -> None:
+def check_tangent(session: Session, request: Tangent) -> Tangent:
     """Check state, method, shape and finiteness of one partition's velocities.
 
     Raises
@@ -29,15 +29,17 @@ def check_tangent(session: Session, request: Tangent) -> None:
     """
     session.require_slope(Operation.TANGENT, request.what)
     _check(session, "velocity", request.velocity, session.mesh.moving_local[request.partition], request.partition)
+    return request
 
 
-def check_cotangent(session: Session, request: Cotangent) -> None:
+def check_cotangent(session: Session, request: Cotangent) -> Cotangent:
     """The same for weights of all nodes."""
     session.require_slope(Operation.COTANGENT, request.what)
     nodes = np.arange(len(session.mesh.node_maps[request.partition]))
     _check(session, "weights", request.weights, nodes, request.partition)
     if session.spec.evaluation == "client":
         _check_of_field(session, request)
+    return request
 
 
 def tangent(session: Session, requests: Sequence[Tangent]) -> list[TangentFound]:

@@ -43,8 +43,6 @@ class SessionHost:
     Parameters
     ----------
     session : Session
-    store : SessionStore
-    limits : ServerSettings
     clock : callable
         Monotonic seconds; all deadlines use it.
 

@@ -19,7 +19,6 @@ class Envelope:
     ----------
     peer : bytes
         Transport's identifier of a connection; opaque here.
-    message : Message
     memory : mapping
         Memory that the peer offers for the arrays of this reply; may be empty.
     """

@@ -5,16 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mesh_motion_protocol.errors import MeshMotionError, brief, brief_details, error_code
+from mesh_motion_protocol.errors import MeshMotionError, ProtocolError, brief, brief_details, error_code
 from mesh_motion_protocol.messages import ErrorReply, Message
 
 __all__ = ["error_reply"]
 
 
 def error_reply(
-    request: Message, error: MeshMotionError, *, state: str = "", further: Mapping[str, Any] | None = None
+    request: Message | ProtocolError,
+    error: MeshMotionError | ProtocolError,
+    *,
+    state: str = "",
+    further: Mapping[str, Any] | None = None,
 ) -> ErrorReply:
-    """Make the reply to a request that raised ``error``; ``further`` is added to the error's own details."""
+    """Make the reply to what raised ``error``; ``further`` is added to the error's own details."""
     known = error_code(error.code)
     return ErrorReply(
         client=request.client,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ COMMANDS: dict[str, Single | Collective] = {
     "COTANGENT": Collective(differentiate.check_cotangent, differentiate.cotangent),
     "JUDGE": Collective(judge.check, judge.run),
     "CORRECT": Collective(correct.check, correct.run),
-    "COMMIT": Collective(commit.check, commit.run, with_ids=True),
+    "COMMIT": Collective(commit.check, commit.run),
     "ROLLBACK": Collective(rollback.check, rollback.run),
 }
 
@@ -50,7 +51,6 @@ class Execution:
     ----------
     session : Session
         The replies to its journaled commits are restored.
-    limits : ServerSettings
     clock : callable
         Monotonic seconds.
     teller : Teller
@@ -99,9 +99,12 @@ class Execution:
         """Let the request wait for the other partitions, or run the command if it is the last one."""
         gathering = self._gathering
         if gathering is not None and gathering.repeats(arrival):
+            # the reply goes to the latest sender, and the first arrays may lie in memory that is given back
+            again = replace(arrival, checked=command.check(self._session, arrival.request))
+            gathering.arrivals[arrival.request.partition] = again
             return []
         try:
-            command.check(self._session, arrival.request)
+            arrival = replace(arrival, checked=command.check(self._session, arrival.request))
         except Exception:
             self._stored.store(arrival.request_id, None)
             raise
@@ -119,8 +122,7 @@ class Execution:
             return replies
         self._gathering = None
         arrivals = gathering.in_order()
-        given = [[a.request for a in arrivals]] + ([[a.request_id for a in arrivals]] if command.with_ids else [])
-        return replies + self._answer(arrivals, lambda: command.run(self._session, *given))
+        return replies + self._answer(arrivals, lambda: command.run(self._session, [a.checked for a in arrivals]))
 
     def _overtake(self, gathering: Gathering, arrival: Arrival) -> list[Envelope]:
         """Refuse the waiting request of a partition that sends a new one."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import Any
 
 from mesh_motion_protocol.errors import InvalidInput, SessionError
 from mesh_motion_protocol.messages import Move, SessionMessage
@@ -17,11 +18,12 @@ _COMMON = ("step", "frame", "time", "questions", "what")
 
 @dataclass(frozen=True, eq=False)
 class Arrival:
-    """One partition's request: its sender, its content and its id."""
+    """One partition's request: its sender, its content, its id, and what the command's check made of it."""
 
     peer: bytes
     request: SessionMessage
     request_id: RequestId
+    checked: Any = None
 
 
 def agreement(request: SessionMessage) -> tuple[tuple[str, object], ...]:
@@ -36,7 +38,6 @@ class Gathering:
 
     Attributes
     ----------
-    partitions : int
     deadline : float
         On the host's clock.
     arrivals : dict
@@ -62,7 +63,7 @@ class Gathering:
         return [self.arrivals[p] for p in sorted(self.arrivals)]
 
     def repeats(self, arrival: Arrival) -> bool:
-        """Whether this request already waits here; the reply then goes to its latest sender.
+        """Whether this request already waits here.
 
         Raises
         ------
@@ -78,7 +79,6 @@ class Gathering:
                 code="ABORTED.CONFLICT",
                 hint="a new request needs a new sequence number",
             )
-        self.arrivals[arrival.request.partition] = replace(waiting, peer=arrival.peer, request=arrival.request)
         return True
 
     def check_agreement(self, arrival: Arrival) -> None:

@@ -12,12 +12,7 @@ __all__ = ["Holders"]
 
 
 class Holders:
-    """The peers that joined.
-
-    Parameters
-    ----------
-    session : Session
-    """
+    """The peers that joined."""
 
     def __init__(self, session: Session) -> None:
         self._session = session

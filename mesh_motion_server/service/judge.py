@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from mesh_motion_numerics.distributed.judging import Unanswered, as_plain, heard, summary_of
+from mesh_motion_numerics.distributed.judging import Heard, Unanswered, as_plain, heard, summary_of
 from mesh_motion_protocol.messages import Judge, Judged
 
 from mesh_motion_server.service.reports import (
@@ -21,7 +21,7 @@ from mesh_motion_server.session.state import Operation
 __all__ = ["check", "run"]
 
 
-def check(session: Session, request: Judge) -> None:
+def check(session: Session, request: Judge) -> tuple[Judge, Heard]:
     """Check the step and the state, and that the session's cells are with the client.
 
     Raises
@@ -34,16 +34,16 @@ def check(session: Session, request: Judge) -> None:
     session.require_client_evaluation()
     session.admit(Operation.JUDGE)
     session.require_next_step(request.step)
-    heard(vars(request), partial(session.mesh.cell_number, request.partition), partition=request.partition)
+    number = partial(session.mesh.cell_number, request.partition)
+    return request, heard(vars(request), number, partition=request.partition)
 
 
-def run(session: Session, requests: Sequence[Judge]) -> list[Judged]:
+def run(session: Session, reports: Sequence[tuple[Judge, Heard]]) -> list[Judged]:
     """Add up what the partitions send, and judge the trial; or ask for more."""
     mesh, method = session.mesh, session.model.method
-    told = [heard(vars(one), partial(mesh.cell_number, one.partition), partition=one.partition) for one in requests]
     reply: dict[str, Any] = {"questions": [], "quality": {}, "reached": False, "warnings": []}
     try:
-        found = summary_of(told, method.quality_metric)
+        found = summary_of([report for _, report in reports], method.quality_metric)
     except Unanswered as unknown:
         reply["questions"] = as_plain(unknown.questions)
     else:
@@ -54,4 +54,4 @@ def run(session: Session, requests: Sequence[Judge]) -> list[Judged]:
         done = verdict.correction
         reply["correction"] = {} if done is None else region_correction_report(done, session)
         reply["region"] = {} if verdict.extent is None else verdict.extent.as_plain()
-    return [Judged(client=one.client, sequence=one.sequence, step=one.step, **reply) for one in requests]
+    return [Judged(client=one.client, sequence=one.sequence, step=one.step, **reply) for one, _ in reports]

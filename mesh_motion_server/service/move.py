@@ -34,7 +34,7 @@ _WITH_HEADROOM = ("faces", "headroom")
 _FARTHEST = 1e12
 
 
-def check(session: Session, request: Move) -> None:
+def check(session: Session, request: Move) -> Move:
     """Check state, step, frame, shape, finiteness and size of one partition's displacements.
 
     Raises
@@ -59,6 +59,7 @@ def check(session: Session, request: Move) -> None:
     _check_velocity(session, request)
     _check_headroom(request)
     _check_swept_faces(session, request)
+    return request
 
 
 def run(session: Session, requests: Sequence[Move]) -> list[Moved]:

@@ -12,10 +12,11 @@ from mesh_motion_server.session.state import Operation
 __all__ = ["check", "run"]
 
 
-def check(session: Session, request: Rollback) -> None:
+def check(session: Session, request: Rollback) -> Rollback:
     """Check state and step."""
     session.admit(Operation.ROLLBACK)
     session.require_next_step(request.step)
+    return request
 
 
 def run(session: Session, requests: Sequence[Rollback]) -> list[RolledBack]:

@@ -29,12 +29,7 @@ _TROUBLE = {State.FAILED: "failed", State.FROZEN: "frozen"}
 
 
 class Teller:
-    """Records in the history what was answered.
-
-    Parameters
-    ----------
-    session : Session
-    """
+    """Records in the history what was answered."""
 
     def __init__(self, session: Session) -> None:
         self._session = session

@@ -3,6 +3,7 @@
 ::
 
     session.py           one session: trial, commit, rollback, resume
+    answers.py           what it answers without a change: derivatives, headroom, swept volumes
     position.py          where it stands: its state and steps, and which requests fit there
     corrections.py       the correction of a mesh whose cells are with the client
     state.py, values.py  the states as a table; the values that the session replaces as a whole

@@ -14,34 +14,31 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
-from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.distributed.field import Field
 from mesh_motion_numerics.distributed.region import Region
-from mesh_motion_numerics.mesh.cells import CellBlock
-from mesh_motion_numerics.mesh.swept_volumes import swept_by_cells, swept_volumes
 from mesh_motion_numerics.motion.acceptance import quality_warnings, refuse_unacceptable
-from mesh_motion_numerics.motion.time_levels import STORED_ARRAYS, TimeLevel, scheme_velocity
+from mesh_motion_numerics.motion.time_levels import STORED_ARRAYS, TimeLevel
 from mesh_motion_numerics.quality.quality_summary import QualitySummary
 from mesh_motion_protocol.digests import state_digest
 from mesh_motion_protocol.errors import DataLoss, SessionError
 
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.session.corrections import CorrectedRegion, CorrectOutcome, correct, first_extent, is_good
+from mesh_motion_server.session.answers import Answers
+from mesh_motion_server.session.corrections import CorrectOutcome, correct, first_extent, is_good
 from mesh_motion_server.session.factors import FactorCache
-from mesh_motion_server.session.field_slope import FieldCotangent, FieldSlope, FieldTangent
 from mesh_motion_server.session.history import History
 from mesh_motion_server.session.journal.durability import keeper_of, logged_failure
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.journal.replies import RequestId
-from mesh_motion_server.session.model import Model, ModelBuilder, Slope, checked_model, model_of
+from mesh_motion_server.session.model import Model, ModelBuilder, checked_model, model_of
 from mesh_motion_server.session.motions import compute
 from mesh_motion_server.session.partitions.merging import check_boundary, merge
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.partitions.uploads import MeshUpload, Part
-from mesh_motion_server.session.position import WRITING, Position
+from mesh_motion_server.session.position import WRITING
 from mesh_motion_server.session.replay import Progress, boundary_input, restore, silent
 from mesh_motion_server.session.state import (
     CommittedState,
@@ -56,14 +53,10 @@ from mesh_motion_server.session.store import SessionFolder
 from mesh_motion_server.session.values import Built, CommitOutcome, CurrentState, MoveOutcome, VelocityAsked, Verdict
 from mesh_motion_server.settings import ServerSettings
 
-if TYPE_CHECKING:
-    from mesh_motion_numerics.motion.boundary_motion import BoundaryMotion
-    from mesh_motion_numerics.quality.headroom import Headroom
-
 __all__ = ["Session"]
 
 
-class Session(Position):
+class Session(Answers):
     """A session and its folder.
 
     Parameters
@@ -78,17 +71,13 @@ class Session(Position):
     """
 
     def __init__(self, folder: SessionFolder, limits: ServerSettings, build_model: ModelBuilder) -> None:
-        super().__init__(folder.spec)
+        super().__init__(folder.spec, FactorCache(limits.factor_cache_bytes))
         self._folder = folder
         self._limits = limits
         self._build_model = build_model if self.spec.evaluation == "server" else None
         self.upload = MeshUpload(
             self.spec.dimension, self.spec.partitions, limits.max_session_bytes, self.spec.evaluation
         )
-        self.factors = FactorCache(limits.factor_cache_bytes)
-        self._latest_slope: tuple[Floats, Slope] | None = None
-        self._latest_field_slope: tuple[Floats, FieldSlope] | None = None
-        self._corrected: list[tuple[Floats, CorrectedRegion]] = []  # of the trial and the committed state
         self.history = History(folder.path, limits.history_bytes, limits.reserve_disk_bytes)
 
     @classmethod
@@ -209,115 +198,6 @@ class Session(Position):
         return MoveOutcome(
             trial.step, trial.iteration, computed.motion, computed.displacements, faces, field, velocities
         )
-
-    def _velocities(self, trial: Trial, asked: VelocityAsked) -> Floats:
-        """Velocities (n, d) of all nodes."""
-        if asked.scheme == "tangent":
-            return self._slope_at(trial.points).tangent(self._gather_velocities(asked.boundary))
-        before, time = self._committed_state, cast(float, asked.time)
-        return scheme_velocity(asked.scheme, trial.points, before.points, before.level, time)
-
-    def headroom(self, along: str, velocity: Floats | None = None) -> Headroom:
-        """How far the mesh admits that all nodes go on from the trial.
-
-        Parameters
-        ----------
-        along : {"step", "displacement", "velocity"}
-            In multiples of the way from the committed state, or of that from the reference mesh; or in seconds of the
-            trial's ``velocity`` (n, d).
-        """
-        points = self._open_trial.points
-        if velocity is not None and along == "velocity":
-            return self.model.headroom(velocity, points)
-        before = self._committed_state.points if along == "step" else self.mesh.points
-        return self.model.headroom(points - before, points)
-
-    def swept(self, partition: int, faces: Integers | None) -> Floats:
-        """Volumes that faces of a partition sweep from the committed state to the trial, length unit to the power d.
-
-        Parameters
-        ----------
-        faces : (f, k) int64 array, optional
-            The partition's own nodes of each face, filled up with -1; by default all faces of its cells, type after
-            type, each cell's one after the other, outwards.
-
-        Returns
-        -------
-        (f,) array
-        """
-        built, before, after = self._require_built(), self._committed_state.points, self._open_trial.points
-        if faces is not None:
-            own = np.append(built.mesh.node_maps[partition], -1)
-            return swept_volumes(before, after, own[faces])
-        found = []
-        cells, signs = built.listed_cells
-        for block, sign, origin in zip(cells, signs, built.mesh.cell_origins, strict=True):
-            rows = origin.rows_of(partition)
-            listed = CellBlock(block.type, block.nodes[rows])
-            found.append((sign[rows, None] * swept_by_cells(before, after, listed)).reshape(-1))
-        return np.concatenate(found)
-
-    def require_slope(self, operation: Operation, what: str) -> None:
-        """Raise unless the motion can be differentiated at the trial or the committed state.
-
-        Raises
-        ------
-        SessionError
-            If the state does not allow it, or there is no trial.
-        InvalidInput
-            If the method, or this kind of session, has no derivative.
-        """
-        self.admit(operation)
-        self._points_of(what)
-        refusal = self.model.why_no_slope()
-        if refusal is not None:
-            raise refusal
-
-    def tangent(self, what: str, velocities: Sequence[Floats]) -> list[Floats]:
-        """Velocities (n_p, c d) of each partition's nodes for those (k_p, c d) of its moving nodes.
-
-        Parameters
-        ----------
-        what : {"trial", "committed"}
-        velocities : one (k_p, c d) array per partition
-            The components of c vectors, one after the other.
-
-        Raises
-        ------
-        InvalidInput
-            If partitions disagree about a node.
-        QualityRefused
-            If this mesh was corrected by another correction than the smooth one.
-        """
-        mesh = self.mesh
-        given = self._gather_velocities(velocities)
-        found = self._by_vector(given, self._slope(what).tangent)
-        return [mesh.scatter(found, partition) for partition in range(len(velocities))]
-
-    def cotangent(self, what: str, weights: Sequence[Floats]) -> list[Floats]:
-        """Weights (k_p, c d) of each partition's moving nodes for those (n_p, c d) of its nodes.
-
-        Those that several partitions give to one node are added; each of them gets the sum.
-        """
-        mesh = self.mesh
-        found = self._by_vector(mesh.gather_sums(weights), self._slope(what).cotangent)
-        return mesh.scatter_moving(found)
-
-    def field_tangent(self, what: str, velocities: Sequence[Floats]) -> FieldTangent:
-        """As :meth:`tangent`, of a session whose volume is with the client: of the field, and of the freed nodes."""
-        slope = self._field_slope(what)
-        found = [slope.tangent(one) for one in self._vectors(self._gather_velocities(velocities))]
-        rows = ([getattr(one, name) for one in found] for name in ("velocity", "coefficients", "of_freed"))
-        velocity, coefficients, of_freed = (np.concatenate(each, axis=1) for each in rows)
-        return FieldTangent(velocity, coefficients, found[0].freed, of_freed)
-
-    def field_cotangent(self, what: str, given: FieldCotangent) -> list[Floats]:
-        """As :meth:`cotangent`, of a session whose volume is with the client."""
-        slope, found = self._field_slope(what), []
-        parts = (self._vectors(rows) for rows in (given.weights, given.coefficients, given.of_ids))
-        for weights, coefficients, of_ids in zip(*parts, strict=True):
-            found.append(slope.cotangent(FieldCotangent(weights, coefficients, given.ids, of_ids)))
-        return self.mesh.scatter_moving(np.concatenate(found, axis=1))
 
     def judge(self, quality: QualitySummary) -> Verdict:
         """Take the quality of the trial's cells, which are with the client.
@@ -480,7 +360,7 @@ class Session(Position):
         if keep and self._built is not None:
             with logged_failure(self.spec.session):
                 if self.state in WRITING:
-                    self._built.keeper.rest(self._durable_rows)
+                    self._built.keeper.rest(lambda: durable_rows(self.mesh, self._committed_state))
                 elif self.state is State.FAILED:
                     self.catch_up()  # no state is made of coordinates that are not trusted
         self._swap(state=State.CLOSED, trial=None)
@@ -493,59 +373,10 @@ class Session(Position):
 
     # --- inside ----------------------------------------------------------------------------------------------------
 
-    def _slope(self, what: str) -> Slope:
-        """The derivative at the trial or the committed state."""
-        return self._slope_at(self._points_of(what))
-
-    def _slope_at(self, points: Floats) -> Slope:
-        """The derivative of the motion that has led to ``points`` (n, d); that of the last time, if it was there."""
-        if self._latest_slope is None or self._latest_slope[0] is not points:
-            self._latest_slope = points, self.model.slope(points, self.factors)
-        return self._latest_slope[1]
-
-    def _field_slope(self, what: str) -> FieldSlope:
-        """The same of a session whose volume is with the client."""
-        points, built = self._points_of(what), self._require_built()
-        of = self._open_trial if what == "trial" else self._committed_state
-        corrected = None
-        if built.model.method.correction != "none" and of.step:
-            corrected = next((region for at, region in self._corrected if at is points), None)
-            if corrected is None:
-                raise SessionError(
-                    f"the region in which the {what} mesh was corrected is not known here",
-                    code="FAILED_PRECONDITION",
-                    hint="send JUDGE and CORRECT of the trial first; of the committed mesh CORRECT, as after a resume",
-                    details={"missing": "region"},
-                )
-        if self._latest_field_slope is None or self._latest_field_slope[0] is not points:
-            model, field = cast("BoundaryMotion", built.model), cast(Field, built.field)
-            slope = FieldSlope(built.mesh, model, field, points, corrected, self.factors)
-            self._latest_field_slope = points, slope
-        return self._latest_field_slope[1]
-
-    def _points_of(self, what: str) -> Floats:
-        """(n, d) coordinates of the "trial" or the "committed" state."""
-        if what == "trial":
-            self.refuse_lost_trial()
-        return self._open_trial.points if what == "trial" else self.coordinates("committed")
-
-    def _gather_velocities(self, velocities: Sequence[Floats]) -> Floats:
-        """(k, c) velocities of the moving nodes from each partition's rows (k_p, c)."""
-        return self.mesh.gather_moving(velocities, max(float(np.abs(rows).max(initial=0.0)) for rows in velocities))
-
     def _at_rest(self, mesh: MergedMesh, field: Field | None) -> CommittedState:
         """The mesh as it was uploaded."""
         coefficients = None if field is None else field.coefficients
         return CommittedState(0, mesh.points, coefficients, level=TimeLevel(self.spec.time))
-
-    def _by_vector(self, given: Floats, apply: Callable[[Floats], Floats]) -> Floats:
-        """(m, c d) what ``apply`` makes of each of the c vectors (k, d) that are columns of ``given`` (k, c d)."""
-        return np.concatenate([apply(one) for one in self._vectors(given)], axis=1)
-
-    def _vectors(self, given: Floats) -> list[Floats]:
-        """The c vectors (k, d) that are columns of ``given`` (k, c d)."""
-        d = self.spec.dimension
-        return [np.ascontiguousarray(given[:, i : i + d]) for i in range(0, given.shape[1], d)]
 
     def _field_at_rest(self, mesh: MergedMesh, model: Model) -> Field | None:
         """The field of a mesh that does not move, if the client evaluates it."""
@@ -554,10 +385,6 @@ class Session(Position):
         check_boundary(mesh)
         rest = MoveInput("reference", np.zeros((len(mesh.moving), mesh.points.shape[1])))
         return compute(model, mesh, mesh.points, rest, self.factors).field
-
-    def _durable_rows(self) -> Floats:
-        """The committed state as a commit stores it."""
-        return durable_rows(self.mesh, self._committed_state)
 
     def _write(self, write: Callable[[], None], after: CurrentState) -> None:
         """Swap to COMMITTING, write, then swap to the state after success or failure."""

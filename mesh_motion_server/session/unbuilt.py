@@ -5,7 +5,7 @@ from pathlib import Path
 from mesh_motion_server.session.history.boundary import BOUNDARY
 from mesh_motion_server.session.history.events import FOLDER
 from mesh_motion_server.session.journal.files import MANIFEST, NEXT_MANIFEST, SLOTS
-from mesh_motion_server.session.journal.filesystem import FileSystem
+from mesh_motion_server.session.journal.filesystem import FileSystem, reading
 
 __all__ = ["UNBUILT", "mark_built", "never_built"]
 
@@ -41,11 +41,8 @@ def _has_history(files: FileSystem, folder: Path) -> bool:
 def _has_record(files: FileSystem, slot: Path) -> bool:
     if not files.exists(slot):
         return False
-    handle = files.open(slot, writable=False)
-    try:
+    with reading(files, slot) as handle:
         return any(files.read(handle, 0, _RECORD))
-    finally:
-        files.close(handle)
 
 
 def mark_built(files: FileSystem, folder: Path) -> None:

@@ -168,7 +168,6 @@ class Verdict:
         Of the mesh before its correction.
     extent : Extent or None
         The region that is to be corrected first.
-    warnings : list of str
     correction : Correction or None
         What was done already.
     """

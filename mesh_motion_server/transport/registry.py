@@ -17,6 +17,7 @@ from mesh_motion_protocol.limits import HEADER_BYTES
 from mesh_motion_protocol.messages import Message
 
 from mesh_motion_server.security.authorisation import not_found
+from mesh_motion_server.session.store import SessionStore, StoredSession
 from mesh_motion_server.transport.processes import Child
 
 __all__ = ["Asked", "Live", "Registry", "RequestBook", "fit"]
@@ -132,7 +133,7 @@ class RequestBook:
 class Registry:
     """The live sessions, and the store for all others."""
 
-    def __init__(self, store: Any) -> None:
+    def __init__(self, store: SessionStore) -> None:
         self._store = store
         self.live: dict[str, Live] = {}
 
@@ -147,8 +148,7 @@ class Registry:
         live = self.live.get(session)
         if live is not None:
             return live.owner
-        owner: str | None = self._store.owner(session)
-        return owner
+        return self._store.owner(session)
 
     def authorised(self, session: str, token: bytes) -> Live | None:
         """Return the live session, or None for one that only the store has.
@@ -206,15 +206,14 @@ class Registry:
 
     def _owner_listed(self, session: str) -> str | None:
         live = self._serving(session)
-        owner: str | None = live.owner if live is not None else self._store.owner_listed(session)
-        return owner
+        return live.owner if live is not None else self._store.owner_listed(session)
 
     def of(self, child: Child) -> Live | None:
         """Return the session of a worker, None for the template."""
         return next((live for live in self.live.values() if live.child is child), None)
 
 
-def _stored(entry: Any) -> dict[str, Any]:
+def _stored(entry: StoredSession) -> dict[str, Any]:
     return {"session": entry.session, "label": entry.label, "state": str(entry.state), "step": entry.step,
             "partitions": entry.partitions, "worker": "none"}  # fmt: skip
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from mesh_motion_protocol.arrays import Buffer
 from mesh_motion_protocol.codec import encode
-from mesh_motion_protocol.errors import MeshMotionError, ProtocolError, error_code
+from mesh_motion_protocol.errors import MeshMotionError, ProtocolError
 from mesh_motion_protocol.messages import ErrorReply, Message
 
 from mesh_motion_server.service.error_replies import error_reply
@@ -16,16 +16,7 @@ __all__ = ["encoded", "undecodable", "unexpected"]
 
 def undecodable(error: ProtocolError, *, state: str = "") -> ErrorReply:
     """Return the reply to frames that are not a valid message."""
-    return ErrorReply(
-        client=error.client,
-        sequence=error.sequence,
-        code=error.code,
-        message=error.message,
-        hint=error.hint,
-        retryable=error_code(error.code).retryable,
-        state=state,
-        details=error.details,
-    )
+    return error_reply(error, error, state=state)
 
 
 def unexpected(request: Message, endpoint: str, *, state: str = "") -> ErrorReply:

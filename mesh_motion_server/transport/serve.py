@@ -15,11 +15,10 @@ from mesh_motion_server.failpoints import activate
 from mesh_motion_server.operation.service_manager import ServiceManager
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, lock_folder
-from mesh_motion_server.transport.hosting import Hosting
 from mesh_motion_server.transport.protection import Protection
 from mesh_motion_server.transport.self_test import ProtectionError
 from mesh_motion_server.transport.state_folder import StateFolder
-from mesh_motion_server.transport.supervisor import Supervisor
+from mesh_motion_server.transport.supervisor import TEMPLATE, Supervisor
 from mesh_motion_server.transport.telemetry import configure, log
 
 __all__ = ["EXIT_CONFIGURATION", "EXIT_UNAVAILABLE", "LIFELINE", "serve"]
@@ -47,7 +46,7 @@ def serve(
     insecure: bool = False,
     ready_file: Path | None = None,
     level: str = "info",
-    hosting: Hosting | None = None,
+    template: str = TEMPLATE,
 ) -> int:
     """Run a server until SIGTERM, SIGINT or the end of its lifeline.
 
@@ -64,8 +63,8 @@ def serve(
         ``ready ENDPOINT``.
     level : {"debug", "info", "warning", "error"}
         Of the logs on standard error.
-    hosting : Hosting, optional
-        Other modules for sessions and their store.
+    template : str
+        Module that the template runs: tests have sessions of their own.
 
     Returns
     -------
@@ -84,7 +83,7 @@ def serve(
     try:
         protection, lock = _prepare(settings, insecure=insecure)
         state = _hold(settings)
-        supervisor, listening = _start(settings, hosting or Hosting(), level, protection, manager)
+        supervisor, listening = _start(settings, template, level, protection, manager)
         state.name_holder(listening["endpoint"])
     except _RefusedError as refusal:
         log().error("refused", reason=refusal.error.message, hint=refusal.error.hint)
@@ -142,11 +141,11 @@ def _hold(settings: ServerSettings) -> StateFolder:
 
 
 def _start(
-    settings: ServerSettings, hosting: Hosting, level: str, protection: Protection | None, manager: ServiceManager
+    settings: ServerSettings, template: str, level: str, protection: Protection | None, manager: ServiceManager
 ) -> tuple[Supervisor, dict[str, str]]:
     """Start; return the endpoints of clients, metrics and page."""
     try:
-        supervisor = Supervisor(settings, hosting, level, protection, manager)
+        supervisor = Supervisor(settings, level, protection, manager, template)
         return supervisor, supervisor.start()
     except ResourceExhausted as error:
         raise _RefusedError(error, EXIT_UNAVAILABLE) from error

@@ -22,20 +22,22 @@ from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.operation.disk_watch import DiskWatch
 from mesh_motion_server.operation.service_manager import ServiceManager
 from mesh_motion_server.operation.tally import TALLY
+from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.attendant import Attendant
 from mesh_motion_server.transport.control import Control
 from mesh_motion_server.transport.endpoints import Endpoint, EndpointError
 from mesh_motion_server.transport.gateway_line import GatewayLine
-from mesh_motion_server.transport.hosting import Hosting
 from mesh_motion_server.transport.processes import Child, adopt_orphans, fork, spawn, wake_on_signals
 from mesh_motion_server.transport.protection import Protection
 from mesh_motion_server.transport.registry import Registry
 from mesh_motion_server.transport.telemetry import log
 from mesh_motion_server.transport.watch import Watch
 
-__all__ = ["Supervisor"]
+__all__ = ["TEMPLATE", "Supervisor"]
 
+#: Module from which workers are forked. The supervisor does not import it: it loads the numerics.
+TEMPLATE = "mesh_motion_server.transport.template"
 #: Processes that end in succession before their first message: their imports are broken.
 _WORKER_STARTS = 3
 #: A worker that has closed its line must end within this time, seconds.
@@ -57,18 +59,20 @@ class Supervisor:
         The server's keys; without them everybody who reaches an endpoint may use it.
     manager : ServiceManager, optional
         The service manager that started the server and gets its status.
+    template : str
+        Module that the template runs.
     """
 
     def __init__(
         self,
         settings: ServerSettings,
-        hosting: Hosting,
         level: str,
         protection: Protection | None = None,
         manager: ServiceManager | None = None,
+        template: str = TEMPLATE,
     ) -> None:
         self._settings = settings
-        self._hosting = hosting
+        self._template_module = template
         self._level = level
         self._selector = selectors.DefaultSelector()
         self._boot = os.urandom(16)
@@ -85,7 +89,7 @@ class Supervisor:
         if protection is not None:
             self._private = tempfile.TemporaryDirectory(prefix=PREFIX, dir=folder_for_sockets(_HANDSHAKES))
             self._protection = replace(protection, handshakes=f"ipc://{self._private.name}/{_HANDSHAKES}")
-        store = hosting.load_store()(settings.state_folder)
+        store = SessionStore(settings.state_folder)
         for name in store.sweep():
             log().info("swept", session=name)
         self._gateway = GatewayLine(self._selector, settings.endpoint, self._launch_gateway, self._request)
@@ -275,14 +279,7 @@ class Supervisor:
         return child
 
     def _start_template(self) -> Child:
-        template = spawn(
-            "mesh_motion_server.transport.template",
-            self._level,
-            self._hosting.host,
-            self._hosting.store,
-            self._hosting.numerics,
-            threads=self._settings.threads,
-        )
+        template = spawn(self._template_module, self._level, threads=self._settings.threads)
         self._listen(template.channel, lambda _: self._worker_spoke(template))
         return template
 

@@ -7,7 +7,6 @@ one from its journal; then it listens and serves (:mod:`.worker`).
 from __future__ import annotations
 
 import gc
-import importlib
 import os
 import signal
 from collections.abc import Callable
@@ -22,10 +21,10 @@ from mesh_motion_protocol.limits import FRAME_BYTES
 from mesh_motion_server.failpoints import activate, failpoint
 from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.session.spec import SessionSpec
+from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import MethodSettings, ServerSettings
 from mesh_motion_server.transport.channel import Channel
 from mesh_motion_server.transport.endpoints import Endpoint, EndpointError, bind_first, router
-from mesh_motion_server.transport.hosting import Hosting
 from mesh_motion_server.transport.processes import (
     fork_from_template,
     limit_address_space,
@@ -46,7 +45,7 @@ from mesh_motion_server.transport.worker import Worker
 if TYPE_CHECKING:
     from mesh_motion_server.service.dispatch import SessionHost
 
-__all__ = ["main"]
+__all__ = ["Service", "main"]
 
 #: Whole messages queued per connection: the high-water mark counts messages, whatever their size.
 _QUEUED = 2
@@ -56,17 +55,28 @@ _DESCRIPTORS = 2048
 _DETAILS_BYTES = 16 << 10
 
 
-def main(channel: Channel, level: str, *modules: str) -> int:
-    """Import everything that a session with these modules needs, then fork workers; each of them serves."""
+#: What a worker serves with: the class of its host, and that of the store.
+Service = tuple[type["SessionHost"], type[SessionStore]]
+
+
+def _import_service() -> Service:
+    """Import everything that a session needs: once, before the first worker is forked."""
+    import mesh_motion_numerics.motion.motion  # noqa: F401, PLC0415 (the host imports it with the first mesh)
+
+    from mesh_motion_server.service.dispatch import SessionHost  # noqa: PLC0415
+
+    return SessionHost, SessionStore
+
+
+def main(channel: Channel, level: str, import_service: Callable[[], Service] = _import_service) -> int:
+    """Import everything, then fork workers; each of them serves."""
     offer_to_the_oom_killer()
     signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the supervisor ends it
     configure("worker", level)
     activate()
     failpoint("template.start")
     gc.disable()  # saves a tenth of the import time
-    hosting = Hosting(*modules)
-    hosts, stores = hosting.load_host(), hosting.load_store()
-    importlib.import_module(hosting.numerics)
+    service = import_service()
     failpoint("template.ready")
     channel.send({"event": "warm"})
     gc.freeze()  # a worker's collections then leave the shared pages unchanged
@@ -79,12 +89,12 @@ def main(channel: Channel, level: str, *modules: str) -> int:
             in_worker = False
         if in_worker:
             channel.close()
-            return _work(line, hosts, stores)
+            return _work(line, service)
         line.close()
     return 0
 
 
-def _work(channel: Channel, hosts: Any, stores: Any) -> int:
+def _work(channel: Channel, service: Service) -> int:
     """Take the order and serve, in a worker."""
     signals = wake_on_signals(signal.SIGTERM)
     failpoint("worker.start")
@@ -93,12 +103,13 @@ def _work(channel: Channel, hosts: Any, stores: Any) -> int:
     if order is None or order["order"] == "drain":
         return 0
     name_session(order["session"])
-    return _serve(channel, order, hosts, stores, signals)
+    return _serve(channel, order, service, signals)
 
 
-def _serve(channel: Channel, order: dict[str, Any], hosts: Any, stores: Any, signals: Any) -> int:
+def _serve(channel: Channel, order: dict[str, Any], service: Service, signals: Any) -> int:
     """Serve from the order to the end of the session's use."""
     failpoint("worker.ordered")
+    hosts, stores = service
     settings = ServerSettings.model_validate_json(order["settings"])
     limit_address_space(settings.worker_memory_bytes)
     limit_descriptors(_DESCRIPTORS)
@@ -171,12 +182,14 @@ def _tell_progress(channel: Channel, step: int) -> None:
 
 
 def _host(
-    order: dict[str, Any], hosts: Any, store: Any, settings: ServerSettings, progress: Callable[[int], None]
+    order: dict[str, Any],
+    hosts: type[SessionHost],
+    store: SessionStore,
+    settings: ServerSettings,
+    progress: Callable[[int], None],
 ) -> SessionHost:
     if order["order"] == "resume":
-        given = order["session"], order["token"], store
-        resumed: SessionHost = hosts.resume(*given, limits=settings, progress=progress)
-        return resumed
+        return hosts.resume(order["session"], order["token"], store, limits=settings, progress=progress)
     spec = SessionSpec(
         session=order["session"],
         token=order["token"],
@@ -190,8 +203,7 @@ def _host(
         time=order["time"],
         time_levels=order["time_levels"],
     )
-    created: SessionHost = hosts.create(spec, store, limits=settings)
-    return created
+    return hosts.create(spec, store, limits=settings)
 
 
 def _failure(error: Exception) -> dict[str, Any]:

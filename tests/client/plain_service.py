@@ -14,8 +14,7 @@ from plain_model import PlainModel
 
 from mesh_motion_server.service.dispatch import SessionHost as RealHost
 from mesh_motion_server.session.store import SessionStore
-
-__all__ = ["SessionHost", "SessionStore"]
+from mesh_motion_server.transport import template
 
 FOLDER = Path(os.environ["PLAIN_FOLDER"])
 
@@ -42,3 +41,8 @@ class SessionHost(RealHost):
 
     create = partial(RealHost.create, build_model=WaitingModel)
     resume = partial(RealHost.resume, build_model=WaitingModel)
+
+
+def main(channel, level):
+    """What the template runs."""
+    return template.main(channel, level, lambda: (SessionHost, SessionStore))

@@ -4,10 +4,8 @@ import sys
 from pathlib import Path
 
 from mesh_motion_server.settings import ServerSettings
-from mesh_motion_server.transport.hosting import Hosting
 from mesh_motion_server.transport.serve import serve
 
 if __name__ == "__main__":
     settings = ServerSettings.model_validate_json(sys.argv[1])
-    hosting = Hosting("plain_service", "plain_service", "plain_service")
-    sys.exit(serve(settings, ready_file=Path(sys.argv[2]), hosting=hosting))
+    sys.exit(serve(settings, ready_file=Path(sys.argv[2]), template="plain_service"))

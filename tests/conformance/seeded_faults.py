@@ -14,7 +14,7 @@ from mesh_motion_protocol.messages import ErrorReply, Welcome
 from mesh_motion_server.service import commands, error_replies, execution, fetch, move
 from mesh_motion_server.service.gathering import Gathering
 from mesh_motion_server.service.holders import Holders
-from mesh_motion_server.session import motions
+from mesh_motion_server.session import answers, motions
 from mesh_motion_server.session import session as session_module
 from mesh_motion_server.session.field_slope import FieldSlope
 from mesh_motion_server.session.journal.durability import FullKeeper, ReplayKeeper
@@ -274,12 +274,12 @@ def takes_any_time(patch):
 
 @fault("25.2-bdf1", "25.3-bdf2-survives")
 def takes_the_first_step_for_every_step(patch):
-    honest = session_module.scheme_velocity
+    honest = answers.scheme_velocity
 
     def even(scheme, moved, committed, level, time):
         return honest(scheme, moved, committed, replace(level, time=time - 0.25), time)
 
-    patch.setattr(session_module, "scheme_velocity", even)
+    patch.setattr(answers, "scheme_velocity", even)
 
 
 @fault("25.3-bdf2-survives", "25.3-bossak-survives")
@@ -376,15 +376,15 @@ def gives_step_0_with_the_reference_mesh(patch):
 
 @fault("2.5-repeated-request-is-answered-where-it-was-repeated-last")
 def answers_the_connection_that_asked_first(patch):
-    repeats = Gathering.repeats
+    gather = execution.Execution._gather
 
-    def stubborn(self, arrival):
-        before = dict(self.arrivals)
-        found = repeats(self, arrival)
-        self.arrivals.update(before)
-        return found
+    def stubborn(self, arrival, command):
+        before = self._gathering
+        if before is not None and before.repeats(arrival):
+            return []
+        return gather(self, arrival, command)
 
-    patch.setattr(Gathering, "repeats", stubborn)
+    patch.setattr(execution.Execution, "_gather", stubborn)
 
 
 @fault("9.2-MOVE-and-COMMIT", "9.2-two-frames")

@@ -9,6 +9,7 @@ import shutil
 
 from mesh_motion_server.session.journal.replies import ReplyTable
 from mesh_motion_server.session.store import SessionStore as GoodStore
+from mesh_motion_server.transport import template
 from tests.faults.stand_in_service import SessionHost as GoodHost
 
 SessionHost = GoodHost
@@ -30,3 +31,8 @@ class SessionStore(GoodStore):
             else:
                 shutil.copytree(folder, kept)
         return super().open(session, token)
+
+
+def main(channel, level):
+    """What the template runs."""
+    return template.main(channel, level, lambda: (SessionHost, SessionStore))

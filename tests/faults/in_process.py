@@ -179,7 +179,7 @@ class InProcessServer:
         self.ended: dict[str, Any] = {}
         self._protection = protection
         self._settings = settings
-        self._hosts = _Hosts(lambda: self.now, build_model)
+        self._hosts: Any = _Hosts(lambda: self.now, build_model)
         self._children: dict[Child, _Worker] = {}
         self._todo: deque[tuple[Child, dict[str, Any] | None]] = deque()
         self.start()

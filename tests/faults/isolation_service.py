@@ -13,10 +13,12 @@ import numpy as np
 from mesh_motion_protocol.messages import Fetch, Fetched, Status
 
 from mesh_motion_server.service.envelope import Envelope
+from mesh_motion_server.transport import template
+from mesh_motion_server.transport.channel import Channel
 from tests.faults.stand_in_service import SessionHost as StandInHost
 from tests.faults.stand_in_service import SessionStore
 
-__all__ = ["LARGE_ROWS", "SessionHost", "SessionStore"]
+__all__ = ["LARGE_ROWS", "SessionHost", "SessionStore", "main"]
 
 #: Rows of three numbers, 8 bytes each, that make 100 MB.
 LARGE_ROWS = 100_000_000 // 24
@@ -49,3 +51,8 @@ def _take_memory(_: Envelope) -> list[Envelope]:
     taken = []
     while True:
         taken.append(np.ones(_BLOCK, dtype=np.uint8))
+
+
+def main(channel: Channel, level: str) -> int:
+    """What the template runs."""
+    return template.main(channel, level, lambda: (SessionHost, SessionStore))

@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from mesh_motion_server.settings import ServerSettings
-from mesh_motion_server.transport.hosting import Hosting
 from mesh_motion_server.transport.serve import serve
 from tests.faults.server_process import ServerProcess
 
 __all__ = ["SERVICE", "StandInServer"]
 
-#: Module with the ``SessionHost`` and ``SessionStore`` that workers load.
+#: Module that the template runs: its workers have the host and the store of this module.
 SERVICE = "tests.faults.stand_in_service"
 
 
@@ -46,9 +45,8 @@ class StandInServer(ServerProcess):
 
 def main(settings: str, ready_file: str, service: str, level: str) -> int:
     """Serve."""
-    hosting = Hosting(service, service, service)
     return serve(
-        ServerSettings.model_validate_json(settings), ready_file=Path(ready_file), level=level, hosting=hosting
+        ServerSettings.model_validate_json(settings), ready_file=Path(ready_file), level=level, template=service
     )
 
 

@@ -10,9 +10,11 @@ from typing import Any
 from mesh_motion_server.service import dispatch
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.session.store import SessionStore
+from mesh_motion_server.transport import template
+from mesh_motion_server.transport.channel import Channel
 from tests.faults.stand_in import StandIn
 
-__all__ = ["REAL", "SessionHost", "SessionStore"]
+__all__ = ["REAL", "SessionHost", "SessionStore", "main"]
 
 #: How the label of a session with the real numerics begins.
 REAL = "real"
@@ -39,3 +41,8 @@ class SessionHost(dispatch.SessionHost):
 
 def _model(label: str) -> dict[str, Any]:
     return {} if label.startswith(REAL) else {"build_model": _STAND_IN}
+
+
+def main(channel: Channel, level: str) -> int:
+    """What the template runs."""
+    return template.main(channel, level, lambda: (SessionHost, SessionStore))

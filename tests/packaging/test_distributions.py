@@ -62,6 +62,7 @@ def test_the_wheel_has_its_licence_version_and_commands(wheel: Path) -> None:
     assert parts <= set(metadata.get_all("Requires-Dist"))
     assert {"server", "mesh", "plot", "dask", "all"} <= set(metadata.get_all("Provides-Extra"))
     assert "mesh-motion = mesh_motion_server.commands.cli:main" in entries
+    assert "read_mesh = mesh_motion_server.files:read_mesh" in entries
 
 
 def test_the_wheel_brings_the_manual_pages(wheel: Path) -> None:

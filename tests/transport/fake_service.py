@@ -16,6 +16,7 @@ from mesh_motion_protocol import messages as m
 from mesh_motion_protocol.errors import InvalidInput, SessionError
 
 from mesh_motion_server.service.envelope import Envelope
+from mesh_motion_server.transport import template
 from mesh_motion_server.transport.channel import Channel
 
 
@@ -194,3 +195,8 @@ class SessionHost:
             line.close()
             (self.store.root / f"lingers-{self.session}").touch()
             time.sleep(3600)
+
+
+def main(channel, level):
+    """What the template runs."""
+    return template.main(channel, level, lambda: (SessionHost, SessionStore))

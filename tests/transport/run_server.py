@@ -8,9 +8,11 @@ import signal
 import sys
 from pathlib import Path
 
+from fake_service import SessionStore
+
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport import serve as serving
-from mesh_motion_server.transport.hosting import Hosting
+from mesh_motion_server.transport import supervisor
 from mesh_motion_server.transport.serve import serve
 
 
@@ -25,8 +27,8 @@ if "stopped-at-once" in sys.argv:
 
 if __name__ == "__main__":
     settings = ServerSettings.model_validate_json(sys.argv[1])
-    numerics = "not_installed" if "no-numerics" in sys.argv else "fake_service"
-    hosting = Hosting("fake_service", "fake_service", numerics)
+    supervisor.SessionStore = SessionStore
+    template = "no_numerics" if "no-numerics" in sys.argv else "fake_service"
     sys.exit(
-        serve(settings, ready_file=Path(sys.argv[2]), insecure="insecure" in sys.argv, hosting=hosting, level="debug")
+        serve(settings, ready_file=Path(sys.argv[2]), insecure="insecure" in sys.argv, template=template, level="debug")
     )

@@ -16,7 +16,6 @@ from mesh_motion_server.transport import attendant as attendant_module
 from mesh_motion_server.transport import processes
 from mesh_motion_server.transport import supervisor as supervisor_module
 from mesh_motion_server.transport.channel import Channel
-from mesh_motion_server.transport.hosting import Hosting
 from mesh_motion_server.transport.processes import Child
 from mesh_motion_server.transport.registry import Live
 from mesh_motion_server.transport.supervisor import Supervisor
@@ -33,7 +32,7 @@ class Scripted:
 
     def __init__(self, folder: Path) -> None:
         settings = ServerSettings.from_mapping({"state_folder": str(folder), "metrics": "127.0.0.1:0"})
-        self.supervisor = Supervisor(settings, Hosting(), "error")
+        self.supervisor = Supervisor(settings, "error")
         self.refused = 0
         self.children: list[Child] = []
         self.theirs: list[Any] = []

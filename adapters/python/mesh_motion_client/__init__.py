@@ -27,8 +27,8 @@ As a differentiable function of PyTorch and JAX: ``mesh_motion_client.torch``, `
 
 Without MPI, the workers of a Dask cluster are the ranks of a session: :mod:`.dask_ranks`.
 
-Modules, from the outside in: :mod:`.aio`, :mod:`.server`, :mod:`.motion_function`, :mod:`.session`, :mod:`.moved`,
-:mod:`.committed`, :mod:`.mesh`, :mod:`.exchange`, :mod:`.display`, :mod:`.settings`, :mod:`.quality`,
+Modules, from the outside in: :mod:`.aio`, :mod:`.server`, :mod:`.motion_function`, :mod:`.session`, :mod:`.opened`,
+:mod:`.moved`, :mod:`.committed`, :mod:`.mesh`, :mod:`.exchange`, :mod:`.display`, :mod:`.settings`, :mod:`.quality`,
 :mod:`.credentials`, :mod:`.control`, :mod:`.connection`, :mod:`.keys`, :mod:`.embedded`, :mod:`.errors`.
 """
 

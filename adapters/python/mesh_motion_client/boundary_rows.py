@@ -32,7 +32,6 @@ def boundary_rows(
         Ascending.
     patches : dict of (p,) int64 arrays
         The nodes of each moving patch; each moving node is on one of them.
-    dimension : int
     extent : float
         Longest side of the bounding box of the whole mesh, mesh length unit.
 

@@ -36,7 +36,6 @@ class Driver:
 
     Parameters
     ----------
-    endpoint : str
     timeout : float
         Seconds for each verb.
     """

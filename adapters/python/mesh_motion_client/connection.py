@@ -52,7 +52,6 @@ class Connection:
 
     Parameters
     ----------
-    endpoint : str
     keys : Keys, optional
         For a server that asks for them.
     """

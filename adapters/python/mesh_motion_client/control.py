@@ -47,7 +47,6 @@ class Control:
 
     Parameters
     ----------
-    endpoint : str
     keys : Keys, optional
         For a server that asks for them.
 

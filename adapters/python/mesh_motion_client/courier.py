@@ -52,8 +52,6 @@ class Courier:
     ----------
     control : Control
         For PROBE and RESUME.
-    credentials : Credentials
-    partition : int
     shares_memory : bool
         Whether the server writes large arrays to memory that a MOVE offers.
 

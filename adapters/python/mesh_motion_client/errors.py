@@ -1,31 +1,9 @@
-"""The errors of the client, which are those of server and numerics too: :mod:`mesh_motion_protocol.errors`."""
+"""The errors of the client, which are those of server and numerics too: the classes of :mod:`mesh_motion_protocol`."""
 
-from mesh_motion_protocol.errors import (
-    DataLoss,
-    InvalidInput,
-    MeshMotionError,
-    MeshMotionWarning,
-    QualityRefused,
-    ResourceExhausted,
-    ServerFault,
-    SessionError,
-    StepsLost,
-    Timeout,
-    Unavailable,
-    Unsupported,
-)
+from mesh_motion_protocol import errors
+from mesh_motion_protocol.errors import *  # noqa: F403
 
+_ROOTS = (errors.MeshMotionError, errors.MeshMotionWarning)
 __all__ = [
-    "DataLoss",
-    "InvalidInput",
-    "MeshMotionError",
-    "MeshMotionWarning",
-    "QualityRefused",
-    "ResourceExhausted",
-    "ServerFault",
-    "SessionError",
-    "StepsLost",
-    "Timeout",
-    "Unavailable",
-    "Unsupported",
+    name for name in errors.__all__ if isinstance(kind := getattr(errors, name), type) and issubclass(kind, _ROOTS)
 ]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping
 from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -169,11 +170,11 @@ def from_file(path: str | os.PathLike[str], zone: str) -> Content:
     if not Path(path).exists():
         raise InvalidInput(f"{os.fspath(path)}: cannot be read: there is no such file")
     try:
-        # not in every environment of a client
-        from mesh_motion_server.files import read_mesh  # noqa: PLC0415
-    except ImportError as error:
+        # the server's package names its reader in its metadata: the client imports none of its modules
+        read_mesh = next(iter(entry_points(group="mesh_motion_client", name="read_mesh"))).load()
+    except (ImportError, StopIteration) as error:
         raise InvalidInput(
-            f"{os.fspath(path)}: all mesh files but .npz are read by the server's package: {error}",
+            f"{os.fspath(path)}: the server's package reads all mesh files but .npz: {str(error) or 'not installed'}",
             hint="pip install 'mesh-motion-server[server]', or give the .npz of mesh-motion convert",
         ) from error
     read = read_mesh(Path(path), zone)

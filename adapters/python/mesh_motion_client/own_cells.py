@@ -22,7 +22,6 @@ class OwnCells:
 
     Parameters
     ----------
-    volume : Volume
     courier : Courier
         Repeats what was sent about a trial, where a worker's end has lost it.
     """

@@ -25,10 +25,6 @@ Ints = NDArray[np.int64]
 class Volume:
     """The nodes and cells of a partition, as a rank holds them.
 
-    Parameters
-    ----------
-    mesh : Mesh
-
     Attributes
     ----------
     nodes : (b,) int64 array

@@ -35,7 +35,6 @@ def encode(message: Message, memory: Mapping[str, Any] | None = None) -> list[Bu
 
     Parameters
     ----------
-    message : Message
     memory : mapping, optional
         What its receiver offers: large arrays are written there, if that is possible, and have no frames.
 

@@ -68,7 +68,6 @@ class ErrorCode:
         The same request, unchanged, may succeed later.
     state : {"unchanged", "FROZEN", "FAILED"}
         The session's state after the error.
-    meaning : str
     hint : str
         The way out, shown where the sender gives none of its own.
     """

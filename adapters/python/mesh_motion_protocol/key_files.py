@@ -30,7 +30,6 @@ class PublicKey:
 
     Attributes
     ----------
-    name : str
     key : str
         40 characters of Z85.
     """
@@ -60,7 +59,6 @@ class SecretKey:
 
     Attributes
     ----------
-    name : str
     key : str
         40 characters of Z85; not shown.
     """

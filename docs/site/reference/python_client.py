@@ -20,7 +20,7 @@ _FIRST = (
 )  # fmt: skip
 #: Methods by which the client's own modules work together.
 _INNER = {
-    "Session": ("join", "upload", "take", "take_again", "leave", "forget_correction"),
+    "Session": ("forget_correction",),
     "DaskSession": ("open", "resume"),
     "Mesh": ("parts",),
     "Keys": ("protect",),

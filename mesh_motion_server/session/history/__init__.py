@@ -14,6 +14,11 @@ answer left survives a kill of the process; a loss of power may remove the end.
 The events get a quarter of the granted bytes (``history_bytes``); when it is used, the oldest segments are removed,
 except the line with event ``built``. The boundary log gets the rest. It starts at step 0 and stops when its bytes are
 used, because only a log without a gap can be replayed.
+
+The journal of level "replay" has the boundary's last displacements too, and the two stay apart. The journal's space is
+reserved, its record takes one sync, and its inputs go when a state is stored. The history grows up to its limit, then
+stops, and must not stop the session. A step of 1000 nodes takes 30 µs here, its commit 7 ms; one log that
+both read would take a second sync, 2 to 4 ms.
 """
 
 from mesh_motion_server.session.history.writer import History

@@ -134,7 +134,8 @@ class Segments:
             raise Full(f"{self._total_bytes} bytes of {self._kind} are used")
         if self._handle < 0 or self._sizes[self._newest] + len(data) > max(self._segment_bytes, len(data)):
             self._begin()
-        _write(self._handle, data, self._grow)
+        _write(self._handle, data)
+        self._grow(len(data))
 
     @property
     def _newest(self) -> Path:
@@ -184,10 +185,8 @@ class Segments:
         partial.replace(path)
 
 
-def _write(handle: int, data: bytes, written: Callable[[int], None] = lambda _: None) -> None:
-    """Write all of ``data``; call ``written`` with the number of bytes after each write."""
+def _write(handle: int, data: bytes) -> None:
+    """Write all of ``data``. What a failed write has written is counted when the history is opened again."""
     view = memoryview(data)
     while view:
-        count = os.write(handle, view)
-        written(count)
-        view = view[count:]
+        view = view[os.write(handle, view) :]

@@ -8,7 +8,7 @@ from mesh_motion_numerics.arrays import Floats
 from mesh_motion_protocol.digests import state_digest
 from mesh_motion_protocol.errors import DataLoss
 
-from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, unreadable
+from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, reading, unreadable
 from mesh_motion_server.session.journal.ledger import Foundation, Ledger, slot_of
 from mesh_motion_server.session.journal.records import PAGE, Record, unpack_record
 from mesh_motion_server.session.journal.recovery import Findings, SlotView, examine, read_chain, sum_up
@@ -73,8 +73,7 @@ def read_ledger(folder: Path, files: FileSystem) -> Ledger:
 
 def _read_chain(files: FileSystem, path: Path) -> list[Record]:
     """A manifest's records; of the empty rest, most of a young session's manifest, little is read."""
-    handle = files.open(path, writable=False)
-    try:
+    with reading(files, path) as handle:
         size, part = files.size(handle), _FIRST_BYTES
         while part < size:
             data = files.read(handle, 0, part)
@@ -84,8 +83,6 @@ def _read_chain(files: FileSystem, path: Path) -> list[Record]:
                     return records  # no record begins in an empty page
             part *= 4
         return read_chain(files.read(handle, 0, size))[0]
-    finally:
-        files.close(handle)
 
 
 def verify_state(folder: Path, files: FileSystem, ledger: Ledger) -> None:
@@ -152,8 +149,5 @@ def _as_state(raw: bytes, foundation: Foundation) -> Floats | None:
 
 
 def _read_part(files: FileSystem, path: Path, offset: int, size: int) -> bytes:
-    handle = files.open(path, writable=False)
-    try:
+    with reading(files, path) as handle:
         return files.read(handle, offset, size)
-    finally:
-        files.close(handle)

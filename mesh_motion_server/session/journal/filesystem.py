@@ -7,6 +7,8 @@ that loses power between any two operations, or one whose operations fail: the c
 import errno
 import fcntl
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
@@ -21,8 +23,10 @@ __all__ = [
     "disk_failure",
     "make_durable_folder",
     "read_whole",
+    "reading",
     "unreadable",
     "write_all",
+    "write_durably",
     "write_file",
 ]
 
@@ -98,9 +102,16 @@ def write_all(files: FileSystem, handle: int, offset: int, data: Buffer) -> int:
 
 def read_whole(files: FileSystem, path: Path) -> bytes:
     """All bytes of a file."""
+    with reading(files, path) as handle:
+        return files.read(handle, 0, files.size(handle))
+
+
+@contextmanager
+def reading(files: FileSystem, path: Path) -> Iterator[int]:
+    """Handle of an existing file, given back at the end of the block."""
     handle = files.open(path, writable=False)
     try:
-        return files.read(handle, 0, files.size(handle))
+        yield handle
     finally:
         files.close(handle)
 
@@ -113,9 +124,13 @@ def make_durable_folder(files: FileSystem, path: Path) -> None:
         files.sync_folder(folder.parent)
 
 
-def write_file(files: FileSystem, path: Path, data: bytes) -> None:
-    """A small file, synced."""
-    handle = files.create(path, 0)
+def write_file(files: FileSystem, path: Path, data: bytes, size: int = 0) -> None:
+    """A new file that starts with ``data``, of ``size`` bytes at least, synced."""
+    write_durably(files, files.create(path, size), data)
+
+
+def write_durably(files: FileSystem, handle: int, data: bytes) -> None:
+    """``data`` at the beginning of an open file, synced; the file is closed."""
     try:
         write_all(files, handle, 0, data)
         files.sync(handle)

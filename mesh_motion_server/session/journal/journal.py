@@ -43,14 +43,13 @@ from mesh_motion_server.session.journal.files import (
     read_journal,
     verified_state,
 )
-from mesh_motion_server.session.journal.filesystem import FileSystem, disk_failure, write_all
+from mesh_motion_server.session.journal.filesystem import FileSystem, disk_failure, write_all, write_file
 from mesh_motion_server.session.journal.ledger import Commit, Foundation, Ledger, slot_of
 from mesh_motion_server.session.journal.next_manifest import (
     create_manifest,
     manifest_capacity,
     replace_manifest,
     reserve,
-    write_new,
 )
 from mesh_motion_server.session.journal.records import PAGE, Record, pack_record, verified
 from mesh_motion_server.session.journal.recovery import Findings
@@ -107,7 +106,7 @@ class Journal:
             If the disk does not take it; the manifest is then absent.
         """
         for name in SLOTS:
-            write_new(files, folder / name, b"", foundation.record_area + foundation.state_bytes)
+            write_file(files, folder / name, b"", foundation.record_area + foundation.state_bytes)
         failpoint("journal.create.slots")
         capacity = capacity or manifest_capacity(foundation)
         body = {"kind": "build", **foundation.as_body(), "capacity": capacity, "epoch": epoch}

@@ -23,7 +23,7 @@ from mesh_motion_protocol.errors import DataLoss
 from numpy.typing import NDArray
 
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.session.journal.filesystem import FileSystem, unreadable, write_all
+from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, reading, unreadable, write_all
 from mesh_motion_server.session.partitions.facets import FACET_NODES
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 
@@ -69,11 +69,7 @@ def read_mesh(path: Path, files: FileSystem, digest: bytes) -> list[PartitionMes
     """
     try:
         failpoint("store.mesh.read")
-        handle = files.open(path, writable=False)
-        try:
-            data = files.read(handle, 0, files.size(handle))
-        finally:
-            files.close(handle)
+        data = read_whole(files, path)
     except OSError as error:
         raise unreadable("the mesh", error) from error
     if hashlib.sha256(data).digest() != digest:
@@ -103,13 +99,10 @@ def verifies(path: Path, files: FileSystem, digest: bytes, most: int) -> bool:
     OSError
         If the disk does not give it.
     """
-    handle = files.open(path, writable=False)
-    try:
+    with reading(files, path) as handle:
         size = files.size(handle)
         if size <= most:
             return hashlib.sha256(files.read(handle, 0, size)).digest() == digest
-    finally:
-        files.close(handle)
     return has_its_length(path, files)
 
 
@@ -121,15 +114,12 @@ def has_its_length(path: Path, files: FileSystem) -> bool:
     OSError
         If the disk does not give it.
     """
-    handle = files.open(path, writable=False)
-    try:
+    with reading(files, path) as handle:
         size, head = files.size(handle), files.read(handle, 0, _START)
         if len(head) < _START:
             return False
         (length,) = _LENGTH.unpack_from(head, len(_MAGIC))
         header = files.read(handle, _START, min(length, size))
-    finally:
-        files.close(handle)
     end = _START + length
     try:
         return bool(size == end + -end % 8 + 8 * sum(map(_described_count, msgpack.unpackb(header))))

@@ -10,10 +10,10 @@ from pathlib import Path
 
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.session.journal.files import FIRST_MANIFEST, KEPT_COMMITS, MANIFEST, NEXT_MANIFEST
-from mesh_motion_server.session.journal.filesystem import FileSystem, write_all
+from mesh_motion_server.session.journal.filesystem import FileSystem, write_durably, write_file
 from mesh_motion_server.session.journal.ledger import Foundation
 
-__all__ = ["create_manifest", "manifest_capacity", "replace_manifest", "reserve", "write_new"]
+__all__ = ["create_manifest", "manifest_capacity", "replace_manifest", "reserve"]
 
 #: Bytes read at a time when a file is scanned.
 _PART = 1 << 20
@@ -33,7 +33,7 @@ def create_manifest(folder: Path, files: FileSystem, packed: bytes, size: int) -
 
     It is written under another name than the next ones: ``manifest.new`` proves that there was a manifest.
     """
-    write_new(files, folder / FIRST_MANIFEST, packed, size)
+    write_file(files, folder / FIRST_MANIFEST, packed, size)
     _name(folder, files, FIRST_MANIFEST)
 
 
@@ -42,7 +42,7 @@ def replace_manifest(folder: Path, files: FileSystem, packed: bytes, size: int) 
     handle = _open_reserve(folder / NEXT_MANIFEST, files, size)
     if handle is None:
         handle = files.create(folder / NEXT_MANIFEST, size)
-    _write_durably(files, handle, packed)
+    write_durably(files, handle, packed)
     _name(folder, files)
 
 
@@ -62,11 +62,6 @@ def reserve(folder: Path, files: FileSystem, size: int) -> None:
     files.close(handle)
 
 
-def write_new(files: FileSystem, path: Path, data: bytes, size: int) -> None:
-    """A new file of this size that starts with ``data``, synced."""
-    _write_durably(files, files.create(path, size), data)
-
-
 def _open_reserve(path: Path, files: FileSystem, size: int) -> int | None:
     """Handle of the file that holds the space, None where there is none of this size."""
     with suppress(FileNotFoundError):
@@ -79,15 +74,6 @@ def _open_reserve(path: Path, files: FileSystem, size: int) -> int | None:
 
 def _is_blank(files: FileSystem, handle: int, size: int) -> bool:
     return not any(any(files.read(handle, offset, _PART)) for offset in range(0, size, _PART))
-
-
-def _write_durably(files: FileSystem, handle: int, data: bytes) -> None:
-    """``data`` at the beginning of an open file, synced; the file is closed."""
-    try:
-        write_all(files, handle, 0, data)
-        files.sync(handle)
-    finally:
-        files.close(handle)
 
 
 def _name(folder: Path, files: FileSystem, written: str = NEXT_MANIFEST) -> None:

@@ -30,10 +30,8 @@ class MergedRegion:
         Global ids, and indices in the boundary's mesh; -1 for a node that was not uploaded.
     points, positions : (n, d) arrays, mesh length unit
         In the reference mesh, and where the interpolation takes them.
-    cells : CellTable
     held : (n,) bool array
         Nodes on patches.
-    elsewhere : Elsewhere
     between, settled : (k,), (s,) int64 arrays
         Global ids of the nodes here that several ranks have, and of all periodic nodes with an image here; and of those
         of them whose cells are all sent.

@@ -78,7 +78,6 @@ class Correction:
         Whether the minimum is at or above the threshold.
     quality : CellQuality or None
         Of every cell at ``points``; None if only the minimum was needed, and known.
-    warnings : tuple of str
     """
 
     points: Floats

@@ -34,7 +34,6 @@ class SmoothRegion:
 
     Attributes
     ----------
-    free : FreeRegion
     constraint : RegionConstraint or None
         Of its free nodes that slide or move alike.
     elimination : tuple of three arrays, or None

@@ -38,7 +38,6 @@ class CountedCells:
     ----------
     cells : CellTable
         m cells.
-    at_rest : CellsAtRest
     metric : str
         Ranks the worst cells.
     """

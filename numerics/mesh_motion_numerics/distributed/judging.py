@@ -39,12 +39,7 @@ _TYPES = tuple(CELL_TYPES)
 
 
 class Unanswered(Exception):
-    """Bins that no rank has reported yet.
-
-    Parameters
-    ----------
-    questions : Questions
-    """
+    """Bins that no rank has reported yet."""
 
     def __init__(self, questions: Questions) -> None:
         super().__init__("bins are not known yet")
@@ -84,7 +79,6 @@ def told(
 
     Parameters
     ----------
-    part : PartialSummary
     place : callable
         Number of a worst cell → its type, and its number among those of its type.
     questions, answers

@@ -33,7 +33,6 @@ class Extent:
 
     Attributes
     ----------
-    metric : str
     below : float
         Those whose quality is below; :data:`ALL`: all cells.
     rings : int
@@ -60,7 +59,6 @@ class Region:
 
     Attributes
     ----------
-    extent : Extent
     ids : (r,) int64 array
         Global ids of the nodes.
     whole : (r,) bool array
@@ -149,10 +147,8 @@ def region_told(
     ----------
     points, positions : (n, d) arrays, mesh length unit
         Of all its nodes.
-    cells : CellTable
     quality, values : CellQuality, (m,) array
         Of all its cells at the positions; the metric of the extent.
-    extent : Extent
     around : (k,) int64 array
         Nodes about which the region lies too.
     interior : int

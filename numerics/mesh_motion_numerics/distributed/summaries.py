@@ -33,7 +33,6 @@ class PartialSummary:
 
     Attributes
     ----------
-    cells, inverted : int
     sums, minima : dict of str to float
         By metric.
     contents : dict of str to BinContent
@@ -57,7 +56,6 @@ def joined(
 
     Parameters
     ----------
-    parts : sequence of PartialSummary
     metric : str
         As in the parts.
     ask : callable

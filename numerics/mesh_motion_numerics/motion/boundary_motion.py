@@ -271,9 +271,7 @@ class BoundaryMotion:
         ----------
         points, positions : (n, d) arrays, mesh length unit
             In the reference mesh, and where the interpolation takes them.
-        cells : CellTable
         held : (n,) bool array
-        elsewhere : Elsewhere
 
         Raises
         ------

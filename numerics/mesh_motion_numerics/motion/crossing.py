@@ -167,7 +167,6 @@ def refuse_region(
 
     Parameters
     ----------
-    cells : CellTable
     moving, held : (k,), (h,) int64 arrays
         Moving nodes; all nodes on patches. A facet of these between two cells, one of which is not in the part, must
         go through nothing either.

@@ -40,7 +40,6 @@ class MotionSlope:
 
     Attributes
     ----------
-    plain : PlainSlope
     smooth : SmoothSlope or None
         Of the correction; None without one.
     """
