@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 
-__all__ = ["main"]
-
 #: One table: no dots, no heading, a row's traceback at the end.
 _OPTIONS = ("-m", "faults", "-q", "-s", "--no-header", "--no-summary", "-p", "no:cacheprovider", "-p", "no:logging")
 

@@ -20,8 +20,6 @@ from tests.faults.ranks import Ranks
 from tests.faults.session_model import SessionModel
 from tests.faults.session_table import OPERATIONS
 
-__all__ = ["ACCIDENTS", "Accident", "Stall", "ask_inside", "refused_resume"]
-
 _COLLECTIVE = ("BUILD", "MOVE", "COMMIT", "ROLLBACK")
 
 

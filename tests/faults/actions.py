@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-__all__ = ["ALL", "EVENTS", "REQUESTS", "TWISTS", "Action", "read_story", "story"]
-
 ALL = -1
 _ROLES = ("stranger", "monitor", "admin", "unlisted")
 _DATA = ("", "epoch", "session", "partition", "unjoined", *_ROLES)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from functools import cache
 
-__all__ = ["allowed_codes"]
-
 #: Sections 3 to 6: frames that are no message, or none of this version.
 _FRAMES = (
     "INVALID_ARGUMENT.HEADER", "INVALID_ARGUMENT.VALUE", "INVALID_ARGUMENT.DTYPE", "INVALID_ARGUMENT.SHAPE",

@@ -7,8 +7,6 @@ from mesh_motion_client import Mesh, Patch
 
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 
-__all__ = ["client_mesh"]
-
 
 def client_mesh(mesh: PartitionMesh) -> Mesh:
     """The same mesh for the client, as a whole: without global ids."""

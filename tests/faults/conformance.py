@@ -26,8 +26,6 @@ from mesh_motion_conformance.server import server_cases
 
 from tests.faults.check import Budget, Check, Result
 
-__all__ = ["CHECK", "Part", "choice", "clients", "put_to", "verdict"]
-
 #: Further clients under test, as ``NAME=COMMAND`` separated by semicolons; a command is what ``mesh-motion conform
 #: --client`` takes.
 CLIENTS_VARIABLE = "MESH_MOTION_CONFORM_CLIENTS"

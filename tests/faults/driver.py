@@ -16,18 +16,6 @@ from tests.faults.check import require
 from tests.faults.model_files import ModelFiles
 from tests.faults.stand_in import StandIn
 
-__all__ = [
-    "SESSION",
-    "TOKEN",
-    "Driver",
-    "make_driver",
-    "make_spec",
-    "parts_of",
-    "resume",
-    "resume_driver",
-    "undisturbed_driver",
-]
-
 TOKEN = bytes(range(32))
 SESSION = "0123456789abcdef" * 2
 

@@ -19,8 +19,6 @@ from tests.faults.inputs.drafts import DRAFTS, Draft
 from tests.faults.inputs.extremes import EXTREMES, Extreme, Outcome
 from tests.faults.inputs.rig import Rig, opened
 
-__all__ = ["prove_extreme_inputs"]
-
 
 class _Refused(Exception):
     """A request of a right session was refused, or a library warned."""
@@ -46,12 +44,7 @@ def prove_extreme_inputs(rows: Sequence[Extreme] = EXTREMES) -> Verdicts:
 
 
 def _outcome(draft: Draft, store: SessionStore, number: int) -> Outcome:
-    """What a whole session answers.
-
-    Raises
-    ------
-    _Refused
-    """
+    """What a whole session answers."""
     rig = opened(draft, store, f"{number:032x}")
     if isinstance(rig, ErrorReply):
         raise _Refused(f"OPEN: {rig.code}: {rig.message}")
@@ -80,12 +73,7 @@ def _session(rig: Rig, draft: Draft) -> Outcome:
 
 
 def _only(replies: list[Message]) -> Message:
-    """The reply of the only partition.
-
-    Raises
-    ------
-    _Refused
-    """
+    """The reply of the only partition."""
     if isinstance(replies[0], ErrorReply):
         raise _Refused(f"{replies[0].code}: {replies[0].message}")
     return replies[0]

@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-__all__ = ["POINTS"]
-
 _LATE = "sleep:0.4"
 #: Around a file: the process ends, is slow, or the operation fails.
 _FILE = ("kill", "raise:EIO", "raise:ENOSPC", _LATE)

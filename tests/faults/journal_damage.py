@@ -20,8 +20,6 @@ from tests.faults.check import Budget, Check, Result, require
 from tests.faults.model_files import ModelFiles
 from tests.faults.power_loss import boundary_of, entry_of, foundation_of, state_of
 
-__all__ = ["CHECK", "damage", "read_back", "small_journal"]
-
 FOLDER = Path("/session")
 STEPS = 3
 #: Rounds in which every byte of a journal of the other levels has its turn.
@@ -53,17 +51,8 @@ def small_journal(level: str = "full") -> dict[Path, bytes]:
 def read_back(contents: dict[Path, bytes], expected: Any = (entry_of, state_of)) -> int:
     """The committed step that is read; −1 if the damage is reported.
 
-    Parameters
-    ----------
-    contents : dict
-        The journal's files.
-    expected : pair of callables
-        Step → its Commit, step → its coordinates (n, d).
-
-    Raises
-    ------
-    BrokenPromise
-        If a wrong array or reply is read, or an error of another kind is raised.
+    ``contents``: the journal's files; ``expected``: step → its Commit, step → its coordinates (n, d). Raises
+    BrokenPromise if a wrong array or reply is read, or an error of another kind is raised.
     """
     entry, state = expected
     files = ModelFiles()

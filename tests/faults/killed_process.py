@@ -34,8 +34,6 @@ from tests.faults.check import require
 from tests.faults.driver import Driver, make_driver, resume, undisturbed_driver
 from tests.faults.stand_in import grid_mesh
 
-__all__ = ["Reply", "commit_of", "final_points", "open_session", "run_to"]
-
 #: Durable step and frame of a COMMITTED.
 Reply = tuple[int, bytes]
 

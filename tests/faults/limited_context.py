@@ -8,8 +8,6 @@ import zmq
 
 from tests.faults.waiting import PATIENCE
 
-__all__ = ["limited_context", "shared_context"]
-
 
 def limited_context(seconds: float = 2 * PATIENCE) -> zmq.Context[zmq.Socket[bytes]]:
     """A context whose sockets raise ``zmq.Again`` from a send or receive that takes longer, and close at once.

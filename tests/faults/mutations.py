@@ -9,8 +9,6 @@ from typing import Any
 import msgpack
 from mesh_motion_protocol.vectors import load
 
-__all__ = ["MUTATIONS", "golden_frames", "mutated"]
-
 Frames = list[bytes]
 
 #: What a header's value is replaced by: the edges of each type, and what msgpack leaves open.

@@ -47,8 +47,6 @@ from tests.faults.attacks import connection, greeting, ready, until
 from tests.faults.check import require
 from tests.faults.isolation_service import LARGE_ROWS
 
-__all__ = ["KINDS"]
-
 _SECONDS = 60.0
 _PARTS = 4
 _SILENT, _SLOW = 100, 10

@@ -6,8 +6,6 @@ from tests.faults.bad_inputs import BAD_INPUTS, Verdicts, prove_bad_inputs
 from tests.faults.check import Budget, Check, Result, require
 from tests.faults.extreme_inputs import prove_extreme_inputs
 
-__all__ = ["CHECK"]
-
 
 def run(seed: int, budget: Budget) -> Result:
     """The whole table of bad inputs, in one round after the other with other places spoiled, then the extreme ones."""

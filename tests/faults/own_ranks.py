@@ -29,8 +29,6 @@ from tests.faults.network_driver import EXCUSED
 from tests.faults.network_faults import loopback
 from tests.faults.server_process import ServerProcess
 
-__all__ = ["CHECK", "Rank", "undisturbed"]
-
 _PORTS = range(20100, 20108)
 #: Cells along a side; motions, which come in turn: each depends on the reference mesh alone.
 _CELLS, _MOTIONS = 12, 4
@@ -80,17 +78,8 @@ def undisturbed() -> list[Any]:
 class Rank:
     """One client behind a network.
 
-    Parameters
-    ----------
-    server : ServerProcess
-        Is running.
-    expected : list of (n, d) arrays
-        Of :func:`undisturbed`.
-
-    Attributes
-    ----------
-    errors : Counter
-        Codes of the errors that calls have raised.
+    ``server``: is running; ``expected`` (list of (n, d) arrays): of :func:`undisturbed`. ``errors``: codes of the
+    errors that calls have raised.
     """
 
     def __init__(self, server: ServerProcess, expected: list[Any]) -> None:

@@ -21,8 +21,6 @@ from tests.faults.failing_server import FailingServer
 from tests.faults.waiting import PATIENCE
 from tests.faults.wire import Wire
 
-__all__ = ["PARTITIONS", "SILENCE", "PersistentHolder", "SessionLost", "TrialLost"]
-
 PARTITIONS = 2
 #: Silence after which the user looks whether anybody is there; it doubles from look to look.
 SILENCE, _LONGEST_SILENCE = 0.3, 5.0
@@ -47,21 +45,8 @@ class TrialLost(Exception):
 class PersistentHolder:
     """Holds one session of two partitions, over all its connections and epochs.
 
-    Parameters
-    ----------
-    server : FailingServer
-
-    Attributes
-    ----------
-    session : str
-    step : int
-        The last acknowledged one.
-    committing : bool
-        Whether the next step's COMMIT waits for its reply.
-    built : bool
-        Whether the mesh is known to be durable.
-    refusals : Counter
-        Errors that it was answered with, by code.
+    ``step``: the last acknowledged one; ``committing``: whether the next step's COMMIT waits for its reply; ``built``:
+    whether the mesh is known to be durable; ``refusals``: errors that it was answered with, by code.
     """
 
     def __init__(self, server: FailingServer) -> None:

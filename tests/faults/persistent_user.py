@@ -32,17 +32,11 @@ from tests.faults.failing_server import FailingServer
 from tests.faults.persistent_holder import PARTITIONS, SILENCE, PersistentHolder, SessionLost, TrialLost
 from tests.faults.undisturbed import Undisturbed, committer, frames_of
 
-__all__ = ["PersistentUser"]
-
 
 class PersistentUser(PersistentHolder):
     """One session's user.
 
-    Parameters
-    ----------
-    server : FailingServer
-    undisturbed : Undisturbed
-        The run that this one must equal.
+    ``undisturbed``: the run that this one must equal.
     """
 
     def __init__(self, server: FailingServer, undisturbed: Undisturbed) -> None:

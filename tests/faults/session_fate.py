@@ -11,8 +11,6 @@ from tests.faults.expected import Answer, Asked
 from tests.faults.session_model import SessionModel
 from tests.faults.session_table import DISK, OTHERS
 
-__all__ = ["MortalSession"]
-
 
 class MortalSession(SessionModel):
     """A session whose process may end."""

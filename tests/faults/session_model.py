@@ -21,8 +21,6 @@ from tests.faults.reply_book import Entry
 from tests.faults.session_state import SessionState, Snapshot
 from tests.faults.session_table import COLLECTIVE, DISK, OTHERS
 
-__all__ = ["SessionModel"]
-
 
 class SessionModel(SessionState):
     """One session: which replies are due.

@@ -15,8 +15,6 @@ from tests.faults.expected import Answer, Asked, Codes, Share
 from tests.faults.reply_book import Book, Entry
 from tests.faults.session_table import ADMITTED, DISK
 
-__all__ = ["Points", "SessionState", "Snapshot"]
-
 Points = list[NDArray[np.float64]]
 
 
@@ -33,15 +31,7 @@ class Snapshot:
 class SessionState:
     """One session.
 
-    Parameters
-    ----------
-    opened : Opened
-    shares : list of Share
-        By partition.
-    kept : int
-        ``stored_replies``.
-    level : str
-        Of durability.
+    ``shares``: by partition; ``kept``: ``stored_replies``; ``level``: of durability.
     """
 
     def __init__(self, opened: Any, shares: Sequence[Share], kept: int, level: str = "full") -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["ADMITTED", "COLLECTIVE", "DISK", "OPERATIONS", "OTHERS"]
-
 #: The columns of section 8's table, without JUDGE and CORRECT, since the server judges the cells of these sessions,
 #: and without TANGENT and COTANGENT, which change nothing: they are played after other requests (:mod:`.played`).
 OPERATIONS = (

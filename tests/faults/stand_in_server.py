@@ -17,8 +17,6 @@ from mesh_motion_server.transport.hosting import Hosting
 from mesh_motion_server.transport.serve import serve
 from tests.faults.server_process import ServerProcess
 
-__all__ = ["SERVICE", "StandInServer"]
-
 #: Module with the ``SessionHost`` and ``SessionStore`` that workers load.
 SERVICE = "tests.faults.stand_in_service"
 
@@ -26,13 +24,7 @@ SERVICE = "tests.faults.stand_in_service"
 class StandInServer(ServerProcess):
     """See :class:`.server_process.ServerProcess`.
 
-    Parameters
-    ----------
-    folder : Path
-    service : str
-        Module that workers load.
-    options
-        As for every server process.
+    ``service``: module that workers load; ``options``: as for every server process.
     """
 
     def __init__(self, folder: Path, *, service: str = SERVICE, **options: Any) -> None:

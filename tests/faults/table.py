@@ -23,8 +23,6 @@ from tests.faults import (
 )
 from tests.faults.check import Check
 
-__all__ = ["CHECKS"]
-
 #: By what they are about.
 CHECKS: tuple[Check, ...] = (
     # what is stored

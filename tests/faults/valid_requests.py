@@ -11,8 +11,6 @@ import numpy as np
 
 from tests.faults.ranks import shared_mesh, uploads_of
 
-__all__ = ["CONTROL", "DATA", "Known", "Request", "upload_of", "valid_request"]
-
 CONTROL = ("HELLO", "OPEN", "RESUME", "LIST", "PROBE", "PING")
 DATA = (
     "JOIN", "UPLOAD", "BUILD", "MOVE", "TANGENT", "COTANGENT", "JUDGE", "CORRECT", "COMMIT", "ROLLBACK", "FETCH",
@@ -41,12 +39,7 @@ class Request:
 class Known:
     """What a client knows of its session.
 
-    Attributes
-    ----------
-    session, token : str, bytes
-    epoch, step, partitions : int
-    sequence : int
-        The last one that was used.
+    ``sequence``: the last one that was used.
     """
 
     session: str

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-__all__ = ["Stream"]
-
 _GREETING_BYTES = 64
 _FLAG_MORE, _FLAG_LONG, _FLAG_COMMAND = 1, 2, 4
 
@@ -18,10 +16,7 @@ _FLAG_MORE, _FLAG_LONG, _FLAG_COMMAND = 1, 2, 4
 class Stream:
     """One direction of one connection.
 
-    Attributes
-    ----------
-    rest : bytes
-        What has come of a unit that is not complete.
+    ``rest``: what has come of a unit that is not complete.
     """
 
     def __init__(self) -> None:

@@ -12,8 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DRAFTS", "Draft", "Part", "Rows"]
-
 Array = NDArray[Any]
 
 
@@ -21,12 +19,7 @@ Array = NDArray[Any]
 class Rows:
     """An array as the wire has it: the declaration and the bytes may disagree with each other.
 
-    Attributes
-    ----------
-    values : array
-        Its bytes are sent as they are.
-    dtype, shape
-        Declared; None: those of ``values``.
+    ``values``: its bytes are sent as they are; ``dtype``, ``shape``: declared; None: those of ``values``.
     """
 
     values: Array
@@ -53,16 +46,8 @@ class Part:
 class Draft:
     """All that a good session sends.
 
-    Attributes
-    ----------
-    opening : dict
-        Fields of OPEN.
-    parts : list of list of Part
-        Per partition.
-    step, frame : int, str
-        Of the MOVE.
-    displacement : list of Rows
-        Per partition.
+    ``opening``: fields of OPEN; ``parts``: per partition; ``step``, ``frame``: of the MOVE; ``displacement``: per
+    partition.
     """
 
     opening: dict[str, Any]
