@@ -3,6 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_files import quiet_gmsh
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files import read_mesh, write_mesh
@@ -72,10 +73,7 @@ def test_three_dimensions_and_every_cell_type(
 
 
 def test_gmsh_writes_we_read(tmp_path: Path) -> None:
-    gmsh = pytest.importorskip("gmsh", exc_type=OSError)
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with quiet_gmsh() as gmsh:
         gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
         gmsh.model.occ.synchronize()
         for _, tag in gmsh.model.getEntities(2):
@@ -84,8 +82,6 @@ def test_gmsh_writes_we_read(tmp_path: Path) -> None:
         gmsh.model.mesh.generate(3)
         gmsh.write(str(tmp_path / "box.su2"))
         gmsh.write(str(tmp_path / "box.msh"))
-    finally:
-        gmsh.finalize()
     ours, reference = read_mesh(tmp_path / "box.su2"), read_mesh(tmp_path / "box.msh")
     assert len(ours.cells["tetra"]) == len(reference.cells["tetra"])
     assert {name.replace(" ", "_"): len(nodes) for name, nodes in ours.patches.items()} == {
