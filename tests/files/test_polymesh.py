@@ -10,7 +10,7 @@ from pathlib import Path
 import foam_cases as foam
 import numpy as np
 import pytest
-from mesh_files import quiet_gmsh
+from mesh_files import one_line, quiet_gmsh
 from mesh_motion_numerics.mesh.cells import CELL_TYPES
 from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
@@ -347,10 +347,7 @@ def test_older_forms_are_read(tmp_path: Path) -> None:
 )
 def test_damaged_files_give_one_clear_line(tmp_path: Path, changes: dict[str, str], message: str) -> None:
     folder = tetra(tmp_path / "mesh", **changes)
-    with pytest.raises(InvalidInput, match=message) as caught:
-        read_mesh(folder)
-    assert "\n" not in str(caught.value)
-    assert str(folder) in str(caught.value)
+    one_line(folder, message)
 
 
 @pytest.mark.parametrize("name", FILES)
