@@ -1,7 +1,5 @@
 """``python -m tests.faults``: the rows by pytest, a line each; all of pytest's options hold too."""
 
-from __future__ import annotations
-
 import signal
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Accidents at a chosen file operation of a server in process, and questions asked while a commit is written."""
 
-from __future__ import annotations
-
 import errno
 import threading
 from collections.abc import Callable

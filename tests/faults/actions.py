@@ -4,8 +4,6 @@
 stands for all partitions, one after the other. A request has the fields that fit the session, but for the twist.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 ALL = -1

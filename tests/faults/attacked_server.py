@@ -6,8 +6,6 @@ there are keys to stop them. Afterwards the processes must be the same ones, wit
 hardly more memory, and both sessions must take their next step.
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections import Counter, deque

@@ -7,8 +7,6 @@ same seed makes the same bytes.
 Addresses are ``tcp://HOST:PORT`` or ``ipc:///path``. ZMTP 3 is ZeroMQ RFC 23, its CURVE mechanism RFC 25.
 """
 
-from __future__ import annotations
-
 import contextlib
 import random
 import socket

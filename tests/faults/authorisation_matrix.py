@@ -5,8 +5,6 @@ changed again and again while the server runs and while this user's connections 
 come in another order.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack

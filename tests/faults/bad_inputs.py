@@ -12,8 +12,6 @@ The rows are in :mod:`tests.faults.inputs`; :func:`prove_bad_inputs` runs them, 
 drawn from ``seed``.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

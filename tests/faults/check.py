@@ -1,7 +1,5 @@
 """A check: one promise of the server, with a seed and a count, and what came of it."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The rows' meshes of triangles, as the Python client takes them."""
 
-from __future__ import annotations
-
 import numpy as np
 from mesh_motion_client import Mesh, Patch
 

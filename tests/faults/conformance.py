@@ -4,8 +4,6 @@ The suite knows SPEC.md alone. A part of the cases is a seeded choice with at le
 that has cases; whatever the choice, they come in the order of the document.
 """
 
-from __future__ import annotations
-
 import os
 import shlex
 import shutil

@@ -4,8 +4,6 @@ A message that is accepted must be one that can be sent: encoded again it is dec
 code that SPEC.md lists (never INTERNAL) and fits into its reply.
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import os

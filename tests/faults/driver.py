@@ -1,7 +1,5 @@
 """Speaks to a session's host as the ranks of a solver would, without a socket."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

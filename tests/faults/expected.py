@@ -1,7 +1,5 @@
 """Requests as their senders know them, the replies that are due to them, and the comparison with those that came."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -3,8 +3,6 @@
 Nothing of this is read from the server's own table: where the two differ, one of them is wrong, and a proof fails.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 

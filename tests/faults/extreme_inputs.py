@@ -4,8 +4,6 @@ The moving nodes always go, bitwise, to their prescribed positions, no library w
 The rows are in :mod:`tests.faults.inputs.extremes`.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path

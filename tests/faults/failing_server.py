@@ -1,7 +1,5 @@
 """A server in processes of its own that fails at planned points, and is started again whenever it has ended."""
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 from typing import Any

@@ -13,8 +13,6 @@ that it ended, and the check sees which points were passed. Removing the files s
 :mod:`.failpoint_table` has all names, with the faults that can occur there.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import re

@@ -3,8 +3,6 @@
 :mod:`mesh_motion_server.failpoints` says how they work. Each is called in exactly one place of the server's code.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import MappingProxyType
 

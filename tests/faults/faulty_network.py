@@ -24,8 +24,6 @@ kind            what becomes of the unit, and then of its connection
 ==============  =====================================================================================================
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import socket

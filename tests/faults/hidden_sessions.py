@@ -1,7 +1,5 @@
 """Whether a stranger can find out that a session exists: by the words, by the size, or by the time of NOT_FOUND."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from random import Random

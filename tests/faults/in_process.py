@@ -5,8 +5,6 @@ registry, host, encoding. Only sockets, processes and the disk are replaced, so 
 minute can be made, a worker can be killed and a disk can fail between any two of them.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import os

@@ -9,8 +9,6 @@ This is done at each level of durability. With "relaxed" a disk that fails behin
 request, and what a reply called durable before must be there.
 """
 
-from __future__ import annotations
-
 import errno
 import logging
 import time

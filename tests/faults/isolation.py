@@ -8,8 +8,6 @@ p99 of 15 ms, and three times the echo's p99 beyond that: on a calm machine litt
 works for the neighbours too, waits for a processor more often than a process that does nothing else.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -3,8 +3,6 @@
 Those of the levels "replay" and "relaxed" take turns: three rounds for every byte.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -7,8 +7,6 @@ but not before the durable step that it gave, and the steps done again must be b
 this does not show that anything was synced: that is what the power-loss check is for.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -14,8 +14,6 @@ standard output, a line each, as soon as it is known::
 Forking keeps the time for imports out of each life; the process is killed as any other would be.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """The one place where tests get their ZeroMQ sockets from: no send and no receive lasts for ever."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import zmq

@@ -5,8 +5,6 @@ draw a session at random and do something with it: what is answered must be, bit
 session answers in this process. Now and then one is suspended and one of those at rest takes its place.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 import threading

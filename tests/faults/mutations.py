@@ -1,7 +1,5 @@
 """Messages gone wrong: the golden vectors with bytes, header values and array frames changed, by a seeded generator."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from random import Random
 from typing import Any

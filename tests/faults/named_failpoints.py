@@ -7,8 +7,6 @@ lost, all replies and coordinates are bitwise those of a run that nothing distur
 session takes its next step. The server goes on, unless it was its own process that was killed.
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections import Counter

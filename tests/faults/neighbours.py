@@ -10,8 +10,6 @@ Each does its harm again and again until standard input ends, and writes a line 
 ===========  ========================================================================================================
 """
 
-from __future__ import annotations
-
 import socket
 import sys
 import threading

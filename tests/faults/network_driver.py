@@ -4,8 +4,6 @@ Each call of the client must return its result or a typed error by its deadline.
 those of an undisturbed session in this process.
 """
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from collections.abc import Callable

@@ -6,8 +6,6 @@ and now and then the client itself is gone and another one resumes with mesh and
 coordinates must be bitwise those of a session whose server has the whole mesh, and no acknowledged step may be lost.
 """
 
-from __future__ import annotations
-
 import contextlib
 import signal
 import tempfile

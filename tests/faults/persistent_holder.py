@@ -5,8 +5,6 @@ then the holder joins again, after a RESUME if the worker is gone. Every reply m
 acknowledged is never lost, an epoch is never given twice, and an error has a known code and passes.
 """
 
-from __future__ import annotations
-
 import time
 import uuid
 from collections import Counter

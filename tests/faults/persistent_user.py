@@ -3,8 +3,6 @@
 Every MOVE and COMMIT is asked for twice; each reply must be that of a run that nothing disturbs, COMMITTED to the bit.
 """
 
-from __future__ import annotations
-
 from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any

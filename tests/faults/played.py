@@ -5,8 +5,6 @@ stands; and of a refused one that nothing stands otherwise and no file was touch
 server starts, and every partition fetches what was committed.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from random import Random
 from typing import Any

@@ -11,8 +11,6 @@ The second part lets each operation fail instead, has another process read what 
 and only then loses power: what fsync refused may not be believed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache

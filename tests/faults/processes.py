@@ -1,7 +1,5 @@
 """What Linux shows of processes: their children, open files and memory."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a run of rows shows: a line each as it finishes, and everything that was measured in proof.json."""
 
-from __future__ import annotations
-
 import faulthandler
 import json
 import os

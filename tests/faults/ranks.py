@@ -1,7 +1,5 @@
 """The ranks of a solver, their rivals and their mesh: from an action to the request that it stands for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

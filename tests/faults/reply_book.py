@@ -1,7 +1,5 @@
 """Section 10 of SPEC.md as a list: a client's requests in the order in which they were last answered."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

@@ -3,8 +3,6 @@
 Where :mod:`.mutations` breaks the frames of golden vectors for the decoder, these reach the handlers.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from random import Random

@@ -1,7 +1,5 @@
 """A whole server in processes of its own, which end with this one: started, ended, killed and started again."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """What becomes of a modelled session when its lease, its process or its server ends, and how RESUME finds it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any

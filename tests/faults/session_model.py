@@ -5,8 +5,6 @@ from the replies themselves, by the rule that a displacement and the coordinates
 bits (section 7); the digest of a committed state it takes from them (section 16).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """What a session is and knows, written once more from SPEC.md: state, step, who waits, what may be found later."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

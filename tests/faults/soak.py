@@ -10,8 +10,6 @@ Two tables are bounded by a number of entries: the control requests of a server 
 remembered, 1024 of each and about 1 MB. Until they are full, a slope counts from 4 MB in 100 000 steps on.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import subprocess

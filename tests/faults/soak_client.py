@@ -6,8 +6,6 @@ made, in random order over the three; then a line with the session ids' steps go
 rejoin and resume, sessions are opened and discarded, closed and resumed, lists and reports are asked for.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import sys

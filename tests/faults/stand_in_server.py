@@ -5,8 +5,6 @@
 runs.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

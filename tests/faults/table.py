@@ -1,7 +1,5 @@
 """All checks, in the order in which they are run: a new one is a module with a ``CHECK``, and a line here."""
 
-from __future__ import annotations
-
 from tests.faults import (
     attacked_server,
     authorisation_matrix,

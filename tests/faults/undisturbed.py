@@ -1,7 +1,5 @@
 """A coupled run that nothing disturbs, in this process: what every disturbed one is compared with."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

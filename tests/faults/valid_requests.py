@@ -1,7 +1,5 @@
 """Requests that a session would take, as the headers and frames of the wire: what a fuzz begins with."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from random import Random

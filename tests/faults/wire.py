@@ -1,7 +1,5 @@
 """A bare client for rows: one DEALER socket, one question at a time, and whether the server let it in."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import time

@@ -5,8 +5,6 @@ Each side waits for the other's signature before it sends the rest of its greeti
 With CURVE each frame is one unit: which frames make a message is encrypted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 _GREETING_BYTES = 64

@@ -1,7 +1,5 @@
 """Partitions cover a mesh once, with the nodes that their cells need."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """BUILD of meshes that cannot be moved: indices, cells, patches, periodic sides, partitions, sizes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """BUILD where every setting is admissible, and the mesh too, but not both together."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from tests.faults.inputs.cases import BadInput, Names, Rng

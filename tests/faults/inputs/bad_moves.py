@@ -1,7 +1,5 @@
 """MOVE of a session that stands at a committed step, with displacements that no mesh can follow."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import Any

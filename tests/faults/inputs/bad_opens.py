@@ -1,7 +1,5 @@
 """OPEN with values that no session has: fields out of their range, settings out of theirs."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """UPLOAD of parts that belong to no mesh: each is sent behind the good parts, which stay as they are."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

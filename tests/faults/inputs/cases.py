@@ -1,7 +1,5 @@
 """The form of a row of the tables of bad and extreme inputs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal

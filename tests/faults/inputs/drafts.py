@@ -3,8 +3,6 @@
 Small meshes: a case is one of hundreds. Nothing here is checked; a draft holds bad values as well as good ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """Inputs that are unusual and right: each has to be taken, and answered as exactly as its row says."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
