@@ -10,9 +10,8 @@
 # make lint   ruff and mypy, as CI does
 # make prove  shows in a few minutes that nothing committed is lost and nothing wrong let in: a line each, out/prove/proof.json
 # make prove-full the same with the counts of a night
-# make mutants changes journal, session, codec and judging in small ways and shows that the tests notice (tests/mutation), ten minutes
 # make sanitize runs the tests of the numerics on kernels that check every index, address, operation and race, an hour
-# make nightly runs what takes hours and rarely fails: sanitizers, mutants, the demo without a compiler, prove-full
+# make nightly runs what takes hours and rarely fails: sanitizers, the demo without a compiler, prove-full
 # make peers  compares with OpenFOAM, Kratos and textbook RBF, as far as they are installed (benchmarks/README.md)
 # make bench  measures growth to five million nodes, the correction and every system installed: one page, twenty minutes
 # make bench-quick the most telling of it in three minutes
@@ -41,10 +40,10 @@ PYTEST = -n $(JOBS) --dist loadfile --durations 40 --durations-min 5
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all test-fast coverage wheel release manual lock lint format prove prove-full drivers mutants nightly sanitize sanitize-addresses sanitize-threads peers bench bench-quick track studies docs adapters mok flap turek docker docker-openfoam clean
+.PHONY: help demo test test-all test-fast coverage wheel release manual lock lint format prove prove-full drivers nightly sanitize sanitize-addresses sanitize-threads peers bench bench-quick track studies docs adapters mok flap turek docker docker-openfoam clean
 
 help:
-	@sed -n '1,29s/^# \{0,1\}//p' Makefile
+	@sed -n '1,28s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -130,9 +129,6 @@ drivers:
 	  && cmake --build $(DRIVERS) >/dev/null; \
 	fi
 
-mutants: $(VENV)/.development
-	$(BIN)/python tests/mutation
-
 # The sanitizer's library must be loaded before Python; Python's own arenas and leaks at its end are not our matter. Without
 # -S the editable install would find its own kernels first, whatever PYTHONPATH says. OpenBLAS is not instrumented: none of its threads.
 # No second runs here nor in `make prove`: a race, or a broken promise, that shows itself once is a fault.
@@ -149,7 +145,7 @@ sanitize-threads: $(VENV)/.development
 	$(call SANITIZED,thread,thread,libtsan.so)
 comma := ,
 
-nightly: sanitize mutants prove-full
+nightly: sanitize prove-full
 	tools/without_compiler.sh $(MAKE) demo VENV=out/bare
 
 peers: $(VENV)/.development

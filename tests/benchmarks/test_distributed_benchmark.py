@@ -7,7 +7,7 @@ import pytest
 from benchmarks.distributed.own_ranks import load, measured
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("volume", ["client", "dask"])
 def test_ranks_that_evaluate_the_field_are_measured(tmp_path: Path, volume: str) -> None:
     if volume == "dask":

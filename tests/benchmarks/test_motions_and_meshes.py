@@ -12,7 +12,6 @@ from benchmarks.peers.comparison import CASES
 from benchmarks.peers.judge import Judge
 from benchmarks.peers.meshes import load_or_build
 from benchmarks.peers.motions import MOTIONS, RigidMotion
-from benchmarks.peers.task import Task
 
 
 @pytest.fixture(scope="module")
@@ -29,12 +28,6 @@ def test_a_mesh_fills_the_box_around_the_body(folder: Path, name: str, volume: f
     assert sizes.sum() * cells.blocks[0].type.size_factor == pytest.approx(volume, rel=1e-12)
     assert not np.intersect1d(mesh.moving, mesh.fixed).size
     assert (np.union1d(mesh.moving, mesh.fixed) == boundary_nodes(cells)).all()
-
-
-def test_a_mesh_is_read_back_as_it_was_built(folder: Path) -> None:
-    first, second = load_or_build("M1", folder), load_or_build("M1", folder)
-    assert (first.points == second.points).all()
-    assert (first.cells["triangle"] == second.cells["triangle"]).all()
 
 
 @pytest.mark.parametrize("name", ["T1", "T3"])
@@ -77,12 +70,3 @@ def test_a_case_is_named_after_what_it_is(folder: Path) -> None:
     assert judge.verdict([task.points] * 20).boundary_error == pytest.approx(
         np.linalg.norm(task.displacements, axis=2).max()
     )
-
-
-def test_a_task_survives_its_file(folder: Path, tmp_path: Path) -> None:
-    task = CASES["M1-T1-20"].task(folder)
-    task.save(tmp_path / "task.npz")
-    again = Task.load(tmp_path / "task.npz")
-    assert again.cells.keys() == task.cells.keys()
-    for name in ("points", "moving", "fixed", "displacements"):
-        assert (getattr(again, name) == getattr(task, name)).all()

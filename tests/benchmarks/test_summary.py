@@ -11,7 +11,6 @@ from benchmarks.correction.cases import CASES as CORRECTIONS
 from benchmarks.correction.cost import Cost
 from benchmarks.derivatives import DerivativeCost
 from benchmarks.fresh import measured_in_fresh_process
-from benchmarks.page import README
 from benchmarks.peers.comparison import CASES as PEERS
 from benchmarks.peers.comparison import Outcome
 from benchmarks.peers.judge import Verdict
@@ -25,7 +24,7 @@ from benchmarks.scale.truth import Truth
 from benchmarks.summary import command
 from benchmarks.summary.aims import Row, anchor, rows
 from benchmarks.summary.evidence import Evidence
-from benchmarks.summary.page import FRONT, aims_table, front_table, page
+from benchmarks.summary.page import aims_table
 from benchmarks.summary.plan import PLANS, Job
 
 
@@ -115,6 +114,7 @@ def test_what_is_met_only_as_it_was_written_says_so(evidence: Evidence) -> None:
     assert "1 more as they were written" in aims_table(evidence)
 
 
+@pytest.mark.nightly  # processes of their own
 def test_starting_is_measured_as_a_user_meets_it(evidence: Evidence, tmp_path: Path) -> None:
     found = StartFigures.read(measured_in_fresh_process("start", 2, "M1", str(tmp_path), "1"))
     assert 0.0 < found.help.wall < found.opened.wall
@@ -146,35 +146,6 @@ def test_the_fastest_other_system_counts(evidence: Evidence) -> None:
     ]
     found = row(evidence, "M3: times faster than the fastest")
     assert (found.met, found.measured) == (True, "12 (kratos-laplacian)")
-
-
-def test_the_page_has_every_table(evidence: Evidence) -> None:
-    evidence.outcomes += [
-        outcome("M3-T3-1", "ours", 0.2, 0.201),
-        outcome("M3-T3-1", "openfoam", 1.0, -0.5),
-        outcome("M3-T3-1", "openfoam-uncorrected", 2.0, -0.1),
-    ]
-    evidence.left_out.append("wire M5-steady (no time)")
-    text = page(evidence)
-    assert "## What was asked for" in text
-    assert "Left out: wire M5-steady (no time)." in text
-    assert "| M3 steady | 50144 |" in text
-    assert "| M3 T3 | 50144 | 0.28 |" in text
-    assert "**M3, wing in a cube" in text
-    front = front_table(evidence)
-    ours = "**0.201**, 0 inverted, 0.2 s<br>66.0°, 2 and 0 faces"
-    assert f'| **mesh-motion server**, `correction = "optimised"` | {ours} | not run | not run |' in front
-    better = "−0.100, 3 inverted, 2 s<br>66.0°, 2 and 3 faces"
-    assert f"| … the better of its other settings | {better} | not run | not run |" in front
-    assert front.endswith("the faces above 65° and 75°. At rest (wing in 3D, 50 k nodes: 24.0°).\n")
-    assert "aims that were measured are met" in aims_table(evidence)
-
-
-def test_the_pages_have_their_blocks() -> None:
-    text = README.read_text(encoding="utf-8")
-    for name in ("aims", "systems", "scale", "correction"):
-        assert f"<!-- benchmark: {name} -->" in text
-    assert "<!-- benchmark: front -->" in FRONT.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("plan", PLANS)

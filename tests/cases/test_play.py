@@ -100,7 +100,6 @@ def opener(sessions: list[StandIn], refuse_at: int | None = None) -> Any:
 
     @contextmanager
     def open_stand_in(case: Case, mesh: MeshFile, *options: Any, **more: Any) -> Iterator[StandIn]:
-        del options, more
         sessions.append(StandIn(case, mesh, refuse_at))
         yield sessions[-1]
 

@@ -33,12 +33,8 @@ from mesh_motion_server.transport.registry import Registry, RequestBook
 class Fault:
     """One thing broken.
 
-    Attributes
-    ----------
-    seed : callable
-        Takes pytest's monkeypatch.
-    caught : tuple of str
-        Cases, or beginnings of ids, that have to fail; each at least once.
+    ``seed``: takes pytest's monkeypatch; ``caught``: cases, or beginnings of ids, that have to fail; each at least
+    once.
     """
 
     name: str

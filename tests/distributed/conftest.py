@@ -1,7 +1,5 @@
 """Clusters of worker processes on this machine, and the meshes of the numerics' tests."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A partition's counts of one pass over its cells are those of all the cells' values."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from box_meshes import box_mesh

@@ -1,7 +1,5 @@
 """The part of a field that a box needs gives the same values there, bit for bit, and is as small as it can be."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mesh_motion_numerics.distributed.field import Field

@@ -1,7 +1,5 @@
 """What ranks send of their cells is added up exactly; what does not fit together is refused."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Percentiles of values on several machines are those of all values in one place."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

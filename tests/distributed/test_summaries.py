@@ -1,7 +1,5 @@
 """The summary of a mesh from those of its partitions."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

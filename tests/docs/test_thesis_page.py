@@ -30,10 +30,7 @@ _DOTTED = re.compile(r"`((?:numerics|docs|mesh_motion_server|mesh_motion_numeric
 def resolved(dotted: str) -> tuple[ModuleType, Any]:
     """The module and the object of a dotted name; "numerics" is short for its package.
 
-    Raises
-    ------
-    AttributeError
-        If a module has no such thing.
+    Raises AttributeError if a module has no such thing.
     """
     parts = (f"mesh_motion_{dotted}" if dotted.startswith("numerics.") else dotted).split(".")
     module, rest = import_module(parts[0]), parts[1:]

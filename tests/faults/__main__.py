@@ -1,14 +1,10 @@
 """``python -m tests.faults``: the rows by pytest, a line each; all of pytest's options hold too."""
 
-from __future__ import annotations
-
 import signal
 import sys
 from pathlib import Path
 
 import pytest
-
-__all__ = ["main"]
 
 #: One table: no dots, no heading, a row's traceback at the end.
 _OPTIONS = ("-m", "faults", "-q", "-s", "--no-header", "--no-summary", "-p", "no:cacheprovider", "-p", "no:logging")

@@ -1,7 +1,5 @@
 """Accidents at a chosen file operation of a server in process, and questions asked while a commit is written."""
 
-from __future__ import annotations
-
 import errno
 import threading
 from collections.abc import Callable
@@ -19,8 +17,6 @@ from tests.faults.model_files import ModelFiles, PowerLoss
 from tests.faults.ranks import Ranks
 from tests.faults.session_model import SessionModel
 from tests.faults.session_table import OPERATIONS
-
-__all__ = ["ACCIDENTS", "Accident", "Stall", "ask_inside", "refused_resume"]
 
 _COLLECTIVE = ("BUILD", "MOVE", "COMMIT", "ROLLBACK")
 

@@ -4,11 +4,7 @@
 stands for all partitions, one after the other. A request has the fields that fit the session, but for the twist.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
-
-__all__ = ["ALL", "EVENTS", "REQUESTS", "TWISTS", "Action", "read_story", "story"]
 
 ALL = -1
 _ROLES = ("stranger", "monitor", "admin", "unlisted")

@@ -1,10 +1,6 @@
 """Which error codes a request may be answered with, by its type, read from SPEC.md: section by section."""
 
-from __future__ import annotations
-
 from functools import cache
-
-__all__ = ["allowed_codes"]
 
 #: Sections 3 to 6: frames that are no message, or none of this version.
 _FRAMES = (

@@ -6,8 +6,6 @@ there are keys to stop them. Afterwards the processes must be the same ones, wit
 hardly more memory, and both sessions must take their next step.
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections import Counter, deque
@@ -38,8 +36,6 @@ from tests.faults.processes import Usage, descendants, usage_of
 from tests.faults.stand_in import grid_mesh
 from tests.faults.waiting import wait_until
 
-__all__ = ["CHECK", "Target", "attack", "target"]
-
 _MIB = 1 << 20
 #: Connections of one storm; between storms it is looked whether all processes live.
 _STORM = 100
@@ -57,13 +53,7 @@ _MOST_GROWTH = 16 * _MIB
 class Target:
     """A server with a session, seen from outside.
 
-    Attributes
-    ----------
-    name : str
-        "with keys" or "without keys".
-    keys : Keys or None
-    endpoints : dict
-        "control" and "data".
+    ``name``: "with keys" or "without keys"; ``keys`` (Keys or None); ``endpoints``: "control" and "data".
     """
 
     def __init__(self, name: str, process: int, endpoint: str, keys: Keys | None) -> None:
@@ -154,17 +144,8 @@ def _make_keys(folder: Path) -> Keys:
 def attack(targets: Sequence[Target], seed: int, budget: Budget) -> tuple[Counter[str], int]:
     """Everything, to all of them.
 
-    Returns
-    -------
-    made : Counter
-        Connections of the storms by kind.
-    growth : int
-        Bytes of the process that grew most.
-
-    Raises
-    ------
-    BrokenPromise
-        If a process ends, or keeps or takes what it must not.
+    Returns connections of the storms by kind. Returns bytes of the process that grew most. Raises BrokenPromise if a
+    process ends, or keeps or takes what it must not.
     """
     places = [(target, endpoint) for target in targets for endpoint in target.endpoints.values()]
     for number, (target, endpoint) in enumerate(places):

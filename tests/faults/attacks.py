@@ -7,8 +7,6 @@ same seed makes the same bytes.
 Addresses are ``tcp://HOST:PORT`` or ``ipc:///path``. ZMTP 3 is ZeroMQ RFC 23, its CURVE mechanism RFC 25.
 """
 
-from __future__ import annotations
-
 import contextlib
 import random
 import socket
@@ -16,19 +14,6 @@ import struct
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-
-__all__ = [
-    "STORMS",
-    "ended",
-    "endless_message",
-    "forged_user",
-    "greeting",
-    "half_open",
-    "oversized_hello",
-    "ready",
-    "storm",
-    "until",
-]
 
 _SECONDS = 30.0
 _FLAG_MORE, _FLAG_LONG, _FLAG_COMMAND = 1, 2, 4
@@ -82,10 +67,7 @@ def ready(**properties: bytes) -> bytes:
 def endless_message(endpoint: str, frame_bytes: int, most_bytes: int) -> int:
     """Frames with MORE set until the server ends it: MAXMSGSIZE and the high-water mark do not count them.
 
-    Returns
-    -------
-    int
-        Bytes that were taken, ``most_bytes`` if it never ended.
+    Returns bytes that were taken, ``most_bytes`` if it never ended.
     """
     header = bytes([_FLAG_MORE | _FLAG_LONG]) + struct.pack(">Q", frame_bytes)
     return _pour(endpoint, greeting(b"NULL") + ready(), b"READY", header + bytes(frame_bytes), most_bytes)
@@ -94,10 +76,7 @@ def endless_message(endpoint: str, frame_bytes: int, most_bytes: int) -> int:
 def oversized_hello(endpoint: str, size: int) -> int:
     """A CURVE HELLO of ``size`` bytes, before anybody has proved anything.
 
-    Returns
-    -------
-    int
-        Bytes that were taken, ``size`` if all were.
+    Returns bytes that were taken, ``size`` if all were.
     """
     opening = greeting(b"CURVE") + bytes([_FLAG_COMMAND | _FLAG_LONG]) + struct.pack(">Q", size) + b"\x05HELLO"
     return _pour(endpoint, opening, greeting(b"CURVE")[:1], bytes(1 << 20), size)
@@ -120,16 +99,8 @@ def _pour(endpoint: str, opening: bytes, answer: bytes, block: bytes, most_bytes
 def forged_user(endpoint: str, user: bytes, frame: bytes) -> bytes:
     """A request from a peer without keys that names itself a user, in the metadata of its READY.
 
-    Parameters
-    ----------
-    user : bytes
-    frame : bytes
-        Frame 0 of a request, shorter than 256 bytes.
-
-    Returns
-    -------
-    bytes
-        What came back, greeting and READY included; empty if the server closed.
+    ``frame``: frame 0 of a request, shorter than 256 bytes. Returns what came back, greeting and READY included; empty
+    if the server closed.
     """
     back = b""
     with connection(endpoint) as raw:
@@ -233,10 +204,7 @@ def storm(endpoint: str, *, seed: int, count: int) -> Counter[str]:
 
     They end with a reset, so that the kernel keeps no memory of them and 10⁵ need no more ports than 100.
 
-    Returns
-    -------
-    Counter
-        Connections by kind; ``"not connected"`` for those that found no listener within a second.
+    Returns connections by kind; ``"not connected"`` for those that found no listener within a second.
     """
     rng = random.Random(seed)
     made: Counter[str] = Counter()

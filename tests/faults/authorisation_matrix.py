@@ -5,8 +5,6 @@ changed again and again while the server runs and while this user's connections 
 come in another order.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -30,8 +28,6 @@ from tests.faults.hidden_sessions import require_alike, require_same_time, times
 from tests.faults.stand_in import grid_mesh
 from tests.faults.stand_in_server import StandInServer
 from tests.faults.wire import Wire
-
-__all__ = ["CHECK", "Stage", "one_round"]
 
 #: Questions about time of each kind of session, in a round.
 _TIMED = 40
@@ -62,12 +58,7 @@ class Held:
 
 
 class Stage:
-    """A server with keys; a subject whose roles change, and another user.
-
-    Parameters
-    ----------
-    folder : Path
-    """
+    """A server with keys; a subject whose roles change, and another user."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.keys = folder, folder / "keys"
@@ -281,10 +272,7 @@ def _without_keys(stage: Stage) -> Iterator[tuple[str, str, str]]:
 def one_round(stage: Stage, random: Random, *, timed: int = _TIMED) -> dict[str, Any]:
     """All questions once, in random order, and the stranger's.
 
-    Raises
-    ------
-    BrokenPromise
-        At the first answer that is not the expected one.
+    Raises BrokenPromise: at the first answer that is not the expected one.
     """
     cells = list(role_cells())
     random.shuffle(cells)

@@ -12,8 +12,6 @@ The rows are in :mod:`tests.faults.inputs`; :func:`prove_bad_inputs` runs them, 
 drawn from ``seed``.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -33,8 +31,6 @@ from tests.faults.inputs.bad_uploads import BAD_UPLOADS
 from tests.faults.inputs.cases import BadInput, Names
 from tests.faults.inputs.drafts import DRAFTS, Draft, Part
 from tests.faults.inputs.rig import Rig, opened
-
-__all__ = ["BAD_INPUTS", "Verdicts", "prove_bad_inputs"]
 
 #: All rows.
 BAD_INPUTS: tuple[BadInput, ...] = (*BAD_OPENS, *BAD_UPLOADS, *BAD_MESHES, *BAD_METHODS, *BAD_MOVES)
@@ -61,15 +57,7 @@ class WrongAnswer(Exception):
 def prove_bad_inputs(seed: int = 0, rows: Sequence[BadInput] = BAD_INPUTS) -> Verdicts:
     """Send every row to a session of its own kind, in this process.
 
-    Parameters
-    ----------
-    seed : int
-        Which node, row or axis is spoiled.
-    rows : sequence of BadInput
-
-    Returns
-    -------
-    Verdicts
+    ``seed``: which node, row or axis is spoiled.
     """
     verdicts = Verdicts(seed)
     with tempfile.TemporaryDirectory() as folder:
@@ -94,12 +82,7 @@ class _Bench:
         self._standing: dict[str, Rig] = {}
 
     def run(self, row: BadInput, rng: np.random.Generator) -> None:
-        """One row.
-
-        Raises
-        ------
-        WrongAnswer
-        """
+        """One row."""
         good, bad = _good(row), _good(row)
         found = row.spoil(bad, rng)
         part, names = found if isinstance(found, tuple) else (None, found)
@@ -268,12 +251,7 @@ def _words(reply: Message) -> str:
 
 
 def _judge(reply: Message, row: BadInput, names: Mapping[str, Any], *, state: str, noise: list[str]) -> None:
-    """Compare an answer with the row.
-
-    Raises
-    ------
-    WrongAnswer
-    """
+    """Compare an answer with the row."""
     if not isinstance(reply, ErrorReply):
         raise WrongAnswer(f"accepted: {_words(reply)}")
     wrong = []

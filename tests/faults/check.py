@@ -1,13 +1,9 @@
 """A check: one promise of the server, with a seed and a count, and what came of it."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
-
-__all__ = ["BrokenPromise", "Budget", "Check", "Result", "require"]
 
 #: The limit of a row: a factor on its time on two cores, and the least limit in seconds.
 _SLACK, _AT_LEAST = 10.0, 600.0
@@ -27,13 +23,7 @@ def require(condition: object, message: str) -> None:
 class Result:
     """What a check found.
 
-    Attributes
-    ----------
-    got : str
-        In one line, to compare with the target.
-    passed : bool
-    details : dict
-        Every figure that was measured, plain values.
+    ``got``: in one line, to compare with the target; ``details``: every figure that was measured, plain values.
     """
 
     got: str
@@ -45,14 +35,8 @@ class Result:
 class Budget:
     """How much a check does: a count, or as many as fit in a time.
 
-    Attributes
-    ----------
-    count : int
-        How many, of the check's own unit.
-    seconds : float or None
-        If given, it counts instead; what cannot be done by halves is done once all the same.
-    report : callable
-        Called with the number of those that are done.
+    ``count``: how many, of the check's own unit; ``seconds`` (float or None): if given, it counts instead; what cannot
+    be done by halves is done once all the same; ``report``: called with the number of those that are done.
     """
 
     count: int
@@ -77,17 +61,9 @@ class Budget:
 class Check:
     """One row of the table.
 
-    Attributes
-    ----------
-    name : str
-    target : str
-        What is promised; ``{count}`` in it is how many of what.
-    short, full : int
-        The counts of the two plans.
-    seconds : float
-        What the short plan takes on two cores: the check's share when a time is given for all.
-    run : callable
-        (seed, budget) → :class:`Result`. The same seed and count do the same. It may raise: that is a failure.
+    ``target``: what is promised; ``{count}`` in it is how many of what; ``short``, ``full``: the counts of the two
+    plans; ``seconds``: what the short plan takes on two cores: the check's share when a time is given for all; ``run``:
+    (seed, budget) → :class:`Result`. The same seed and count do the same. It may raise: that is a failure.
     """
 
     name: str

@@ -1,13 +1,9 @@
 """The rows' meshes of triangles, as the Python client takes them."""
 
-from __future__ import annotations
-
 import numpy as np
 from mesh_motion_client import Mesh, Patch
 
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
-
-__all__ = ["client_mesh"]
 
 
 def client_mesh(mesh: PartitionMesh) -> Mesh:

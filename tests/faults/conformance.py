@@ -4,8 +4,6 @@ The suite knows SPEC.md alone. A part of the cases is a seeded choice with at le
 that has cases; whatever the choice, they come in the order of the document.
 """
 
-from __future__ import annotations
-
 import os
 import shlex
 import shutil
@@ -25,8 +23,6 @@ from mesh_motion_conformance.runner import run as put
 from mesh_motion_conformance.server import server_cases
 
 from tests.faults.check import Budget, Check, Result
-
-__all__ = ["CHECK", "Part", "choice", "clients", "put_to", "verdict"]
 
 #: Further clients under test, as ``NAME=COMMAND`` separated by semicolons; a command is what ``mesh-motion conform
 #: --client`` takes.

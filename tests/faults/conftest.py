@@ -1,7 +1,5 @@
 """Rows under pytest: their options, the table that they print, and servers with faults in their processes."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterator

@@ -4,8 +4,6 @@ A message that is accepted must be one that can be sent: encoded again it is dec
 code that SPEC.md lists (never INTERNAL) and fits into its reply.
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import os
@@ -22,8 +20,6 @@ from mesh_motion_server.transport.replies import undecodable
 from tests.faults.check import Budget, Check, Result, require
 from tests.faults.mutations import golden_frames, mutated
 
-__all__ = ["CHECK", "memory_in_use", "outcome_of"]
-
 #: What the process may grow by.
 _MOST_GROWTH = 5 << 20
 #: Messages before the memory is looked at: what is made once is made then, and the allocator has seen the largest.
@@ -35,10 +31,7 @@ _LARGEST_ERROR = 6000
 def outcome_of(frames: list[bytes]) -> str:
     """What comes of frames: a message's type, or an error's code.
 
-    Raises
-    ------
-    BrokenPromise
-        If it is neither as it should be. Any other exception is the decoder's defect.
+    Raises BrokenPromise if it is neither as it should be. Any other exception is the decoder's defect.
     """
     try:
         message = decode(frames)

@@ -1,7 +1,5 @@
 """Speaks to a session's host as the ranks of a solver would, without a socket."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -15,18 +13,6 @@ from mesh_motion_server.session.store import SessionStore
 from tests.faults.check import require
 from tests.faults.model_files import ModelFiles
 from tests.faults.stand_in import StandIn
-
-__all__ = [
-    "SESSION",
-    "TOKEN",
-    "Driver",
-    "make_driver",
-    "make_spec",
-    "parts_of",
-    "resume",
-    "resume_driver",
-    "undisturbed_driver",
-]
 
 TOKEN = bytes(range(32))
 SESSION = "0123456789abcdef" * 2

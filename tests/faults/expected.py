@@ -1,7 +1,5 @@
 """Requests as their senders know them, the replies that are due to them, and the comparison with those that came."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,8 +12,6 @@ from numpy.typing import NDArray
 from tests.faults.check import require
 from tests.faults.in_process_parts import Replies
 
-__all__ = ["Answer", "Asked", "Codes", "Share", "compare", "compare_all"]
-
 Codes = tuple[str, ...]
 #: What a request may have otherwise when it is repeated (section 10).
 _NO_CONTENT = ("client", "sequence", "epoch")
@@ -25,16 +21,8 @@ _NO_CONTENT = ("client", "sequence", "epoch")
 class Asked:
     """A request as its sender knows it.
 
-    Attributes
-    ----------
-    kind : str
-    user, peer : str, bytes
-        Whose key, and which connection.
-    message : Message
-    wrong : tuple of str
-        Codes of which one is due because of the content, whatever the state.
-    far : bool
-        A MOVE that no valid mesh follows.
+    ``user``, ``peer``: whose key, and which connection; ``wrong``: codes of which one is due because of the content,
+    whatever the state; ``far``: a MOVE that no valid mesh follows.
     """
 
     kind: str

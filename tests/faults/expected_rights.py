@@ -3,12 +3,8 @@
 Nothing of this is read from the server's own table: where the two differ, one of them is wrong, and a proof fails.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-
-__all__ = ["COMBINATIONS", "OUTSIDERS", "REQUESTS", "Cell", "expected", "role_cells"]
 
 _ON_CONTROL = ("HELLO", "PING", "OPEN", "LIST", "PROBE", "RESUME")
 _ON_DATA = (
@@ -83,10 +79,7 @@ class Cell:
 def expected(roles: Collection[str], request: str, *, own: bool) -> str:
     """The answer: "use" (with token and JOIN), "oversee" (without), or an error's code.
 
-    Parameters
-    ----------
-    roles : collection of str
-        None: the key was taken off the list, over a connection that is still open.
+    ``roles``: none: the key was taken off the list, over a connection that is still open.
     """
     if not roles:
         return "UNAUTHENTICATED"

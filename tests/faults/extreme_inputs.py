@@ -4,8 +4,6 @@ The moving nodes always go, bitwise, to their prescribed positions, no library w
 The rows are in :mod:`tests.faults.inputs.extremes`.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,8 +16,6 @@ from tests.faults.bad_inputs import Verdicts
 from tests.faults.inputs.drafts import DRAFTS, Draft
 from tests.faults.inputs.extremes import EXTREMES, Extreme, Outcome
 from tests.faults.inputs.rig import Rig, opened
-
-__all__ = ["prove_extreme_inputs"]
 
 
 class _Refused(Exception):
@@ -46,12 +42,7 @@ def prove_extreme_inputs(rows: Sequence[Extreme] = EXTREMES) -> Verdicts:
 
 
 def _outcome(draft: Draft, store: SessionStore, number: int) -> Outcome:
-    """What a whole session answers.
-
-    Raises
-    ------
-    _Refused
-    """
+    """What a whole session answers."""
     rig = opened(draft, store, f"{number:032x}")
     if isinstance(rig, ErrorReply):
         raise _Refused(f"OPEN: {rig.code}: {rig.message}")
@@ -80,12 +71,7 @@ def _session(rig: Rig, draft: Draft) -> Outcome:
 
 
 def _only(replies: list[Message]) -> Message:
-    """The reply of the only partition.
-
-    Raises
-    ------
-    _Refused
-    """
+    """The reply of the only partition."""
     if isinstance(replies[0], ErrorReply):
         raise _Refused(f"{replies[0].code}: {replies[0].message}")
     return replies[0]

@@ -1,7 +1,5 @@
 """A server in processes of its own that fails at planned points, and is started again whenever it has ended."""
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 from typing import Any
@@ -11,8 +9,6 @@ from tests.faults.check import BrokenPromise
 from tests.faults.failpoint_plan import PLAN
 from tests.faults.stand_in_server import StandInServer
 
-__all__ = ["FailingServer"]
-
 #: Starts in a row that a planned fault may spoil, and a few more.
 _STARTS = 5
 _SETTINGS: dict[str, Any] = {"lease_seconds": 0.4, "drain_seconds": 10.0, "collective_timeout_seconds": 20.0}
@@ -21,15 +17,7 @@ _SETTINGS: dict[str, Any] = {"lease_seconds": 0.4, "drain_seconds": 10.0, "colle
 class FailingServer(StandInServer):
     """The server, as its operator has it.
 
-    Parameters
-    ----------
-    folder : Path
-        Of its own, and with a short name.
-
-    Attributes
-    ----------
-    starts : int
-        How often it was started.
+    ``folder``: of its own, and with a short name. ``starts``: how often it was started.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -13,8 +13,6 @@ that it ended, and the check sees which points were passed. Removing the files s
 :mod:`.failpoint_table` has all names, with the faults that can occur there.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import re
@@ -29,8 +27,6 @@ from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.failpoints import VARIABLE
 
-__all__ = ["PLAN", "Fault", "of_folder", "read_plan"]
-
 PLAN = "plan"
 
 _ENTRY = re.compile(r"(?P<point>[^=\s]+)=(?P<action>kill|sleep|raise)(:(?P<value>[^@]+))?@(?P<hit>[1-9][0-9]*)")
@@ -42,13 +38,7 @@ _CODES = {name: code for code, name in errno.errorcode.items()}
 class Fault:
     """What happens at one passage of a point.
 
-    Attributes
-    ----------
-    action : {"kill", "sleep", "raise"}
-    value : str
-        Seconds, or the error's name.
-    hit : int
-        At which passage, from 1.
+    ``action`` ({"kill", "sleep", "raise"}); ``value``: seconds, or the error's name; ``hit``: at which passage, from 1.
     """
 
     action: str
@@ -70,10 +60,7 @@ class Fault:
 def of_folder(folder: Path) -> Callable[[str], None]:
     """What a server calls at each point, by the plan in a folder.
 
-    Raises
-    ------
-    InvalidInput
-        If the folder is not a folder of this user, or its plan is invalid.
+    Raises InvalidInput if the folder is not a folder of this user, or its plan is invalid.
     """
     if not folder.is_dir() or stat.S_IMODE(folder.stat().st_mode) & 0o077:
         raise InvalidInput(f"{VARIABLE}: {folder} is not a folder that only its owner may enter", hint="mkdir -m 700")
@@ -85,10 +72,7 @@ def of_folder(folder: Path) -> Callable[[str], None]:
 def read_plan(text: str) -> dict[str, Fault]:
     """Return the faults of a plan by point.
 
-    Raises
-    ------
-    InvalidInput
-        With the invalid entry.
+    Raises InvalidInput with the invalid entry.
     """
     faults = {}
     for entry in filter(None, (part.strip() for part in text.split(";"))):

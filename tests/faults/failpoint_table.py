@@ -3,12 +3,8 @@
 :mod:`mesh_motion_server.failpoints` says how they work. Each is called in exactly one place of the server's code.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import MappingProxyType
-
-__all__ = ["POINTS"]
 
 _LATE = "sleep:0.4"
 #: Around a file: the process ends, is slow, or the operation fails.

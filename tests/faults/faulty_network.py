@@ -24,8 +24,6 @@ kind            what becomes of the unit, and then of its connection
 ==============  =====================================================================================================
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import socket
@@ -36,8 +34,6 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from tests.faults.zmtp_stream import Stream
-
-__all__ = ["CORRUPTING", "KINDS", "Fault", "Network"]
 
 #: Faults that leave each byte what it was, and those that do not: TCP's checksum lets one in 65 536 of them pass.
 KINDS = (
@@ -57,16 +53,8 @@ _RECORDED_UNITS = 64
 class Fault:
     """What happens, and where.
 
-    Attributes
-    ----------
-    kind : str
-    place : {"control", "data"}
-    way : {"in", "out"}
-        To the server, or to the client.
-    at : int
-        How many units pass there before.
-    amount : float
-        0 … 1: how late, how slow, which bit.
+    ``place`` ({"control", "data"}); ``way`` ({"in", "out"}): to the server, or to the client; ``at``: how many units
+    pass there before; ``amount``: 0 … 1: how late, how slow, which bit.
     """
 
     kind: str
@@ -107,23 +95,10 @@ def _close(writer: asyncio.StreamWriter, *, reset: bool) -> None:
 class Network:
     """The way of one client, or one user's clients, to a server.
 
-    Parameters
-    ----------
-    host : str
-        Of the proxy: a loopback address of its own.
-    server : (host, port)
-        The server's control endpoint.
-    ports : sequence of int
-        The server's data ports.
-    crossing : set of int
-        Data ports in use, shared by the networks of one server.
-    restart : callable
-        Kills and starts the server; called in a thread.
-
-    Attributes
-    ----------
-    struck : list of str
-        The kinds of the faults that have struck since they were armed.
+    ``host``: of the proxy: a loopback address of its own; ``server`` (host, port): the server's control endpoint;
+    ``ports``: the server's data ports; ``crossing``: data ports in use, shared by the networks of one server;
+    ``restart``: kills and starts the server; called in a thread. ``struck``: the kinds of the faults that have struck
+    since they were armed.
     """
 
     def __init__(

@@ -39,8 +39,6 @@ from tests.faults.request_mutations import frames_of, gone_wrong
 from tests.faults.stand_in import StandIn
 from tests.faults.valid_requests import CONTROL, DATA, Known, Request, upload_of, valid_request
 
-__all__ = ["CHECK", "STATES", "Scene", "Totals", "play"]
-
 STATES = ("NEW", "OPENING", "READY", "TRIAL", "SUSPENDED", "FROZEN", "FAILED")
 _OWNER = "owner"
 _WITH_NUMBERS = ("UPLOAD", "MOVE")

@@ -1,7 +1,5 @@
 """Whether a stranger can find out that a session exists: by the words, by the size, or by the time of NOT_FOUND."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from random import Random
@@ -11,8 +9,6 @@ from mesh_motion_protocol.messages import Probe, Resume
 
 from tests.faults.check import require
 from tests.faults.wire import Wire
-
-__all__ = ["require_alike", "require_same_time", "time_differences"]
 
 #: docs/security.md promises one delay of 50 ms; clocks of two processes and a rounding apart.
 _DELAY_SECONDS = 0.049
@@ -33,20 +29,7 @@ def no_session() -> Asked:
 def require_alike(control: Wire, existing: Mapping[str, Asked]) -> int:
     """Ask for sessions that exist and for one that does not: the answers must be the same but for the id.
 
-    Parameters
-    ----------
-    control : Wire
-        Of a user who owns none of them.
-    existing : mapping of what it is → (id, right token)
-
-    Returns
-    -------
-    int
-        Answers compared.
-
-    Raises
-    ------
-    BrokenPromise
+    ``control``: of a user who owns none of them. Returns answers compared.
     """
     compared = 0
     for kind in (Probe, Resume):
@@ -107,14 +90,7 @@ def time_differences(found: Mapping[str, Sequence[float]]) -> dict[str, tuple[fl
 def require_same_time(found: Mapping[str, Sequence[float]]) -> dict[str, float]:
     """Raise unless NOT_FOUND comes after its delay, and no sooner or later for a session that exists.
 
-    Returns
-    -------
-    dict
-        ``least`` seconds, and the difference of each group's median.
-
-    Raises
-    ------
-    BrokenPromise
+    Returns ``least`` seconds, and the difference of each group's median.
     """
     least = min(min(seconds) for seconds in found.values())
     require(least >= _DELAY_SECONDS, f"NOT_FOUND came after {1000 * least:.1f} ms; it is to wait for 50 ms")

@@ -17,8 +17,6 @@ from tests.faults.driver import Driver, parts_of, undisturbed_driver
 from tests.faults.stand_in import grid_mesh
 from tests.faults.wire import Wire
 
-__all__ = ["Holder", "seeded_mesh", "seeded_rows", "twin_of"]
-
 Floats = NDArray[np.float64]
 
 #: Every holder is the same client and counts from 1, so that request ids of different sessions are the same.
@@ -56,22 +54,8 @@ def twin_of(seed: int, steps: int) -> Driver:
 class Holder:
     """One session over the wire.
 
-    Parameters
-    ----------
-    endpoint : str
-        Of the server's control socket.
-    seed : int
-        Of its mesh and its motions.
-    keys : Keys, optional
-
-    Attributes
-    ----------
-    control : str
-    session : str
-    token : bytes
-    endpoint : str
-        Of the data socket, while there is a worker.
-    epoch, step, iteration : int
+    ``endpoint``: of the server's control socket; ``seed``: of its mesh and its motions. ``endpoint``: of the data
+    socket, while there is a worker.
     """
 
     def __init__(self, control: str, seed: int, keys: Keys | None = None) -> None:
@@ -90,10 +74,7 @@ class Holder:
     def open(self, label: str = "", **settings: Any) -> None:
         """From OPEN to BUILT.
 
-        Raises
-        ------
-        BrokenPromise
-            If anything is not answered as it should; ``code`` in its message.
+        Raises BrokenPromise if anything is not answered as it should; ``code`` in its message.
         """
         settings = {"support_radius": 2.0} | settings
         opened = self._ask_control(m.Open, "OPENED", dimension=2, settings=settings, label=label)
@@ -113,10 +94,7 @@ class Holder:
     def resume(self) -> None:
         """Take the session up again; a server that is full is asked again for a while.
 
-        Raises
-        ------
-        BrokenPromise
-            If it is not at its step.
+        Raises BrokenPromise if it is not at its step.
         """
         resumed = self._ask_control(m.Resume, "RESUMED", session=self.session, token=self.token)
         require(
@@ -174,12 +152,7 @@ class Holder:
             self._data = None
 
     def ask(self, kind: Any, expected: str, *, repeats: int = 0, **fields: Any) -> Any:
-        """A request to the worker; each repeat must be answered by the same frames.
-
-        Raises
-        ------
-        BrokenPromise
-        """
+        """A request to the worker; each repeat must be answered by the same frames."""
         require(self._data is not None, f"session {self.seed} is not joined")
         self.sequence += 1
         fields |= {"client": _CLIENT, "sequence": self.sequence, "session": self.session, "epoch": self.epoch}

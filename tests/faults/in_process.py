@@ -5,8 +5,6 @@ registry, host, encoding. Only sockets, processes and the disk are replaced, so 
 minute can be made, a worker can be killed and a disk can fail between any two of them.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import os
@@ -36,8 +34,6 @@ from mesh_motion_server.transport.protection import Protection, Rights
 from mesh_motion_server.transport.registry import Live, Registry
 from tests.faults.in_process_parts import Child, Frame, Held, Line, Replies, Socket
 from tests.faults.model_files import ModelFiles
-
-__all__ = ["ROOT", "USERS", "InProcessServer", "allow_everybody_listed", "quiet", "standing_of"]
 
 ROOT = Path("/model")
 #: Name → public key of those on the allow-list; "unlisted" is not.
@@ -156,21 +152,9 @@ class _Hosts:
 class InProcessServer:
     """A server with keys and its disk.
 
-    Parameters
-    ----------
-    protection : Protection
-        Its allow-list.
-    build_model : callable or None
-        None: the numerics themselves.
-    settings : ServerSettings
-
-    Attributes
-    ----------
-    files : ModelFiles
-    now : float
-        What the hosts take for the time, seconds.
-    ended : dict
-        By session, the host of the last worker that ended as it should: asked once more, it refuses.
+    ``protection``: its allow-list; ``build_model``: none: the numerics themselves. ``now``: what the hosts take for the
+    time, seconds; ``ended``: by session, the host of the last worker that ended as it should: asked once more, it
+    refuses.
     """
 
     def __init__(self, protection: Protection, build_model: Any, settings: ServerSettings) -> None:

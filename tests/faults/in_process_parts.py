@@ -11,8 +11,6 @@ import zmq
 
 from tests.faults.model_files import ModelFiles
 
-__all__ = ["Child", "Frame", "Held", "Line", "Replies", "Socket"]
-
 Bytes = bytes
 Replies = list[tuple[bytes, list[bytes]]]
 

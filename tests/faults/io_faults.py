@@ -9,8 +9,6 @@ This is done at each level of durability. With "relaxed" a disk that fails behin
 request, and what a reply called durable before must be there.
 """
 
-from __future__ import annotations
-
 import errno
 import logging
 import time
@@ -30,8 +28,6 @@ from tests.faults.check import Budget, Check, Result, require
 from tests.faults.driver import Driver, make_driver, resume
 from tests.faults.model_files import FailingFiles, ModelFiles, ShortFiles
 from tests.faults.stand_in import grid_mesh
-
-__all__ = ["CHECK", "ERRORS", "fail_each_call", "short_writes"]
 
 ROOT = Path("/model")
 STEPS = 4
@@ -54,25 +50,10 @@ class _Ended(Exception):
 def fail_each_call(error: int, *, for_ever: bool, level: str = "full") -> Counter[str]:
     """Live once for each operation that can fail.
 
-    Parameters
-    ----------
-    error : int
-        Of errno.
-    for_ever : bool
-        Whether every later operation fails too.
-    level : str
-        Of durability.
-
-    Returns
-    -------
-    Counter
-        How the lives ended: "not created", "not built", "FROZEN", "not rested" (with "replay": the state that is stored
-        at the end to save a later computation was not), and once "whole".
-
-    Raises
-    ------
-    BrokenPromise, MeshMotionError
-        If something acknowledged is lost or differs; a note says where.
+    ``error``: of errno; ``for_ever``: whether every later operation fails too; ``level``: of durability. Returns how
+    the lives ended: "not created", "not built", "FROZEN", "not rested" (with "replay": the state that is stored at the
+    end to save a later computation was not), and once "whole". Raises BrokenPromise, MeshMotionError if something
+    acknowledged is lost or differs; a note says where.
     """
     expected = _undisturbed()
     endings: Counter[str] = Counter()
@@ -98,10 +79,7 @@ def fail_each_call(error: int, *, for_ever: bool, level: str = "full") -> Counte
 def short_writes(most: int, level: str = "full") -> None:
     """A life whose writes take so many bytes at most.
 
-    Raises
-    ------
-    BrokenPromise
-        If anything differs from a life whose writes take all.
+    Raises BrokenPromise if anything differs from a life whose writes take all.
     """
     raw, acknowledged = ModelFiles(), dict[int, bytes]()
     driver = _new(ShortFiles(raw, most), level)

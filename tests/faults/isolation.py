@@ -8,8 +8,6 @@ p99 of 15 ms, and three times the echo's p99 beyond that: on a calm machine litt
 works for the neighbours too, waits for a processor more often than a process that does nothing else.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -32,8 +30,6 @@ from tests.faults.limited_context import limited_context
 from tests.faults.neighbours import KINDS
 from tests.faults.scheduling import turns_of
 from tests.faults.stand_in_server import StandInServer
-
-__all__ = ["CHECK", "Pings", "above", "judge", "measured"]
 
 _MIB = 1 << 20
 #: What is promised, seconds; and how often the echo's p99 is added.
@@ -68,10 +64,7 @@ while True:
 class Pings:
     """PINGs to several endpoints in turns.
 
-    Parameters
-    ----------
-    endpoints : mapping
-        Name → endpoint.
+    ``endpoints``: name → endpoint.
     """
 
     def __init__(self, endpoints: Mapping[str, str]) -> None:
@@ -131,10 +124,7 @@ def measured(
 ) -> dict[str, list[float]]:
     """So many PINGs, and more until each neighbour has done all its harm once.
 
-    Raises
-    ------
-    BrokenPromise
-        If a PING is not answered, or the neighbours do not get to their harm.
+    Raises BrokenPromise if a PING is not answered, or the neighbours do not get to their harm.
     """
     times: dict[str, list[float]] = {}
     deadline = time.monotonic() + 3 * _PATIENCE + count
@@ -152,12 +142,7 @@ def measured(
 def judge(figures: Mapping[str, Mapping[str, float]], growth: int) -> bool:
     """Whether the promise holds in each phase.
 
-    Parameters
-    ----------
-    figures : mapping
-        Phase → endpoint → p99, seconds.
-    growth : int
-        Bytes that the gateway has grown by.
+    ``figures``: phase → endpoint → p99, seconds; ``growth``: bytes that the gateway has grown by.
     """
     return all(above(phase) <= 0 for phase in figures.values()) and growth < _MOST_GROWTH
 
@@ -182,10 +167,7 @@ def _echo() -> Iterator[tuple[int, str]]:
 class _Scene:
     """A server, a session on it that does nothing, and the echo.
 
-    Attributes
-    ----------
-    growth : int
-        Bytes that the gateway has grown by at most.
+    ``growth``: bytes that the gateway has grown by at most.
     """
 
     def __init__(self, stack: ExitStack) -> None:
@@ -224,7 +206,6 @@ class _Scene:
 
 def run(seed: int, budget: Budget) -> Result:
     """PINGs in each phase; the seed chooses nothing, for it is the machine that varies."""
-    del seed
     share = budget.count if budget.seconds is None else round(budget.seconds / _PING_SECONDS)
     figures: dict[str, dict[str, float]] = {}
     details: dict[str, Any] = {}

@@ -4,8 +4,6 @@ Labels ask for trouble in STATUS: ``kill`` ends the process at once, ``abort`` a
 does, ``memory`` takes memory until the worker's limit. FETCH is answered by 100 MB, whatever the mesh is.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 

@@ -3,8 +3,6 @@
 Those of the levels "replay" and "relaxed" take turns: three rounds for every byte.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,8 +17,6 @@ from mesh_motion_server.settings import DURABILITY_LEVELS
 from tests.faults.check import Budget, Check, Result, require
 from tests.faults.model_files import ModelFiles
 from tests.faults.power_loss import boundary_of, entry_of, foundation_of, state_of
-
-__all__ = ["CHECK", "damage", "read_back", "small_journal"]
 
 FOLDER = Path("/session")
 STEPS = 3
@@ -53,17 +49,8 @@ def small_journal(level: str = "full") -> dict[Path, bytes]:
 def read_back(contents: dict[Path, bytes], expected: Any = (entry_of, state_of)) -> int:
     """The committed step that is read; −1 if the damage is reported.
 
-    Parameters
-    ----------
-    contents : dict
-        The journal's files.
-    expected : pair of callables
-        Step → its Commit, step → its coordinates (n, d).
-
-    Raises
-    ------
-    BrokenPromise
-        If a wrong array or reply is read, or an error of another kind is raised.
+    ``contents``: the journal's files; ``expected``: step → its Commit, step → its coordinates (n, d). Raises
+    BrokenPromise if a wrong array or reply is read, or an error of another kind is raised.
     """
     entry, state = expected
     files = ModelFiles()

@@ -7,8 +7,6 @@ but not before the durable step that it gave, and the steps done again must be b
 this does not show that anything was synced: that is what the power-loss check is for.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -27,8 +25,6 @@ from tests.faults.driver import undisturbed_driver
 from tests.faults.killed_process import final_points, open_session, run_to
 from tests.faults.stand_in import grid_mesh
 
-__all__ = ["CHECK", "Witness", "kill_again_and_again"]
-
 #: A life lasts up to so many seconds: some tens of commits, or not even its recovery. On a machine so busy that no step
 #: is reached, each life may last as much longer than the one before.
 _LONGEST = 0.2
@@ -44,21 +40,10 @@ _RECOVERY_SECONDS = 2.0
 class Witness:
     """What the killed processes said.
 
-    Attributes
-    ----------
-    replies : dict
-        The COMMITTED frame of each acknowledged step.
-    recoveries : list of float
-        Seconds from fork to an open session.
-    repeats : int
-        Replies that came again after a kill.
-    lives : int
-    level : str
-        Of durability.
-    last, durable : int
-        The last acknowledged step, and the last one that a reply called durable.
-    lost : int
-        Acknowledged steps that were not durable and did not survive.
+    ``replies``: the COMMITTED frame of each acknowledged step; ``recoveries``: seconds from fork to an open session;
+    ``repeats``: replies that came again after a kill; ``level``: of durability; ``last``, ``durable``: the last
+    acknowledged step, and the last one that a reply called durable; ``lost``: acknowledged steps that were not durable
+    and did not survive.
     """
 
     replies: dict[int, bytes] = field(default_factory=dict)
@@ -73,10 +58,7 @@ class Witness:
     def check(self, lines: Iterable[str]) -> None:
         """The lines of one life.
 
-        Raises
-        ------
-        BrokenPromise
-            If an acknowledged step is lost or a repeated reply differs.
+        Raises BrokenPromise if an acknowledged step is lost or a repeated reply differs.
         """
         self.lives += 1
         for line in lines:
@@ -114,10 +96,7 @@ class Witness:
 def kill_again_and_again(folder: Path, random: Random, budget: Budget, level: str = "full") -> Witness:
     """So many lives of a session in a folder, at a level of durability; more until one has resumed and committed.
 
-    Raises
-    ------
-    BrokenPromise
-        As :meth:`Witness.check`, or if a process ended by itself.
+    Raises BrokenPromise as :meth:`Witness.check`, or if a process ended by itself.
     """
     witness = Witness(level=level)
     command = [sys.executable, "-m", "tests.faults.killed_process", str(folder), level]
@@ -155,10 +134,7 @@ def _one_life(output: Iterable[str]) -> list[str]:
 def require_undisturbed(folder: Path, witness: Witness) -> None:
     """Compare all replies and the last coordinates with those of an undisturbed process.
 
-    Raises
-    ------
-    BrokenPromise
-        If a bit differs.
+    Raises BrokenPromise if a bit differs.
     """
     survivor = open_session(SessionStore(folder), witness.lives)
     last = survivor.host.step

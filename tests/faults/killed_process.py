@@ -14,8 +14,6 @@ standard output, a line each, as soon as it is known::
 Forking keeps the time for imports out of each life; the process is killed as any other would be.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys
@@ -33,8 +31,6 @@ from mesh_motion_server.settings import ServerSettings
 from tests.faults.check import require
 from tests.faults.driver import Driver, make_driver, resume, undisturbed_driver
 from tests.faults.stand_in import grid_mesh
-
-__all__ = ["Reply", "commit_of", "final_points", "open_session", "run_to"]
 
 #: Durable step and frame of a COMMITTED.
 Reply = tuple[int, bytes]

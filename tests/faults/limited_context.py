@@ -1,14 +1,10 @@
 """The one place where tests get their ZeroMQ sockets from: no send and no receive lasts for ever."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import zmq
 
 from tests.faults.waiting import PATIENCE
-
-__all__ = ["limited_context", "shared_context"]
 
 
 def limited_context(seconds: float = 2 * PATIENCE) -> zmq.Context[zmq.Socket[bytes]]:

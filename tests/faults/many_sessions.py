@@ -5,8 +5,6 @@ draw a session at random and do something with it: what is answered must be, bit
 session answers in this process. Now and then one is suspended and one of those at rest takes its place.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 import threading
@@ -33,8 +31,6 @@ from tests.faults.server_process import memory_folder
 from tests.faults.stand_in_server import StandInServer
 from tests.faults.stand_in_service import SessionHost
 from tests.faults.wire import Wire
-
-__all__ = ["CHECK", "Fleet", "Member"]
 
 _THREADS = 4
 #: Of all sessions one in so many is live, 64 at most; the others rest on disk.
@@ -67,12 +63,7 @@ class Member:
 class Fleet:
     """A server with sessions live and at rest.
 
-    Parameters
-    ----------
-    folder : Path
-    live, resting : int
-    first_seed : int
-        Seeds of the meshes count from here.
+    ``first_seed``: seeds of the meshes count from here.
     """
 
     def __init__(self, folder: Path, live: int, resting: int, first_seed: int = 0) -> None:
@@ -215,10 +206,7 @@ def swap(fleet: Fleet, slot: int, random: Random) -> None:
 def sail(fleet: Fleet, random: Random, budget: Budget) -> Counter[str]:
     """Several threads do something with sessions drawn at random, until the budget is spent; what was done.
 
-    Raises
-    ------
-    BrokenPromise
-        What one of them saw.
+    Raises BrokenPromise: what one of them saw.
     """
     done: Counter[str] = Counter()
     over = threading.Event()

@@ -14,8 +14,6 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-__all__ = ["FailingFiles", "ModelFiles", "PowerLoss", "ShortFiles"]
-
 SECTOR = 512
 
 
@@ -45,14 +43,8 @@ class _File:
 class ModelFiles:
     """Files in memory.
 
-    Attributes
-    ----------
-    operations : list of str
-        Every change asked for since :meth:`arm`.
-    crash_at : int or None
-        How many of them are done before power is lost.
-    before : callable or None
-        Called with each operation before it is done.
+    ``operations``: every change asked for since :meth:`arm`; ``crash_at`` (int or None): how many of them are done
+    before power is lost; ``before``: called with each operation before it is done.
     """
 
     def __init__(self) -> None:
@@ -154,7 +146,6 @@ class ModelFiles:
         return self._handle(file)
 
     def open(self, path: Path, *, writable: bool = True) -> int:
-        del writable
         if path not in self.entries:
             raise FileNotFoundError(errno.ENOENT, "no such file", str(path))
         return self._handle(self.entries[path])

@@ -1,15 +1,11 @@
 """Messages gone wrong: the golden vectors with bytes, header values and array frames changed, by a seeded generator."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from random import Random
 from typing import Any
 
 import msgpack
 from mesh_motion_protocol.vectors import load
-
-__all__ = ["MUTATIONS", "golden_frames", "mutated"]
 
 Frames = list[bytes]
 

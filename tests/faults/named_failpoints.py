@@ -7,8 +7,6 @@ lost, all replies and coordinates are bitwise those of a run that nothing distur
 session takes its next step. The server goes on, unless it was its own process that was killed.
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections import Counter
@@ -29,8 +27,6 @@ from tests.faults.stand_in import grid_mesh, split_mesh
 from tests.faults.undisturbed import Undisturbed
 from tests.faults.waiting import PATIENCE, wait_until
 
-__all__ = ["CHECK", "TASKS", "Rig", "let_fail", "passages", "rig"]
-
 #: A manifest of two partitions is full after some 250 commits.
 _MOST_COMMITS = 400
 #: How often a task is done until the planned passage comes: what runs in the background comes at its own time.
@@ -43,13 +39,7 @@ _SUPERVISOR = ("supervisor.", "store.list", "store.sweep")
 class Rig:
     """A server, the solver whose tasks are spoilt, and another one that only goes on.
 
-    Attributes
-    ----------
-    server : FailingServer
-    undisturbed : Undisturbed
-    user, bystander : PersistentUser
-    stops : int
-        How often the server was stopped on purpose.
+    ``stops``: how often the server was stopped on purpose.
     """
 
     server: FailingServer
@@ -116,12 +106,7 @@ class Rig:
         )
 
     def require_whole(self) -> None:
-        """Raise unless both sessions go on, and the disk says what was acknowledged.
-
-        Raises
-        ------
-        BrokenPromise
-        """
+        """Raise unless both sessions go on, and the disk says what was acknowledged."""
         for user in (self.user, self.bystander):
             user.begin()
             user.look()
@@ -194,10 +179,8 @@ class NotPassed(BrokenPromise):
 def let_fail(rig: Rig, task: str, point: str, fault: str, hit: int) -> None:
     """Do a task with a fault at the hit-th passage of a point.
 
-    Raises
-    ------
-    BrokenPromise
-        If the point is not passed, or what :mod:`this module <.named_failpoints>` promises does not hold.
+    Raises BrokenPromise if the point is not passed, or what :mod:`this module <.named_failpoints>` promises does not
+    hold.
     """
     rig.server.plan(*TASKS[task].always, f"{point}={fault}@{hit}")
     starts = rig.server.starts - rig.stops

@@ -10,8 +10,6 @@ Each does its harm again and again until standard input ends, and writes a line 
 ===========  ========================================================================================================
 """
 
-from __future__ import annotations
-
 import socket
 import sys
 import threading
@@ -46,8 +44,6 @@ from mesh_motion_protocol.messages import (
 from tests.faults.attacks import connection, greeting, ready, until
 from tests.faults.check import require
 from tests.faults.isolation_service import LARGE_ROWS
-
-__all__ = ["KINDS"]
 
 _SECONDS = 60.0
 _PARTS = 4

@@ -4,8 +4,6 @@ Each call of the client must return its result or a typed error by its deadline.
 those of an undisturbed session in this process.
 """
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -21,8 +19,6 @@ from tests.faults.check import BrokenPromise, require
 from tests.faults.client_mesh import client_mesh
 from tests.faults.stand_in import grid_mesh
 from tests.faults.undisturbed import Step, Undisturbed
-
-__all__ = ["EXCUSED", "Driver", "Lost"]
 
 _Answer = TypeVar("_Answer")
 
@@ -46,18 +42,8 @@ class Lost(Exception):
 class Driver:
     """One user's client behind a network.
 
-    Parameters
-    ----------
-    endpoint : str
-        As seen through the network.
-    keys : Keys or None
-
-    Attributes
-    ----------
-    errors : Counter
-        Codes of the errors that calls have raised.
-    under_way : (str, float) or None
-        The call that has not returned, and its deadline.
+    ``endpoint``: as seen through the network; ``keys`` (Keys or None). ``errors``: codes of the errors that calls have
+    raised; ``under_way`` (str, float) or None: the call that has not returned, and its deadline.
     """
 
     def __init__(self, endpoint: str, keys: Keys | None) -> None:
@@ -117,10 +103,7 @@ class Driver:
     def step_of_doubt(self) -> bool:
         """A step whose requests and answers may be changed on the way, up to the first error.
 
-        Returns
-        -------
-        bool
-            Whether a wrong result was taken for a right one.
+        Returns whether a wrong result was taken for a right one.
         """
         session, expected = self._here, self._undisturbed.step(self.acknowledged + 1)
         right = True
@@ -193,10 +176,7 @@ class Driver:
     def _again_here(self, what: str, action: Callable[[Session], _Answer]) -> _Answer:
         """A call of the session, until it has its result.
 
-        Raises
-        ------
-        Lost
-            On an error that repeating will not cure.
+        Raises Lost: on an error that repeating will not cure.
         """
         session = self._here
         return self._again(what, _QUICK, lambda: action(session), lost=True)

@@ -32,8 +32,6 @@ from tests.faults.faulty_network import CORRUPTING, KINDS, Fault, Network
 from tests.faults.network_driver import Driver
 from tests.faults.stand_in_server import SERVICE, StandInServer
 
-__all__ = ["CHECK", "Lane", "faults_of", "lanes", "run_seeds"]
-
 #: Clients at work at the same time, every other one with keys.
 _LANES = 4
 #: Steps of each seed while faults strike.
@@ -65,16 +63,9 @@ def loopback() -> str:
 class Found:
     """What lanes have seen.
 
-    Attributes
-    ----------
-    struck : Counter
-        Faults by kind.
-    errors : Counter
-        Errors of calls by code.
-    quiet : int
-        Seeds in which no fault struck: too few units came where it waited.
-    changed, unnoticed : int
-        Without keys: seeds with changed bytes, and those in which the client was given a wrong result.
+    ``struck``: faults by kind; ``errors``: errors of calls by code; ``quiet``: seeds in which no fault struck: too few
+    units came where it waited; ``changed``, ``unnoticed``: without keys: seeds with changed bytes, and those in which
+    the client was given a wrong result.
     """
 
     struck: Counter[str] = field(default_factory=Counter)
@@ -96,13 +87,7 @@ class Found:
 class Lane:
     """One client behind its own network.
 
-    Parameters
-    ----------
-    server : StandInServer
-    keys : Keys or None
-    crossing : set of int
-        Shared by the lanes of a server.
-    restart : callable
+    ``keys`` (Keys or None); ``crossing``: shared by the lanes of a server.
     """
 
     def __init__(
@@ -220,10 +205,7 @@ def _restarter(server: StandInServer) -> Callable[[], None]:
 def run_seeds(lanes: Sequence[Lane], seed: int, budget: Budget) -> int:
     """Hand seeds out to the lanes until the budget is used up or a promise is broken; how many.
 
-    Raises
-    ------
-    BrokenPromise
-        With the seed that shows it.
+    Raises BrokenPromise with the seed that shows it.
     """
     lock, done, over = threading.Lock(), 0, threading.Event()
 

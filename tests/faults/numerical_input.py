@@ -1,12 +1,8 @@
 """The row of bad and extreme inputs in the table of what is proved."""
 
-from __future__ import annotations
-
 from tests.faults.bad_inputs import BAD_INPUTS, Verdicts, prove_bad_inputs
 from tests.faults.check import Budget, Check, Result, require
 from tests.faults.extreme_inputs import prove_extreme_inputs
-
-__all__ = ["CHECK"]
 
 
 def run(seed: int, budget: Budget) -> Result:

@@ -6,8 +6,6 @@ and now and then the client itself is gone and another one resumes with mesh and
 coordinates must be bitwise those of a session whose server has the whole mesh, and no acknowledged step may be lost.
 """
 
-from __future__ import annotations
-
 import contextlib
 import signal
 import tempfile
@@ -28,8 +26,6 @@ from tests.faults.faulty_network import KINDS, Fault, Network
 from tests.faults.network_driver import EXCUSED
 from tests.faults.network_faults import loopback
 from tests.faults.server_process import ServerProcess
-
-__all__ = ["CHECK", "Rank", "undisturbed"]
 
 _PORTS = range(20100, 20108)
 #: Cells along a side; motions, which come in turn: each depends on the reference mesh alone.
@@ -80,17 +76,8 @@ def undisturbed() -> list[Any]:
 class Rank:
     """One client behind a network.
 
-    Parameters
-    ----------
-    server : ServerProcess
-        Is running.
-    expected : list of (n, d) arrays
-        Of :func:`undisturbed`.
-
-    Attributes
-    ----------
-    errors : Counter
-        Codes of the errors that calls have raised.
+    ``server``: is running; ``expected`` (list of (n, d) arrays): of :func:`undisturbed`. ``errors``: codes of the
+    errors that calls have raised.
     """
 
     def __init__(self, server: ServerProcess, expected: list[Any]) -> None:

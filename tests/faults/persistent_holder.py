@@ -5,8 +5,6 @@ then the holder joins again, after a RESUME if the worker is gone. Every reply m
 acknowledged is never lost, an epoch is never given twice, and an error has a known code and passes.
 """
 
-from __future__ import annotations
-
 import time
 import uuid
 from collections import Counter
@@ -20,8 +18,6 @@ from tests.faults.check import BrokenPromise, require
 from tests.faults.failing_server import FailingServer
 from tests.faults.waiting import PATIENCE
 from tests.faults.wire import Wire
-
-__all__ = ["PARTITIONS", "SILENCE", "PersistentHolder", "SessionLost", "TrialLost"]
 
 PARTITIONS = 2
 #: Silence after which the user looks whether anybody is there; it doubles from look to look.
@@ -47,21 +43,8 @@ class TrialLost(Exception):
 class PersistentHolder:
     """Holds one session of two partitions, over all its connections and epochs.
 
-    Parameters
-    ----------
-    server : FailingServer
-
-    Attributes
-    ----------
-    session : str
-    step : int
-        The last acknowledged one.
-    committing : bool
-        Whether the next step's COMMIT waits for its reply.
-    built : bool
-        Whether the mesh is known to be durable.
-    refusals : Counter
-        Errors that it was answered with, by code.
+    ``step``: the last acknowledged one; ``committing``: whether the next step's COMMIT waits for its reply; ``built``:
+    whether the mesh is known to be durable; ``refusals``: errors that it was answered with, by code.
     """
 
     def __init__(self, server: FailingServer) -> None:

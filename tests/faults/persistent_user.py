@@ -3,8 +3,6 @@
 Every MOVE and COMMIT is asked for twice; each reply must be that of a run that nothing disturbs, COMMITTED to the bit.
 """
 
-from __future__ import annotations
-
 from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
@@ -32,17 +30,11 @@ from tests.faults.failing_server import FailingServer
 from tests.faults.persistent_holder import PARTITIONS, SILENCE, PersistentHolder, SessionLost, TrialLost
 from tests.faults.undisturbed import Undisturbed, committer, frames_of
 
-__all__ = ["PersistentUser"]
-
 
 class PersistentUser(PersistentHolder):
     """One session's user.
 
-    Parameters
-    ----------
-    server : FailingServer
-    undisturbed : Undisturbed
-        The run that this one must equal.
+    ``undisturbed``: the run that this one must equal.
     """
 
     def __init__(self, server: FailingServer, undisturbed: Undisturbed) -> None:

@@ -5,8 +5,6 @@ stands; and of a refused one that nothing stands otherwise and no file was touch
 server starts, and every partition fetches what was committed.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from random import Random
 from typing import Any
@@ -25,8 +23,6 @@ from tests.faults.ranks import Ranks
 from tests.faults.session_fate import MortalSession
 from tests.faults.session_table import ADMITTED
 
-__all__ = ["Played"]
-
 #: What waits until all commits are durable, or needs the disk for something else.
 _WAITED_FOR = ("OPEN", "RESUME", "CLOSE", "LEASE_END", "STOP", "BREAK", "HEAL")
 #: What may be asked of a worker that has ended: it is still in its state, and knows its epoch, but serves no client.
@@ -39,12 +35,7 @@ _DIFFERENTIATED = ("MOVE", "COMMIT", "ROLLBACK", "JOIN")
 class Played:
     """A server, a session on it, and its model.
 
-    Parameters
-    ----------
-    server : InProcessServer
-    ranks : Ranks
-    kept : int
-        The server's ``stored_replies``.
+    ``kept``: the server's ``stored_replies``.
     """
 
     def __init__(self, server: InProcessServer, ranks: Ranks, kept: int) -> None:
@@ -72,10 +63,7 @@ class Played:
     def act(self, action: Action) -> bool:
         """Do it, if it can be done now.
 
-        Raises
-        ------
-        BrokenPromise
-            If server and model differ.
+        Raises BrokenPromise if server and model differ.
         """
         if action.partition == ALL:
             each = [self.act(action._replace(partition=p)) for p in range(self.partitions)]

@@ -11,8 +11,6 @@ The second part lets each operation fail instead, has another process read what 
 and only then loses power: what fsync refused may not be believed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -36,8 +34,6 @@ from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.settings import DURABILITY_LEVELS
 from tests.faults.check import Budget, Check, Result, require
 from tests.faults.model_files import FailingFiles, ModelFiles, PowerLoss
-
-__all__ = ["CHECK", "Life", "boundary_of", "explore", "fail_each", "foundation_of", "random_script"]
 
 FOLDER = Path("/session")
 #: A state of ten sectors.
@@ -88,19 +84,8 @@ def random_script(random: Random) -> str:
 class Life:
     """One journal's life, and what it acknowledged.
 
-    Attributes
-    ----------
-    files : FileSystem
-    pages : int
-        Of a manifest.
-    built : bool
-    step, epoch : int
-        The last ones that were acknowledged.
-    asked : int
-        The last step that was asked for.
-    level : str
-    promised_step : int
-        With "relaxed": the last durable step that a reply gave.
+    ``pages``: of a manifest; ``step``, ``epoch``: the last ones that were acknowledged; ``asked``: the last step that
+    was asked for; ``promised_step``: with "relaxed": the last durable step that a reply gave.
     """
 
     files: Any
@@ -183,7 +168,6 @@ class _Full:
 
     def rest(self, step: int) -> None:
         """As before closing."""
-        del step
         self.catch_up()
 
 
@@ -224,27 +208,9 @@ _WRITERS = {"full": _Full, "replay": _Replay, "relaxed": _Relaxed}
 def explore(script: str, random: Random, *, wrap: Wrap = _bare, disks: int = DISKS, level: str = "full") -> int:
     """Lose power before every operation of a life.
 
-    Parameters
-    ----------
-    script : str
-    random : Random
-        Draws the disks.
-    wrap : callable
-        Puts something between the journal and the model: a bug that must be found.
-    disks : int
-        For each operation.
-    level : str
-        Of durability.
-
-    Returns
-    -------
-    int
-        How many disks were looked at.
-
-    Raises
-    ------
-    BrokenPromise, DataLoss, OSError
-        What was acknowledged is lost, or a disk cannot be opened; notes say where.
+    ``random``: draws the disks; ``wrap``: puts something between the journal and the model: a bug that must be found;
+    ``disks``: for each operation; ``level``: of durability. Returns how many disks were looked at. Raises
+    BrokenPromise, DataLoss, OSError: what was acknowledged is lost, or a disk cannot be opened; notes say where.
     """
     raw, looked_at = ModelFiles(), 0
     life = Life(wrap(raw), random.choice(_PAGES), level=level)
@@ -283,10 +249,7 @@ def _recover(copy: ModelFiles, life: Life, random: Random, wrap: Wrap, *, interr
 def fail_each(script: str, random: Random, level: str = "full") -> int:
     """Let each operation fail for ever, believe the page cache, then lose power; how many disks were looked at.
 
-    Raises
-    ------
-    BrokenPromise, DataLoss, OSError
-        As :func:`explore`.
+    Raises BrokenPromise, DataLoss, OSError as :func:`explore`.
     """
     pages = random.choice(_PAGES)
     counted = FailingFiles(ModelFiles())

@@ -1,23 +1,10 @@
 """What Linux shows of processes: their children, open files and memory."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from mesh_motion_server.operation.room import resident_bytes
-
-__all__ = [
-    "Usage",
-    "alive",
-    "children_of",
-    "descendants",
-    "name_of",
-    "proportional_bytes",
-    "threads_of",
-    "usage_of",
-]
 
 
 @dataclass(frozen=True)
@@ -39,10 +26,7 @@ def alive(pid: int) -> bool:
 def children_of(pid: int) -> list[int]:
     """The processes that it has started and that have not ended, oldest first.
 
-    Raises
-    ------
-    OSError
-        If it has ended.
+    Raises OSError if it has ended.
     """
     return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()]
 

@@ -1,7 +1,5 @@
 """What a run of rows shows: a line each as it finishes, and everything that was measured in proof.json."""
 
-from __future__ import annotations
-
 import faulthandler
 import json
 import os
@@ -24,8 +22,6 @@ from mesh_motion_protocol import PROTOCOL_VERSION
 from mesh_motion_server import __version__
 from tests.faults.check import Budget, Check, Result
 
-__all__ = ["HEADING", "Outcome", "Plan", "Proof", "line_of"]
-
 _PACKAGES = ("numpy", "scipy", "msgpack", "pyzmq")
 _ROW = "{check:<15} {target:<63} {got:<63} {seed:>6} {seconds:>8} {verdict}"
 
@@ -40,13 +36,8 @@ HEADING = _ROW.format(check="check", target="target", got="got", seed="seed", se
 class Plan:
     """How much is done.
 
-    Attributes
-    ----------
-    scale : str
-        "short" or "full": each check's own counts.
-    seed : int
-    minutes : float or None
-        If given, the time for all checks, instead of counts.
+    ``scale``: "short" or "full": each check's own counts; ``minutes`` (float or None): if given, the time for all
+    checks, instead of counts.
     """
 
     scale: str = "short"
@@ -64,16 +55,7 @@ class Plan:
 class Outcome:
     """A check's line, and what proof.json contains of it.
 
-    Attributes
-    ----------
-    check, target, got : str
-    seed : int
-    seconds : float
-        Wall time.
-    passed : bool
-    details : dict
-    traceback : str
-        Of the exception that ended the check, if one did.
+    ``seconds``: wall time; ``traceback``: of the exception that ended the check, if one did.
     """
 
     check: str
@@ -89,17 +71,8 @@ class Outcome:
 class Proof:
     """The rows of one run: each has its line as it ends, and proof.json is written again.
 
-    Parameters
-    ----------
-    plan : Plan
-    checks : sequence of Check
-        All that will be run.
-    out : Path
-        Receives proof.json; made if missing.
-    report : callable
-        Takes each line.
-    progress : callable
-        Takes what is being done, often.
+    ``checks``: all that will be run; ``out``: receives proof.json; made if missing; ``report``: takes each line;
+    ``progress``: takes what is being done, often.
     """
 
     def __init__(

@@ -1,7 +1,5 @@
 """The ranks of a solver, their rivals and their mesh: from an action to the request that it stands for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -14,8 +12,6 @@ from tests.faults.actions import Action
 from tests.faults.expected import Asked, Share
 from tests.faults.session_model import SessionModel
 from tests.faults.stand_in import grid_mesh
-
-__all__ = ["OTHERS", "Ranks", "shared_mesh", "uploads_of"]
 
 #: Those who are not the session's owner, and their clients.
 OTHERS = {name: bytes([200 + i]) * 16 for i, name in enumerate(("stranger", "monitor", "admin", "unlisted"))}
@@ -62,11 +58,7 @@ def uploads_of(mesh: PartitionMesh, partitions: int) -> list[dict[str, Any]]:
 class Ranks:
     """Clients of one session, which count their requests.
 
-    Parameters
-    ----------
-    partitions : int
-    level : str
-        Of durability.
+    ``level``: of durability.
     """
 
     def __init__(self, partitions: int, level: str = "full") -> None:

@@ -1,25 +1,16 @@
 """Section 10 of SPEC.md as a list: a client's requests in the order in which they were last answered."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
-
-__all__ = ["Book", "Entry"]
 
 
 @dataclass
 class Entry:
     """A request that was answered.
 
-    Attributes
-    ----------
-    executed : bool
-        Else it was refused, and a repeat is tried again.
-    known : bool
-        Else the server has been restarted since and does not know of it: only of COMMITs.
-    type, fields, reply : str, dict, Message or None
-        Of the reply; its fields are known beforehand, the whole once it has come.
+    ``executed``: else it was refused, and a repeat is tried again; ``known``: else the server has been restarted since
+    and does not know of it: only of COMMITs; ``type``, ``fields``, ``reply`` (str, dict, Message or None): of the
+    reply; its fields are known beforehand, the whole once it has come.
     """
 
     sequence: int
@@ -40,10 +31,7 @@ class Entry:
 class Book:
     """One client's requests.
 
-    Parameters
-    ----------
-    kept : int
-        How many replies the server keeps.
+    ``kept``: how many replies the server keeps.
     """
 
     def __init__(self, kept: int) -> None:

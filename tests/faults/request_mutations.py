@@ -3,8 +3,6 @@
 Where :mod:`.mutations` breaks the frames of golden vectors for the decoder, these reach the handlers.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from random import Random
@@ -14,8 +12,6 @@ import msgpack
 
 from tests.faults.mutations import mutated
 from tests.faults.valid_requests import Known, Request
-
-__all__ = ["REQUEST_MUTATIONS", "frames_of", "gone_wrong"]
 
 _INTEGERS = (0, 1, 2, -1, 3, 5, 255, 256, 2**31, 2**53, 2**62, 2**63 - 1, 2**63, -(2**63), 2**64 - 1)
 _FLOATS = (0.0, -0.0, 0.5, 1e-320, 1e12, 1e300, -1e308, float("nan"), float("inf"))

@@ -5,19 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["Turns", "turns_of"]
-
 
 @dataclass(frozen=True)
 class Turns:
     """What a process' main thread had of the processors.
 
-    Attributes
-    ----------
-    ran, waited : float
-        Seconds on a processor, and ready to run without one.
-    count : int
-        How often it got one.
+    ``ran``, ``waited``: seconds on a processor, and ready to run without one; ``count``: how often it got one.
     """
 
     ran: float

@@ -1,7 +1,5 @@
 """A whole server in processes of its own, which end with this one: started, ended, killed and started again."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
@@ -19,8 +17,6 @@ from tests.faults.check import BrokenPromise
 from tests.faults.processes import alive, children_of, descendants, name_of
 from tests.faults.waiting import wait_until
 
-__all__ = ["ServerProcess", "memory_folder"]
-
 #: Seconds until a server is ready, and until it has ended; a busy machine may need most of them.
 _PATIENCE = 120.0
 #: Bytes: a thousand small sessions and more.
@@ -32,32 +28,12 @@ class ServerProcess:
 
     Started again it has the same endpoint and the same sessions.
 
-    Parameters
-    ----------
-    folder : Path
-        For the sessions and the log; made if it is not there.
-    level : {"debug", "info", "warning", "error"}
-        Of the log.
-    environment : mapping
-        What its processes get in addition to ours.
-    pass_fds : sequence of int
-        File descriptors that it inherits.
-    settings
-        Of :class:`~mesh_motion_server.settings.ServerSettings`, plain values; by default one thread and a free port
-        of 127.0.0.1.
-
-    Attributes
-    ----------
-    state : Path
-        The sessions, unless ``state_folder`` says otherwise.
-    log_path : Path
-        The logs of all its lives, JSON lines.
-    output_path : Path
-        What its latest life has written on standard output.
-    ready_file : Path
-        Is there while clients may connect.
-    announced : dict
-        What that file said at the latest start.
+    ``folder``: for the sessions and the log; made if it is not there; ``level`` ({"debug", "info", "warning",
+    "error"}): of the log; ``environment``: what its processes get in addition to ours; ``pass_fds``: file descriptors
+    that it inherits; ``settings``: of :class:`~mesh_motion_server.settings.ServerSettings`, plain values; by default
+    one thread and a free port of 127.0.0.1. ``state``: the sessions, unless ``state_folder`` says otherwise;
+    ``log_path``: the logs of all its lives, JSON lines; ``output_path``: what its latest life has written on standard
+    output; ``ready_file``: is there while clients may connect; ``announced``: what that file said at the latest start.
     """
 
     def __init__(
@@ -89,10 +65,7 @@ class ServerProcess:
     def process(self) -> subprocess.Popen[bytes]:
         """The supervisor.
 
-        Raises
-        ------
-        BrokenPromise
-            If it was never started.
+        Raises BrokenPromise if it was never started.
         """
         if self._process is None:
             raise BrokenPromise("the server was not started")
@@ -106,10 +79,7 @@ class ServerProcess:
     def children(self) -> list[int]:
         """Processes that the supervisor has started, oldest first: the gateway, the monitor if there is one, workers.
 
-        Raises
-        ------
-        OSError
-            If the supervisor has ended.
+        Raises OSError if the supervisor has ended.
         """
         return children_of(self.process.pid)
 
@@ -161,10 +131,7 @@ class ServerProcess:
     def start(self) -> Self:
         """Start it and wait until clients may connect.
 
-        Raises
-        ------
-        BrokenPromise
-            If that does not come about; it has ended then.
+        Raises BrokenPromise if that does not come about; it has ended then.
         """
         self.launch()
         self.wait_ready()
@@ -190,10 +157,7 @@ class ServerProcess:
     def wait_ready(self) -> None:
         """Wait until clients may connect.
 
-        Raises
-        ------
-        BrokenPromise
-            As :meth:`start`.
+        Raises BrokenPromise as :meth:`start`.
         """
         try:
             wait_until(lambda: self.ready_file.exists() or not self.runs, "the server is ready", _PATIENCE)

@@ -1,7 +1,5 @@
 """What becomes of a modelled session when its lease, its process or its server ends, and how RESUME finds it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -10,8 +8,6 @@ from tests.faults.check import require
 from tests.faults.expected import Answer, Asked
 from tests.faults.session_model import SessionModel
 from tests.faults.session_table import DISK, OTHERS
-
-__all__ = ["MortalSession"]
 
 
 class MortalSession(SessionModel):

@@ -5,8 +5,6 @@ from the replies themselves, by the rule that a displacement and the coordinates
 bits (section 7); the digest of a committed state it takes from them (section 16).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -20,8 +18,6 @@ from tests.faults.expected import Answer, Asked, Codes
 from tests.faults.reply_book import Entry
 from tests.faults.session_state import SessionState, Snapshot
 from tests.faults.session_table import COLLECTIVE, DISK, OTHERS
-
-__all__ = ["SessionModel"]
 
 
 class SessionModel(SessionState):

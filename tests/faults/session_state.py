@@ -1,7 +1,5 @@
 """What a session is and knows, written once more from SPEC.md: state, step, who waits, what may be found later."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,8 +12,6 @@ from tests.faults.check import require
 from tests.faults.expected import Answer, Asked, Codes, Share
 from tests.faults.reply_book import Book, Entry
 from tests.faults.session_table import ADMITTED, DISK
-
-__all__ = ["Points", "SessionState", "Snapshot"]
 
 Points = list[NDArray[np.float64]]
 
@@ -33,15 +29,7 @@ class Snapshot:
 class SessionState:
     """One session.
 
-    Parameters
-    ----------
-    opened : Opened
-    shares : list of Share
-        By partition.
-    kept : int
-        ``stored_replies``.
-    level : str
-        Of durability.
+    ``shares``: by partition; ``kept``: ``stored_replies``; ``level``: of durability.
     """
 
     def __init__(self, opened: Any, shares: Sequence[Share], kept: int, level: str = "full") -> None:

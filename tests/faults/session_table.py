@@ -1,9 +1,5 @@
 """What may be asked of a session in which state, and by whom: sections 8 and 20 of SPEC.md, as tables."""
 
-from __future__ import annotations
-
-__all__ = ["ADMITTED", "COLLECTIVE", "DISK", "OPERATIONS", "OTHERS"]
-
 #: The columns of section 8's table, without JUDGE and CORRECT, since the server judges the cells of these sessions,
 #: and without TANGENT and COTANGENT, which change nothing: they are played after other requests (:mod:`.played`).
 OPERATIONS = (

@@ -10,8 +10,6 @@ Two tables are bounded by a number of entries: the control requests of a server 
 remembered, 1024 of each and about 1 MB. Until they are full, a slope counts from 4 MB in 100 000 steps on.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import subprocess
@@ -31,8 +29,6 @@ from tests.faults.check import BrokenPromise, Budget, Check, Result, require
 from tests.faults.processes import threads_of, usage_of
 from tests.faults.server_process import memory_folder
 from tests.faults.stand_in_server import StandInServer
-
-__all__ = ["CHECK", "Reading", "Soak", "allowed_slope", "judge", "slope"]
 
 #: Readings of the process table in a run, and steps between two of them at least.
 _READINGS, _LEAST_STEPS = 60, 25
@@ -68,14 +64,8 @@ class Reading:
 class Soak:
     """A server and a client under way.
 
-    Attributes
-    ----------
-    readings : dict
-        By process: "supervisor", "gateway", "template", "client", and the workers of the three sessions.
-    stored : list of int
-        Bytes of the state folder at each reading.
-    done : dict
-        What the client has done, by name.
+    ``readings``: by process: "supervisor", "gateway", "template", "client", and the workers of the three sessions;
+    ``stored``: bytes of the state folder at each reading; ``done``: what the client has done, by name.
     """
 
     def __init__(self, folder: Path, seed: int) -> None:
@@ -207,10 +197,7 @@ def _slope_of(readings: Sequence[Reading]) -> float:
 def judge(readings: dict[str, list[Reading]], stored: Sequence[int]) -> dict[str, float]:
     """The slope of each process's memory in its second half, bytes a step.
 
-    Raises
-    ------
-    BrokenPromise
-        If one is too steep, or descriptors, threads or files grow.
+    Raises BrokenPromise if one is too steep, or descriptors, threads or files grow.
     """
     slopes = {name: _slope_of(all_of_them) for name, all_of_them in readings.items()}
     allowed = allowed_slope(*_fitted(next(iter(readings.values()))))

@@ -6,8 +6,6 @@ made, in random order over the three; then a line with the session ids' steps go
 rejoin and resume, sessions are opened and discarded, closed and resumed, lists and reports are asked for.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import sys
@@ -26,8 +24,6 @@ from tests.faults.client_mesh import client_mesh
 from tests.faults.holder import Holder, seeded_mesh, seeded_rows
 from tests.faults.stand_in_service import REAL
 
-__all__ = ["Soaker"]
-
 #: What comes once in so many steps: another connection, another epoch, a session that comes and goes, a list.
 REJOINS, RESUMES, SHORT_LIVED, LISTS = 80, 80, 500, 200
 #: A session rests, and comes back in another worker, once in so many short-lived ones.
@@ -41,15 +37,7 @@ _LOOKS = 1.0
 class Soaker:
     """The three sessions and what is done with them.
 
-    Parameters
-    ----------
-    endpoint : str
-    seed : int
-
-    Attributes
-    ----------
-    done : Counter
-        What was done, by name.
+    ``done``: what was done, by name.
     """
 
     def __init__(self, endpoint: str, seed: int) -> None:

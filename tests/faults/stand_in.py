@@ -19,9 +19,6 @@ from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 
-__all__ = ["StandIn", "grid_mesh", "split_mesh"]
-
-
 #: As SPEC.md's section 13 has it for the longest side: the squares of larger ones overflow.
 _FARTHEST = 1e30
 
@@ -72,7 +69,6 @@ class StandIn:
 
     def headroom(self, before: Any, points: Any) -> Headroom:
         """None of its meshes ends."""
-        del before, points
         return Headroom(math.inf, math.inf, 0)
 
     def why_no_slope(self) -> None:
@@ -80,7 +76,6 @@ class StandIn:
 
     def slope(self, points: Any, factors: Any) -> Any:
         """Of the motion from the reference mesh."""
-        del points, factors
         moving = self.roles.moving
         held = np.union1d(moving, self.roles.fixed)
         weights = self._weights(self.points, held)[:, np.searchsorted(held, moving)]
@@ -92,7 +87,6 @@ class StandIn:
 
     def move(self, committed: Any, targets: Any, factors: Any, *, boundary_displacement: Any = None) -> Any:
         """Spread the boundary's displacement by inverse distance squared."""
-        del boundary_displacement
         moving = self.roles.moving
         held = np.union1d(moving, self.roles.fixed)
         key = hashlib.sha256(committed.tobytes()).digest()

@@ -5,8 +5,6 @@
 runs.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path
@@ -16,8 +14,6 @@ from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.serve import serve
 from tests.faults.server_process import ServerProcess
 
-__all__ = ["SERVICE", "StandInServer"]
-
 #: Module that the template runs: its workers have the host and the store of this module.
 SERVICE = "tests.faults.stand_in_service"
 
@@ -25,13 +21,7 @@ SERVICE = "tests.faults.stand_in_service"
 class StandInServer(ServerProcess):
     """See :class:`.server_process.ServerProcess`.
 
-    Parameters
-    ----------
-    folder : Path
-    service : str
-        Module that workers load.
-    options
-        As for every server process.
+    ``service``: module that workers load; ``options``: as for every server process.
     """
 
     def __init__(self, folder: Path, *, service: str = SERVICE, **options: Any) -> None:

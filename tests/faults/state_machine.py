@@ -29,8 +29,6 @@ from tests.faults.ranks import Ranks
 from tests.faults.session_table import ADMITTED, OPERATIONS
 from tests.faults.stand_in import StandIn
 
-__all__ = ["CELLS", "CHECK", "KEPT", "Life", "begin", "next_action", "nth_life", "replay"]
-
 Visited = set[tuple[str, str]]
 
 #: All cells of SPEC.md's table.
@@ -62,10 +60,7 @@ def begin(protection: Protection, partitions: int, level: str = "full", *, real:
 def replay(text: str) -> None:
     """Play a story, for example one from proof.json.
 
-    Raises
-    ------
-    BrokenPromise
-        As when it was found.
+    Raises BrokenPromise as when it was found.
     """
     with tempfile.TemporaryDirectory() as folder, quiet():
         Life.of(text).play(allow_everybody_listed(Path(folder)))

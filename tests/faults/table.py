@@ -1,7 +1,5 @@
 """All checks, in the order in which they are run: a new one is a module with a ``CHECK``, and a line here."""
 
-from __future__ import annotations
-
 from tests.faults import (
     attacked_server,
     authorisation_matrix,
@@ -22,8 +20,6 @@ from tests.faults import (
     state_machine,
 )
 from tests.faults.check import Check
-
-__all__ = ["CHECKS"]
 
 #: By what they are about.
 CHECKS: tuple[Check, ...] = (

@@ -1,7 +1,5 @@
 """A coupled run that nothing disturbs, in this process: what every disturbed one is compared with."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,8 +12,6 @@ from numpy.typing import NDArray
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from tests.faults.check import require
 from tests.faults.driver import undisturbed_driver
-
-__all__ = ["Step", "Undisturbed", "committer", "frames_of"]
 
 Floats = NDArray[np.float64]
 
@@ -34,18 +30,10 @@ def frames_of(message: Message) -> bytes:
 class Step:
     """One step of the run.
 
-    Attributes
-    ----------
-    given : list of list of (k, d) array, mesh length unit
-        Displacements of the moving nodes, by move and partition.
-    displacements : list of list of (n, d) array, mesh length unit
-        Of all nodes, by move and partition.
-    points : list of (n, d) array, mesh length unit
-        Where they are once it is committed, by partition.
-    digest : bytes
-        Of that state.
-    replies : list of bytes
-        The frames of COMMITTED, by partition.
+    ``given`` (list of list of (k, d) array, mesh length unit): displacements of the moving nodes, by move and
+    partition; ``displacements`` (list of list of (n, d) array, mesh length unit): of all nodes, by move and partition;
+    ``points`` (list of (n, d) array, mesh length unit): where they are once it is committed, by partition; ``digest``:
+    of that state; ``replies``: the frames of COMMITTED, by partition.
     """
 
     given: list[list[Floats]]
@@ -58,11 +46,7 @@ class Step:
 class Undisturbed:
     """The run, as far as it was asked for.
 
-    Parameters
-    ----------
-    meshes : list of PartitionMesh
-    moves : sequence of float
-        The MOVEs of a step, as factors of its motion.
+    ``moves``: the MOVEs of a step, as factors of its motion.
     """
 
     def __init__(self, meshes: list[PartitionMesh], moves: Sequence[float] = (1.0,)) -> None:

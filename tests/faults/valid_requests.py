@@ -1,7 +1,5 @@
 """Requests that a session would take, as the headers and frames of the wire: what a fuzz begins with."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from random import Random
@@ -10,8 +8,6 @@ from typing import Any
 import numpy as np
 
 from tests.faults.ranks import shared_mesh, uploads_of
-
-__all__ = ["CONTROL", "DATA", "Known", "Request", "upload_of", "valid_request"]
 
 CONTROL = ("HELLO", "OPEN", "RESUME", "LIST", "PROBE", "PING")
 DATA = (
@@ -41,12 +37,7 @@ class Request:
 class Known:
     """What a client knows of its session.
 
-    Attributes
-    ----------
-    session, token : str, bytes
-    epoch, step, partitions : int
-    sequence : int
-        The last one that was used.
+    ``sequence``: the last one that was used.
     """
 
     session: str

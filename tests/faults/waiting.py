@@ -1,14 +1,10 @@
 """Waiting for what has to come, on a machine that may be busy."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import TypeVar
 
 from tests.faults.check import require
-
-__all__ = ["PATIENCE", "wait_until"]
 
 _Value = TypeVar("_Value")
 
@@ -20,10 +16,7 @@ _PAUSE = 0.01
 def wait_until(condition: Callable[[], _Value], what: str, seconds: float = PATIENCE) -> _Value:
     """Poll until the condition holds, and return what it gave.
 
-    Raises
-    ------
-    BrokenPromise
-        If it does not come true in time; ``what`` is named.
+    Raises BrokenPromise if it does not come true in time; ``what`` is named.
     """
     deadline = time.monotonic() + seconds
     while not (value := condition()):

@@ -1,7 +1,5 @@
 """A bare client for rows: one DEALER socket, one question at a time, and whether the server let it in."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import time
@@ -19,8 +17,6 @@ from mesh_motion_protocol.messages import Message
 from tests.faults.check import BrokenPromise
 from tests.faults.limited_context import shared_context
 
-__all__ = ["Wire"]
-
 #: Longest wait for a reply that has to come, on a machine that may be busy; seconds.
 _PATIENCE = 120
 _REFUSALS = zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
@@ -29,17 +25,7 @@ _REFUSALS = zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCO
 class Wire:
     """A connection; used as a context.
 
-    Parameters
-    ----------
-    endpoint : str
-    keys : Keys, optional
-
-    Attributes
-    ----------
-    frames : list of bytes
-        The last reply, as it came.
-    seconds : float
-        From sending the last question to its reply.
+    ``frames``: the last reply, as it came; ``seconds``: from sending the last question to its reply.
     """
 
     def __init__(self, endpoint: str, keys: Keys | None = None) -> None:
@@ -59,10 +45,7 @@ class Wire:
     def ask(self, kind: Callable[..., Message], **fields: Any) -> Any:
         """A question and its reply.
 
-        Raises
-        ------
-        BrokenPromise
-            If none comes.
+        Raises BrokenPromise if none comes.
         """
         asked = time.monotonic()
         request = self.request(kind, **fields)
@@ -76,10 +59,7 @@ class Wire:
     def send(self, request: Message) -> None:
         """Send a request, and do not wait for its reply.
 
-        Raises
-        ------
-        BrokenPromise
-            If nothing takes it: the server has refused the connection.
+        Raises BrokenPromise if nothing takes it: the server has refused the connection.
         """
         try:
             self._socket.send_multipart(encode(request))

@@ -5,11 +5,7 @@ Each side waits for the other's signature before it sends the rest of its greeti
 With CURVE each frame is one unit: which frames make a message is encrypted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-
-__all__ = ["Stream"]
 
 _GREETING_BYTES = 64
 _FLAG_MORE, _FLAG_LONG, _FLAG_COMMAND = 1, 2, 4
@@ -18,10 +14,7 @@ _FLAG_MORE, _FLAG_LONG, _FLAG_COMMAND = 1, 2, 4
 class Stream:
     """One direction of one connection.
 
-    Attributes
-    ----------
-    rest : bytes
-        What has come of a unit that is not complete.
+    ``rest``: what has come of a unit that is not complete.
     """
 
     def __init__(self) -> None:

@@ -30,6 +30,7 @@ from format_files import (
     xdmf_binary,
     xdmf_hdf5,
 )
+from mesh_files import lists, one_line, quiet_gmsh, replaced
 from mesh_motion_numerics.quality.orientation import oriented
 from mesh_motion_protocol.errors import InvalidInput
 
@@ -44,9 +45,7 @@ def test_every_format_says_the_same_and_comes_back_with_moved_nodes(tmp_path: Pa
     WRITERS[name](path)
     mesh = read_mesh(path)
     np.testing.assert_array_equal(mesh.points, POINTS)
-    assert {key: nodes.tolist() for key, nodes in mesh.patches.items()} == {
-        key: nodes.tolist() for key, nodes in PATCHES.items()
-    }
+    assert lists(mesh.patches) == {key: nodes.tolist() for key, nodes in PATCHES.items()}
     (block,) = oriented(mesh.points, mesh.cell_table).cells
     assert sorted(map(sorted, block.nodes.tolist())) == sorted(map(sorted, CELLS.tolist()))
     moved = mesh.points * [1.5, 1.0, 1 / 3] + 0.1
@@ -55,20 +54,10 @@ def test_every_format_says_the_same_and_comes_back_with_moved_nodes(tmp_path: Pa
     np.testing.assert_array_equal(after.points, moved)
     for kind, nodes in mesh.cells.items():
         np.testing.assert_array_equal(after.cells[kind], nodes)
-    assert {key: nodes.tolist() for key, nodes in after.patches.items()} == {
-        key: nodes.tolist() for key, nodes in PATCHES.items()
-    }
+    assert lists(after.patches) == {key: nodes.tolist() for key, nodes in PATCHES.items()}
     write_mesh(tmp_path / f"back_{name}", replace(after, points=mesh.points))  # nothing but coordinates has changed
     if path.is_file() and not name.endswith(("h5", "h5.xdmf", ".xmf", "cgns", "med", "exo", ".e", ".npz")):
         assert (tmp_path / f"back_{name}").read_bytes().split() == path.read_bytes().split()
-
-
-def one_line(path: Path, message: str) -> None:
-    """The file is refused in one line that names it."""
-    with pytest.raises(InvalidInput, match=message) as caught:
-        read_mesh(path)
-    assert "\n" not in str(caught.value)
-    assert str(path) in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -84,10 +73,7 @@ def one_line(path: Path, message: str) -> None:
 )
 def test_fluent_meshes_that_do_not_fit(tmp_path: Path, old: str, new: str, message: str) -> None:
     fluent(tmp_path / "m.msh")
-    text = (tmp_path / "m.msh").read_text()
-    assert old in text
-    (tmp_path / "m.msh").write_text(text.replace(old, new))
-    one_line(tmp_path / "m.msh", message)
+    one_line(replaced(tmp_path / "m.msh", old, new), message)
 
 
 def test_fluent_in_the_plane_with_a_polygon(tmp_path: Path) -> None:
@@ -100,7 +86,7 @@ def test_fluent_in_the_plane_with_a_polygon(tmp_path: Path) -> None:
     mesh = read_mesh(tmp_path / "m.msh")
     assert {name: len(nodes) for name, nodes in mesh.cells.items()} == {"triangle": 6}
     np.testing.assert_allclose(mesh.points[6], [0.5, 0.7])  # the pentagon's middle
-    assert {key: nodes.tolist() for key, nodes in mesh.patches.items()} == {
+    assert lists(mesh.patches) == {
         "wall-3": [0, 1, 2, 3, 4],
         "velocity-inlet-4": [1, 2, 5],
     }
@@ -204,12 +190,7 @@ def test_su2_with_a_byte_order_mark(tmp_path: Path) -> None:
 
 def test_gmsh_writes_med_with_its_groups(tmp_path: Path) -> None:
     """A peer: the mesh of Gmsh's own file, of first and of second order."""
-    gmsh = pytest.importorskip("gmsh", exc_type=OSError)
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        if "Med" not in gmsh.option.getString("General.BuildOptions"):
-            pytest.skip("this Gmsh writes no MED")
+    with quiet_gmsh("Med") as gmsh:
         gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
         gmsh.model.occ.synchronize()
         gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
@@ -221,8 +202,6 @@ def test_gmsh_writes_med_with_its_groups(tmp_path: Path) -> None:
             gmsh.model.mesh.setOrder(order)
             for suffix in ("msh", "med"):
                 gmsh.write(str(tmp_path / f"{order}.{suffix}"))
-    finally:
-        gmsh.finalize()
     for order in (1, 2):
         ours, other = read_mesh(tmp_path / f"{order}.med"), read_mesh(tmp_path / f"{order}.msh")
         assert ours.n_cells == other.n_cells
@@ -308,10 +287,7 @@ def test_text_of_finite_elements_that_does_not_fit(
     tmp_path: Path, write: Callable[[Path], None], old: str, new: str, message: str
 ) -> None:
     write(tmp_path / "m.txt")
-    text = (tmp_path / "m.txt").read_text()
-    assert old in text
-    (tmp_path / "m.txt").write_text(text.replace(old, new))
-    one_line(tmp_path / "m.txt", message)
+    one_line(replaced(tmp_path / "m.txt", old, new), message)
 
 
 def test_sets_of_abaqus_that_are_generated(tmp_path: Path) -> None:
@@ -437,9 +413,7 @@ def test_abaqus_input_in_several_files(tmp_path: Path) -> None:
     deck = tmp_path / "deck.inp"
     deck.write_text("*INCLUDE, INPUT=all.msh\n*include, input=sets.nam\n*STEP\n*END STEP\n")
     mesh = read_mesh(deck)
-    assert {key: nodes.tolist() for key, nodes in mesh.patches.items()} == {
-        key: nodes.tolist() for key, nodes in PATCHES.items()
-    }
+    assert lists(mesh.patches) == {key: nodes.tolist() for key, nodes in PATCHES.items()}
     with pytest.raises(InvalidInput, match=r"27 of its nodes are in files that it includes \(name the file with"):
         write_mesh(tmp_path / "moved.inp", mesh)
     assert not (tmp_path / "moved.inp").exists()
@@ -487,18 +461,12 @@ def test_unv_mfem_and_xdmf_that_do_not_fit(
     tmp_path: Path, write: Callable[[Path], None], old: str, new: str, message: str
 ) -> None:
     write(tmp_path / "m.txt")
-    text = (tmp_path / "m.txt").read_text()
-    assert old in text
-    (tmp_path / "m.txt").write_text(text.replace(old, new, 1))
-    one_line(tmp_path / "m.txt", message)
+    one_line(replaced(tmp_path / "m.txt", old, new, 1), message)
 
 
 def test_gmsh_writes_universal_files_with_its_groups(tmp_path: Path) -> None:
     """A peer: the mesh of Gmsh's own file, of first and of second order, and Gmsh reads what is written back."""
-    gmsh = pytest.importorskip("gmsh", exc_type=OSError)
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with quiet_gmsh() as gmsh:
         gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
         gmsh.model.occ.synchronize()
         gmsh.option.setNumber("Mesh.MeshSizeMax", 2.0)
@@ -526,19 +494,12 @@ def test_gmsh_writes_universal_files_with_its_groups(tmp_path: Path) -> None:
             )
             gmsh.model.remove()
             gmsh.model.setCurrent(model)
-    finally:
-        gmsh.finalize()
 
 
 @pytest.mark.parametrize("suffix", ["msh", "cgns", "unv", "med", "su2", "vtk"])
 def test_groups_of_gmsh_with_one_number_are_patches_of_their_own(tmp_path: Path, suffix: str) -> None:
     """A point, a curve, a surface and the volume have the number 1, as Gmsh numbers them by itself."""
-    gmsh = pytest.importorskip("gmsh", exc_type=OSError)
-    gmsh.initialize(interruptible=False)
-    try:
-        if suffix == "cgns" and "Cgns" not in gmsh.option.getString("General.BuildOptions"):
-            pytest.skip("this Gmsh writes no CGNS")
-        gmsh.option.setNumber("General.Terminal", 0)
+    with quiet_gmsh("Cgns" if suffix == "cgns" else "") as gmsh:
         gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
         gmsh.model.occ.synchronize()
         gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
@@ -546,8 +507,6 @@ def test_groups_of_gmsh_with_one_number_are_patches_of_their_own(tmp_path: Path,
             gmsh.model.addPhysicalGroup(dimension, [entity], 1)
         gmsh.model.mesh.generate(3)
         gmsh.write(str(tmp_path / f"m.{suffix}"))
-    finally:
-        gmsh.finalize()
     mesh = read_mesh(tmp_path / f"m.{suffix}")
     ends = [{*mesh.points[nodes, 0].tolist()} for nodes in mesh.patches.values() if len(nodes) > 1]
     assert ends
@@ -571,7 +530,7 @@ def test_nodes_of_single_precision_come_back_in_double(tmp_path: Path) -> None:
         "         8         2         0         0\n    -1\n"
     )
     mesh = read_mesh(tmp_path / "m.unv")
-    assert {name: nodes.tolist() for name, nodes in mesh.patches.items()} == {"low": [0, 1]}
+    assert lists(mesh.patches) == {"low": [0, 1]}
     write_mesh(tmp_path / "moved.unv", replace(mesh, points=mesh.points / 3))
     np.testing.assert_array_equal(read_mesh(tmp_path / "moved.unv").points, mesh.points / 3)
 
@@ -597,9 +556,7 @@ def test_curved_meshes_of_mfem_have_their_patches_between_vertices(tmp_path: Pat
     assert "by their corners" in mesh.notes[0]
     write_mesh(tmp_path / "moved.mesh", replace(mesh, points=points / 3))
     np.testing.assert_array_equal(read_mesh(tmp_path / "moved.mesh").points, points / 3)
-    text = (tmp_path / "m.mesh").read_text()
-    (tmp_path / "m.mesh").write_text(text.replace("6 1 5 4", "6 1 5 3"))
-    one_line(tmp_path / "m.mesh", "row 2 of boundary is on no element")
+    one_line(replaced(tmp_path / "m.mesh", "6 1 5 4", "6 1 5 3"), "row 2 of boundary is on no element")
 
 
 @pytest.mark.parametrize("form", ["XML", "HDF", "Binary"])
@@ -612,11 +569,11 @@ def test_meshio_writes_mixed_topologies_of_xdmf(tmp_path: Path, form: str) -> No
     meshio.write(tmp_path / "m.xdmf", meshio.Mesh(points, cells, cell_data=data), data_format=form)
     mesh = read_mesh(tmp_path / "m.xdmf")
     np.testing.assert_array_equal(mesh.points, points)
-    assert {name: nodes.tolist() for name, nodes in mesh.cells.items()} == {
+    assert lists(mesh.cells) == {
         "quad": [[0, 1, 2, 3]],
         "triangle": [[1, 4, 2]],
     }
-    assert {name: nodes.tolist() for name, nodes in mesh.patches.items()} == {"3": [0, 1], "4": [1, 4]}
+    assert lists(mesh.patches) == {"3": [0, 1], "4": [1, 4]}
     other = tmp_path / "other"
     other.mkdir()
     write_mesh(other / "moved.xdmf", replace(mesh, points=points / 3))
@@ -659,8 +616,8 @@ def test_tags_of_fenics_are_patches_and_a_series_is_one_mesh(tmp_path: Path) -> 
     )
     (tmp_path / "m.xdmf").write_text(text)
     mesh = read_mesh(tmp_path / "m.xdmf")
-    assert {name: nodes.tolist() for name, nodes in mesh.cells.items()} == {"quad": [[0, 1, 2, 3]]}
-    assert {name: nodes.tolist() for name, nodes in mesh.patches.items()} == {"3": [0, 1], "7": [2, 3]}
+    assert lists(mesh.cells) == {"quad": [[0, 1, 2, 3]]}
+    assert lists(mesh.patches) == {"3": [0, 1], "7": [2, 3]}
 
 
 @pytest.mark.parametrize("kind", ["3DSMesh", "3DRectMesh", "3DCoRectMesh"])
@@ -714,10 +671,7 @@ def apart(path: Path) -> None:
         sets = "*SURFACE, NAME=wall\n1, S1\n*NSET, NSET=wall\n3\n"
         path.write_text(f"*NODE\n{nodes}*ELEMENT, TYPE=CPS4\n1, 1, 2, 3, 4\n{sets}")
         return
-    gmsh = pytest.importorskip("gmsh", exc_type=OSError)
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with quiet_gmsh() as gmsh:
         gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
         gmsh.model.occ.synchronize()
         for dimension, entity in ((1, 1), (0, 3)):
@@ -725,8 +679,6 @@ def apart(path: Path) -> None:
         gmsh.model.addPhysicalGroup(2, [1], name="fluid")
         gmsh.model.mesh.generate(2)
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
 
 
 @pytest.mark.parametrize("suffix", ["inp", "msh", "med"])

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mesh_files import one_line, quiet_gmsh
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files import read_mesh, write_mesh
@@ -18,11 +19,9 @@ FORMS = [(version, binary) for version in (2.2, 4.1) for binary in (0, 1)]
 
 @pytest.fixture
 def model() -> Iterator[Any]:
-    gmsh.initialize(interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.model.add("test")
-    yield gmsh.model
-    gmsh.finalize()
+    with quiet_gmsh() as gmsh:
+        gmsh.model.add("test")
+        yield gmsh.model
 
 
 def save(path: Path, version: float, binary: int) -> Path:
@@ -208,12 +207,8 @@ HEADER = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"
     ],
 )
 def test_damaged_files_give_one_clear_line(tmp_path: Path, content: str, message: str) -> None:
-    path = tmp_path / "damaged.msh"
-    path.write_text(content)
-    with pytest.raises(InvalidInput, match=message) as caught:
-        read_mesh(path)
-    assert "\n" not in str(caught.value)
-    assert str(path) in str(caught.value)
+    (tmp_path / "damaged.msh").write_text(content)
+    one_line(tmp_path / "damaged.msh", message)
 
 
 def test_a_long_ascii_file_of_changing_types_is_read_in_runs(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mesh_files import one_line
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.orientation import oriented
 from mesh_motion_protocol.errors import InvalidInput
@@ -156,9 +157,7 @@ def test_appended_data_that_ends_too_soon_is_refused(tmp_path: Path) -> None:
     end = whole.index(b"\n</AppendedData>")
     for lost in (1, 100, 700, end - whole.index(b"\n_") - 2):
         path.write_bytes(whole[: end - lost] + whole[end:])
-        with pytest.raises(InvalidInput, match=r"not readable as \.vtu") as caught:
-            read_mesh(path)
-        assert "\n" not in str(caught.value)
+        one_line(path, r"not readable as \.vtu")
 
 
 @pytest.mark.parametrize("suffix", [".vtu", ".vtk"])
@@ -210,9 +209,7 @@ def test_a_series_lists_its_times(tmp_path: Path) -> None:
 def test_damaged_files_give_one_clear_line(tmp_path: Path, suffix: str, content: str) -> None:
     path = tmp_path / f"damaged{suffix}"
     path.write_text(content)
-    with pytest.raises(InvalidInput, match=r"not read|a VTK file of type PolyData") as caught:
-        read_mesh(path)
-    assert "\n" not in str(caught.value)
+    one_line(path, r"not read|a VTK file of type PolyData")
 
 
 def test_cells_of_higher_order_are_read_by_their_corners(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from typing import Any
 import pytest
 from mesh_motion_numerics.interpolation.kernels import BASES
 from mesh_motion_numerics.method import KEYS, Method
-from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.settings import MethodSettings
 
@@ -22,30 +21,6 @@ def test_bases_are_those_that_can_be_used_and_reductions_take_the_definite_ones(
     definite = {name for name in usable if not BASES[name].needs_polynomial}
     for needs in KEYS["reduction"].needs.values():
         assert set(needs["basis"]) == definite
-
-
-@pytest.mark.parametrize(
-    ("choices", "says"),
-    [
-        ({"support_radius": 0.0}, "support_radius: expected a number greater than 0, got 0.0"),
-        ({"support_radius": True}, "support_radius: expected a number greater than 0, got True"),
-        ({"quality_threshold": float("nan")}, "quality_threshold: expected a number from -1 to 1, got nan"),
-        ({"quality_threshold": None}, "quality_threshold: expected a number from -1 to 1, got None"),
-        ({"max_enrichment_points": 1.0}, "max_enrichment_points: expected an integer from 0 to 100000, got 1.0"),
-        ({"allow_invalid": 1}, "allow_invalid: expected true or false, got 1"),
-        ({"correction": "best"}, "correction: expected one of none, smooth, imposed-gradient, .*, got 'best'"),
-        (
-            {"correction": "smooth", "displacement": "relative"},
-            "smooth': expected displacement 'absolute' or 'reanchored', got",
-        ),
-        ({"reduction": "greedy", "basis": "mqb"}, "reduction = 'greedy': expected basis .* or 'gauss', got 'mqb'"),
-    ],
-)
-def test_what_is_refused(choices: dict[str, object], says: str) -> None:
-    with pytest.raises(InvalidInput, match=says) as caught:
-        Method(**choices)  # type: ignore[arg-type]
-    assert caught.value.code == "INVALID_ARGUMENT.SETTINGS"
-    assert caught.value.details == {"setting": next(iter(choices))}
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,6 @@ from pathlib import Path
 import gmsh
 import numpy as np
 
-__all__ = ["arrays", "quiet_gmsh", "rectangle", "save", "sizes_by"]
-
 
 @contextmanager
 def quiet_gmsh(**options: float) -> Iterator[None]:

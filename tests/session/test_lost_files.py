@@ -154,16 +154,6 @@ def test_the_mark_of_an_unbuilt_session_ends_with_its_build(store: SessionStore)
     assert not (folder / UNBUILT).exists()
 
 
-def test_a_mark_that_an_older_backup_brought_back_removes_nothing(store: SessionStore) -> None:
-    folder = build(store, steps=2)
-    (folder / UNBUILT).touch()
-    (folder / "manifest").unlink()
-    before = content(folder)
-    assert store.sweep() == []
-    assert content(folder) == before
-    assert [found.state for found in store.sessions()] == [State.FAILED]
-
-
 def test_unknown_files_and_links_are_no_proof(store: SessionStore, tmp_path: Path) -> None:
     kept = store.root / "sessions" / SESSION
     kept.mkdir(parents=True)

@@ -82,17 +82,6 @@ def test_what_the_boundary_did_is_recorded_and_its_file_given_back(session: Sess
     assert opened() == []
 
 
-def test_moving_nodes_are_bitwise_at_their_prescribed_positions(session: Session) -> None:
-    random = np.random.default_rng(3)
-    rows = [0.02 * random.random((5, 2))]
-    before = session.coordinates("committed")[session.mesh.moving]
-    displacement = session.mesh.gather_moving(rows)
-    outcome = session.move("committed", rows)
-    assert outcome.displacements[0][session.mesh.moving_local[0]].tobytes() == rows[0].tobytes()
-    commit(session)
-    assert session.coordinates("committed")[session.mesh.moving].tobytes() == (before + displacement).tobytes()
-
-
 def test_a_failure_changes_nothing(session: Session) -> None:
     session.move("committed", right(0.1))
     before = session._now
@@ -164,36 +153,6 @@ def test_uploads_are_forgotten_once_built(session: Session) -> None:
     assert session.upload.nbytes == 0
 
 
-def test_a_build_that_failed_can_be_repaired(tmp_path: Path) -> None:
-    session = Session(SessionStore(tmp_path / "new").create(make_spec()), ServerSettings(), StandIn)
-    mesh = grid_mesh()
-    session.add_part(0, Part("nodes", "", "", mesh.points))
-    with pytest.raises(InvalidInput, match="no cells"):
-        session.build()
-    session.add_part(0, Part("cells", "triangle", "", mesh.cells["triangle"]))
-    with pytest.raises(InvalidInput, match="moving"):
-        session.build()
-    session.add_part(0, Part("patch", "left", "moving", mesh.patches["left"].nodes[:, None]))
-    session.build()
-    assert session.state is State.READY
-    session.close()
-
-
-def test_what_is_committed_is_committing_meanwhile(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
-    session.move("committed", right(0.1))
-    keeper = session._built.keeper  # type: ignore[union-attr]
-    honest, seen = keeper.commit, []
-
-    def watched(*given: Any) -> None:
-        seen.append((session.state, session.step, session.iteration))
-        honest(*given)
-
-    monkeypatch.setattr(keeper, "commit", watched)
-    commit(session)
-    assert seen == [(State.COMMITTING, 0, 1)]
-    assert (session.state, session.step, session.iteration) == (State.READY, 1, 0)
-
-
 def test_the_state_is_on_its_way_to_the_disk_while_a_commit_is_judged() -> None:
     session, files = with_a_trial("full")
     before, judged = files.count, []
@@ -212,26 +171,6 @@ def test_factorizations_of_past_states_are_not_kept(session: Session) -> None:
         session.move("committed", right(0.01))
         commit(session)
     assert len(session.factors) <= 2
-
-
-def test_a_trial_that_was_rolled_back_is_not_lost(session: Session) -> None:
-    session.move("committed", right(0.1))
-    session.rollback()
-    assert (session.state, session.iteration) == (State.READY, 0)
-    with pytest.raises(SessionError, match="there is no trial to commit"):
-        commit(session)
-
-
-@pytest.mark.parametrize("trial", [False, True])
-def test_only_a_trial_that_was_there_is_lost_with_the_lease(session: Session, trial: bool) -> None:
-    if trial:
-        session.move("committed", right(0.1))
-    session.suspend()
-    assert session.state is State.SUSPENDED
-    session.join()
-    with pytest.raises(SessionError) as caught:
-        commit(session)
-    assert caught.value.code == ("ABORTED.TRIAL_LOST" if trial else "FAILED_PRECONDITION.STATE")
 
 
 # --- cells that are with the client ----------------------------------------------------------------------------------
@@ -312,14 +251,6 @@ def test_a_trial_whose_cells_are_with_the_client_is_corrected_and_so_again_once_
     session.close()
 
 
-def test_a_session_that_has_the_cells_judges_them_itself(session: Session) -> None:
-    with pytest.raises(SessionError, match="the server judges the cells of this session itself"):
-        session.correct("committed", [])
-    session.move("committed", right(0.1))
-    with pytest.raises(SessionError, match="the server judges the cells of this session itself"):
-        session.judge(quality_of(1.0))
-
-
 def test_a_boundary_of_which_a_node_is_on_no_patch_does_not_determine_the_motion(tmp_path: Path) -> None:
     session = apart(tmp_path, loose=((0.5, 0.8),))
     with pytest.raises(InvalidInput, match="global id 12 is on the boundary and on no patch"):
@@ -337,18 +268,6 @@ def with_a_trial(level: str) -> tuple[Session, FailingFiles]:
     driver.open()
     driver.move(1)
     return driver.host._session, files
-
-
-@pytest.mark.parametrize("level", ["full", "replay"])
-def test_a_commit_that_the_disk_refuses_is_reported_and_changes_only_the_state(level: str) -> None:
-    session, files = with_a_trial(level)
-    files.fail_at = files.count + 1
-    with pytest.raises(DataLoss, match="committing step 1") as caught:
-        commit(session)
-    assert caught.value.code == "RESOURCE_EXHAUSTED.DISK"
-    assert (session.state, session.step, session.durable_step) == (State.FROZEN, 0, 0)
-    assert session.coordinates("committed") is session.mesh.points
-    session.close()
 
 
 @pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
@@ -378,17 +297,6 @@ def test_a_failure_that_a_commit_has_reported_is_not_reported_again(monkeypatch:
         commit(session)
     assert session.state is State.FROZEN
     session.catch_up()
-    session.close()
-
-
-@pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
-def test_a_resume_that_the_disk_refuses_is_reported_and_keeps_the_epoch(level: str) -> None:
-    session, files = with_a_trial(level)
-    files.fail_at = files.count + 1
-    with pytest.raises(DataLoss, match="raising the epoch"):
-        session.resume()
-    assert (session.state, session.epoch, session.step) == (State.FROZEN, 1, 0)
-    session.catch_up()  # for CLOSE
     session.close()
 
 
@@ -427,25 +335,3 @@ def test_a_session_that_cannot_be_reopened_gives_its_journal_back() -> None:
         Session.reopen(folder, ServerSettings(), raising(ZeroDivisionError()))
     assert list(files.handles.values()) == [("lock", folder.path / "lock")]
     folder.release()
-
-
-@pytest.mark.parametrize("level", ["full", "replay", "relaxed"])
-@pytest.mark.parametrize("reopened", [False, True])
-def test_a_step_out_of_turn(level: str, reopened: bool) -> None:
-    """What was answered and not durable may be missed after a restart, where the level allows that: never otherwise."""
-    store, _ = closed(level, steps=2 if reopened else 0)
-    if reopened:
-        session = Session.reopen(store.open(SESSION, TOKEN), ServerSettings(), StandIn)
-    else:
-        spec = make_spec("a" * 32, durability=level)
-        session = Session(store.create(spec), ServerSettings(), StandIn)
-    step = session.step
-    assert step == (2 if reopened else 0)
-    session.require_next_step(step + 1)
-    for ahead in (-1, 0, 2, 3):
-        with pytest.raises(SessionError) as caught:
-            session.require_next_step(step + ahead)
-        lost = reopened and level == "relaxed" and ahead > 1
-        assert caught.value.code == ("ABORTED.STEPS_LOST" if lost else "FAILED_PRECONDITION.STEP")
-        assert caught.value.details == {"expected": step + 1, "got": step + ahead}
-    session.close()

@@ -3,8 +3,6 @@
 import re
 from pathlib import Path
 
-__all__ = ["anchors", "dead_links"]
-
 
 def dead_links(page: Path, text: str) -> list[str]:
     """Links of a page with this text that lead to no file of the checkout, or to no heading in it."""

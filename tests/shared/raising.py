@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from typing import Any, NoReturn
 
-__all__ = ["raising"]
-
 
 def raising(error: BaseException) -> Callable[..., NoReturn]:
     """A function of any arguments that raises this error."""

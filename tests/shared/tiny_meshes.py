@@ -7,8 +7,6 @@ import numpy as np
 from mesh_motion_numerics.mesh.cells import CellTable
 from numpy.typing import NDArray
 
-__all__ = ["tiny_mesh", "tiny_meshes"]
-
 FloatArray = NDArray[np.float64]
 Mesh = tuple[FloatArray, CellTable]
 

@@ -62,7 +62,6 @@ def test_a_worker_reports_each_step_that_it_computes_again() -> None:
     class Hosts:
         @staticmethod
         def resume(session: str, token: bytes, store: None, *, limits: ServerSettings, progress: Any) -> str:
-            del token, store, limits
             progress(7)
             return session
 

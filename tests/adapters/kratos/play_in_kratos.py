@@ -4,8 +4,6 @@
 ``mesh.npz`` has points, cells (``cells_triangle`` …) and the nodes of each part (``part_wall`` …), numbered from 0.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

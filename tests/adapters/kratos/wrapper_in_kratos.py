@@ -3,8 +3,6 @@
 Takes the folder with ``plate.mdpa`` and ``turns.npz``; ``result.npz`` gets all displacements after each step.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

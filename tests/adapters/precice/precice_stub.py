@@ -14,8 +14,6 @@ in time, as preCICE's waveforms of first order are. ``begin``: windows that pass
 ``interrupt``: Ctrl-C comes in that step. What preCICE checks with an error is an error here too, in its words.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -61,19 +61,6 @@ def test_affine_steps_are_predicted_exactly_in_their_order(name):
     assert not np.allclose(predict_many_steps(name, points, cells, sizes, steps[::-1]).skew, actual.skew, rtol=0.01)
 
 
-@pytest.mark.parametrize(("name", "order"), [("centre-gradient", 1.0), ("edge-midpoint-gradient", 2.0)])
-def test_the_order_over_eight_steps_is_that_over_one(name, order):
-    steps = [swirl(0.1) for _ in range(8)]
-    errors = []
-    for n in (16, 32):
-        points, cells = square(n)
-        sizes = reference_sizes(points, cells)
-        actual = predict_many_steps("trial-nodes", points, cells, sizes, steps).metric("size-skew")
-        error = predict_many_steps(name, points, cells, sizes, steps).metric("size-skew") - actual
-        errors.append(np.sqrt(np.mean(error**2)))
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.15)
-
-
 def test_step_by_step_is_the_same_as_all_at_once():
     points, cells = square(6)
     sizes, steps = reference_sizes(points, cells), [swirl(0.2), affine(0.1 * np.eye(2), np.ones(2)), swirl(-0.3)]

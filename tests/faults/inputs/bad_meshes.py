@@ -1,7 +1,5 @@
 """BUILD of meshes that cannot be moved: indices, cells, patches, periodic sides, partitions, sizes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -9,8 +7,6 @@ import numpy as np
 
 from tests.faults.inputs.cases import BadInput, Names, Rng
 from tests.faults.inputs.drafts import Draft, Part, Rows
-
-__all__ = ["BAD_MESHES"]
 
 _MESH, _DEGENERATE = "INVALID_ARGUMENT.MESH", "INVALID_ARGUMENT.MESH_DEGENERATE"
 _PARTITION, _SHAPE = "INVALID_ARGUMENT.PARTITION", "INVALID_ARGUMENT.SHAPE"
@@ -66,34 +62,29 @@ def _repeated_node(draft: Draft, rng: Rng) -> Names:
 
 def _flat(draft: Draft, rng: Rng) -> Names:
     """An inner node goes onto the opposite edge of its cell."""
-    del rng
     draft.points[6] = [0.0, 0.125]
     return {"cell": lambda cell: isinstance(cell, int), "determinant": lambda d: d <= 1e-12}
 
 
 def _sliver(draft: Draft, rng: Rng) -> Names:
     """A height of 10⁻¹⁶, which is rounding and no cell."""
-    del rng
     draft.points[6] = [1e-16, 0.125]
     return {"cell": lambda cell: isinstance(cell, int)}
 
 
 def _collapsed(draft: Draft, rng: Rng) -> Names:
     """Two inner nodes in one place."""
-    del rng
     draft.points[12] = draft.points[6]
     return {"cell": lambda cell: isinstance(cell, int)}
 
 
 def _collapsed_mesh(draft: Draft, rng: Rng) -> Names:
-    del rng
     draft.points[:] = 0.5
     return {"cell": 0, "count": 32}
 
 
 def _folded(draft: Draft, rng: Rng) -> Names:
     """An inner node leaves the domain."""
-    del rng
     draft.points[12] = [3.0, 0.5]
     return {"cell": lambda cell: isinstance(cell, int), "determinant": lambda d: d < 0}
 
@@ -115,7 +106,6 @@ def _crossed_quad(draft: Draft, rng: Rng) -> Names:
 
 def _lexicographic(draft: Draft, rng: Rng) -> Names:
     """All quadrilaterals in rows of two, as some codes number them."""
-    del rng
     draft.rows("cells", "quad")[:] = draft.rows("cells", "quad")[:, [0, 1, 3, 2]]
     return {"count": 12}
 
@@ -137,14 +127,12 @@ def _twice_rotated(draft: Draft, rng: Rng) -> Names:
 
 def _overlapping(draft: Draft, rng: Rng) -> Names:
     """One more cell over others."""
-    del rng
     draft.replace("cells", "triangle", np.concatenate([draft.rows("cells", "triangle"), [[0, 1, 6]]]))
     return {"facet": lambda facet: len(facet) == 2, "cells": lambda cells: 32 in cells}
 
 
 def _line_folded(draft: Draft, rng: Rng) -> Names:
     """An inner node passes its neighbour."""
-    del rng
     draft.points[[1, 2]] = draft.points[[2, 1]]
     return {"cell": lambda cell: cell in range(4)}
 
@@ -170,7 +158,6 @@ _CELLS = (
 
 def _without(item: str, name: str, names: Names) -> Spoil:
     def spoil(draft: Draft, rng: Rng) -> Names:
-        del rng
         draft.drop(item, name)
         return names
 
@@ -178,14 +165,12 @@ def _without(item: str, name: str, names: Names) -> Spoil:
 
 
 def _without_patches(draft: Draft, rng: Rng) -> Names:
-    del rng
     draft.parts[0] = [part for part in draft.parts[0] if part.item != "patch"]
     return {}
 
 
 def _empty_patch(role: str) -> Spoil:
     def spoil(draft: Draft, rng: Rng) -> Names:
-        del rng
         draft.add_patch("empty", role, [])
         return {"patch": "empty"}
 
@@ -196,7 +181,6 @@ def _ids(values: Any) -> Spoil:
     """Global ids for the only partition."""
 
     def spoil(draft: Draft, rng: Rng) -> Names:
-        del rng
         draft.parts[0].append(Part("global_ids", "", "", Rows(np.asarray(values)[:, None])))
         return {"partition": 0}
 
@@ -204,47 +188,40 @@ def _ids(values: Any) -> Spoil:
 
 
 def _stray_slip(draft: Draft, rng: Rng) -> Names:
-    del rng
     draft.add_patch("loose", "slip", [12])
     return {"node": 12, "patch": "loose"}
 
 
 def _bent_mirror(draft: Draft, rng: Rng) -> Names:
     """The symmetry line is an arc."""
-    del rng
     draft.points[1:4, 1] = [-0.02, -0.03, -0.02]
     return {"patch": "mirror", "node": lambda node: node in range(5)}
 
 
 def _no_partner(draft: Draft, rng: Rng) -> Names:
-    del rng
     draft.drop("patch", "high")
     return {"patch": "low"}
 
 
 def _unlike_sides(draft: Draft, rng: Rng) -> Names:
     """One node of a periodic side lies elsewhere along it."""
-    del rng
     draft.points[21, 0] += 0.05
     return {"patch": lambda patch: patch in {"low", "high"}, "node": lambda node: node in {*range(5), *range(20, 25)}}
 
 
 def _shorter_side(draft: Draft, rng: Rng) -> Names:
-    del rng
     draft.replace("patch", "high", np.arange(20, 24)[:, None])
     return {"patch": "low", "node": lambda node: node in range(5)}
 
 
 def _same_side(draft: Draft, rng: Rng) -> Names:
     """Both periodic patches are the same nodes."""
-    del rng
     draft.replace("patch", "high", np.arange(5)[:, None])
     return {"patch": lambda patch: patch in {"low", "high"}}
 
 
 def _half_fixed(draft: Draft, rng: Rng) -> Names:
     """A node of a periodic side is fixed, its image is not."""
-    del rng
     draft.replace("patch", "right", np.append(draft.rows("patch", "right"), [[2]], axis=0))
     return {"node": lambda node: node in {2, 22}, "image": lambda node: node in {2, 22}}
 
@@ -279,33 +256,28 @@ def _other_coordinates(draft: Draft, rng: Rng) -> Names:
 
 
 def _id_twice(draft: Draft, rng: Rng) -> Names:
-    del rng
     ids = draft.rows("global_ids", "", 1)
     ids[-1] = ids[-2]
     return {"partition": 1, "global_id": int(ids[-2, 0])}
 
 
 def _no_ids(draft: Draft, rng: Rng) -> Names:
-    del rng
     draft.drop("global_ids", "", 1)
     return {"partition": 1}
 
 
 def _no_nodes_there(draft: Draft, rng: Rng) -> Names:
-    del rng
     draft.parts[1] = [draft.part("global_ids", "", 1)]
     return {"partition": 1}
 
 
 def _other_role(draft: Draft, rng: Rng) -> Names:
-    del rng
     draft.part("patch", "walls", 1).role = "slip"
     return {"patch": "walls", "partitions": [0, 1]}
 
 
 def _cell_in_both(draft: Draft, rng: Rng) -> Names:
     """Global ids that make a cell of the second partition one of the first."""
-    del rng
     own, first = draft.rows("global_ids", "", 1), draft.rows("global_ids", "", 0)
     draft.rows("nodes", "", 1)[:] = draft.rows("nodes", "", 0)[: len(own)]
     own[:] = first[: len(own)]
@@ -315,7 +287,6 @@ def _cell_in_both(draft: Draft, rng: Rng) -> Names:
 
 
 def _index_there(draft: Draft, rng: Rng) -> Names:
-    del rng
     cells = draft.rows("cells", "triangle", 1)
     cells[3, 1] = len(draft.rows("nodes", "", 1))
     return {"partition": 1, "row": 3, "value": int(cells[3, 1])}
@@ -323,7 +294,6 @@ def _index_there(draft: Draft, rng: Rng) -> Names:
 
 def _folded_there(draft: Draft, rng: Rng) -> Names:
     """The corner that the first partition has not passes through its only cell."""
-    del rng
     (corner,) = np.flatnonzero(draft.rows("global_ids", "", 1)[:, 0] == 24)
     draft.rows("nodes", "", 1)[corner] = 0.8
     (row,) = np.flatnonzero((draft.rows("cells", "triangle", 1) == corner).any(axis=1))
@@ -348,7 +318,6 @@ def _scaled(factor: float, draft: str) -> BadInput:
     """Coordinates whose squares and products leave the floating-point range."""
 
     def spoil(scaled: Draft, rng: Rng) -> Names:
-        del rng
         scaled.points[:] *= factor
         return {"value": lambda value: 0.5 * factor < float(value) < 4 * factor}
 
@@ -357,14 +326,12 @@ def _scaled(factor: float, draft: str) -> BadInput:
 
 def _offset(draft: Draft, rng: Rng) -> Names:
     """So far away that neighbouring nodes become one."""
-    del rng
     draft.points[:] += 1e17
     return {"cell": 0}
 
 
 def _grazing(draft: Draft, rng: Rng) -> Names:
     """So far away that places are rounded to 1/8, two edges."""
-    del rng
     draft.points[:] = 1e15 + 0.25 * draft.points
     return {"cell": 0}
 

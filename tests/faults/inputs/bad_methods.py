@@ -1,20 +1,15 @@
 """BUILD where every setting is admissible, and the mesh too, but not both together."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from tests.faults.inputs.cases import BadInput, Names, Rng
 from tests.faults.inputs.drafts import Draft
-
-__all__ = ["BAD_METHODS"]
 
 
 def _unfit(first: str, draft: str = "square", /, **settings: Any) -> BadInput:
     """Settings that do not go together on this mesh; the error names the ``first``."""
 
     def spoil(spoiled: Draft, rng: Rng) -> Names:
-        del rng
         spoiled.set_settings(**settings)
         return {"setting": first}
 
@@ -24,7 +19,6 @@ def _unfit(first: str, draft: str = "square", /, **settings: Any) -> BadInput:
 
 def _on_a_line(draft: Draft, rng: Rng) -> Names:
     """The nodes with a role lie on one line: they determine no linear polynomial in the plane."""
-    del rng
     draft.drop("patch", "walls")
     draft.set_settings(basis="tps")
     return {"setting": "basis"}

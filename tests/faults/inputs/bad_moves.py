@@ -1,7 +1,5 @@
 """MOVE of a session that stands at a committed step, with displacements that no mesh can follow."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -10,8 +8,6 @@ import numpy as np
 
 from tests.faults.inputs.cases import BadInput, Names, Rng
 from tests.faults.inputs.drafts import Draft, Rows
-
-__all__ = ["BAD_MOVES"]
 
 _VALUE, _SHAPE, _DTYPE = "INVALID_ARGUMENT.VALUE", "INVALID_ARGUMENT.SHAPE", "INVALID_ARGUMENT.DTYPE"
 _NONFINITE, _PARTITION = "INVALID_ARGUMENT.NONFINITE", "INVALID_ARGUMENT.PARTITION"
@@ -56,7 +52,6 @@ def _rows(name: str, code: str, values: Any, *says: str) -> BadInput:
         names = {"field": "displacement"}
 
     def spoil(draft: Draft, rng: Rng) -> Names:
-        del rng
         draft.displacement[0] = Rows(np.asarray(values))
         return names
 
@@ -65,7 +60,6 @@ def _rows(name: str, code: str, values: Any, *says: str) -> BadInput:
 
 def _step(step: Any, code: str, names: Names, *says: str) -> BadInput:
     def spoil(draft: Draft, rng: Rng) -> Names:
-        del rng
         draft.step = step
         return names
 
@@ -73,13 +67,11 @@ def _step(step: Any, code: str, names: Names, *says: str) -> BadInput:
 
 
 def _frame(draft: Draft, rng: Rng) -> Names:
-    del rng
     draft.frame = "absolute"
     return {"field": "frame"}
 
 
 def _extra(draft: Draft, rng: Rng) -> Names:
-    del rng
     draft.extra["viscosity"] = 1.0
     return {"field": "viscosity"}
 
@@ -94,7 +86,6 @@ def _unmovable(
     """A displacement for which there is no acceptable mesh."""
 
     def spoil(spoiled: Draft, rng: Rng) -> Names:
-        del rng
         spoiled.displacement[0], spoiled.frame = Rows(np.array(change(spoiled), dtype=np.float64)), "reference"
         return _WORST
 
@@ -128,7 +119,6 @@ def _second_partition(draft: Draft, rng: Rng) -> Names:
 
 def _periodic_ends(draft: Draft, rng: Rng) -> Names:
     """The ends of the left side are images of each other."""
-    del rng
     draft.moved[4] += 0.01
     return {"node": lambda node: node in {0, 20}}
 
@@ -142,7 +132,6 @@ def _overflow(draft: Draft, rng: Rng) -> Names:
 
 def _enormous(factor: float) -> BadInput:
     def spoil(draft: Draft, rng: Rng) -> Names:
-        del rng
         draft.moved[:] *= factor
         return {"partition": 0, "row": 0, "node": 0, "value": lambda value: abs(float(value)) > 1e-3 * factor}
 

@@ -1,14 +1,10 @@
 """OPEN with values that no session has: fields out of their range, settings out of theirs."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 from tests.faults.inputs.cases import BadInput, Names, Rng
 from tests.faults.inputs.drafts import Draft
-
-__all__ = ["BAD_OPENS"]
 
 _HEADER, _VALUE = "INVALID_ARGUMENT.HEADER", "INVALID_ARGUMENT.VALUE"
 _SETTINGS, _NONFINITE = "INVALID_ARGUMENT.SETTINGS", "INVALID_ARGUMENT.NONFINITE"
@@ -18,7 +14,6 @@ def _field(key: str, value: Any, code: str, *says: str) -> BadInput:
     """A field of OPEN with a bad value."""
 
     def spoil(draft: Draft, rng: Rng) -> Names:
-        del rng
         draft.opening[key] = value
         return {"field": key}
 
@@ -30,7 +25,6 @@ def _setting(key: str, value: Any) -> BadInput:
     wild = isinstance(value, float) and not math.isfinite(value)
 
     def spoil(draft: Draft, rng: Rng) -> Names:
-        del rng
         draft.set_settings(**{key: value})
         return {"field": f"settings.{key}"} if wild else {"setting": key, "value": repr(value)}
 
@@ -43,19 +37,16 @@ def _short(value: Any) -> str:
 
 
 def _no_dimension(draft: Draft, rng: Rng) -> Names:
-    del rng
     del draft.opening["dimension"]
     return {"field": "dimension"}
 
 
 def _unknown_setting(draft: Draft, rng: Rng) -> Names:
-    del rng
     draft.set_settings(radius=1.0)
     return {"setting": "radius"}
 
 
 def _at_client(draft: Draft, rng: Rng) -> Names:
-    del rng
     draft.opening["evaluation"] = "client"
     draft.set_settings(displacement="absolute", correction="enrichment")
     return {"setting": "correction"}
@@ -65,7 +56,6 @@ def _together(first: str, **settings: Any) -> BadInput:
     """Settings that do not go together; the error names the ``first``."""
 
     def spoil(draft: Draft, rng: Rng) -> Names:
-        del rng
         draft.set_settings(**settings)
         return {"setting": first}
 

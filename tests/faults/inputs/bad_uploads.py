@@ -1,7 +1,5 @@
 """UPLOAD of parts that belong to no mesh: each is sent behind the good parts, which stay as they are."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -9,8 +7,6 @@ import numpy as np
 
 from tests.faults.inputs.cases import BadInput, Names, Rng
 from tests.faults.inputs.drafts import Draft, Part, Rows
-
-__all__ = ["BAD_UPLOADS"]
 
 _VALUE, _SHAPE, _DTYPE = "INVALID_ARGUMENT.VALUE", "INVALID_ARGUMENT.SHAPE", "INVALID_ARGUMENT.DTYPE"
 _FRAMES, _NONFINITE, _BYTES = "INVALID_ARGUMENT.FRAMES", "INVALID_ARGUMENT.NONFINITE", "RESOURCE_EXHAUSTED.BYTES"
@@ -43,7 +39,6 @@ def _wire(name: str, code: str, rows: Rows, *says: str) -> BadInput:
 
 
 def _too_many(draft: Draft, rng: Rng) -> tuple[Part, Names]:
-    del draft, rng
     return Part("nodes", "", "", Rows(np.zeros((5000, 2)))), {"limit": 1 << 16}
 
 

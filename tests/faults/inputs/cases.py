@@ -1,7 +1,5 @@
 """The form of a row of the tables of bad and extreme inputs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -9,8 +7,6 @@ from typing import Any, Literal
 import numpy as np
 
 from tests.faults.inputs.drafts import Draft, Part
-
-__all__ = ["BadInput", "Names", "Rng", "Where"]
 
 Rng = np.random.Generator
 #: What an error's details must hold; a callable judges a value whose last digits are of no interest.
@@ -24,26 +20,12 @@ Spoiler = Callable[[Draft, Rng], "Names | tuple[Part, Names]"]
 class BadInput:
     """One bad input and its due answer.
 
-    Attributes
-    ----------
-    name : str
-    where : {"open", "upload", "build", "move"}
-        The request that has to be refused; those before it are answered as those of a good session.
-    spoil : callable
-        Changes the good draft, and returns what the error's details have to name. For an upload it returns the bad part
-        too, which is sent behind the good ones.
-    code : str
-        On the wire.
-    says : tuple of str
-        What the message has to have in it.
-    draft : str
-        Which good session.
-    retryable : bool
-        What the reply has to say about it.
-    mended : bool
-        For "build": something was left out; once it is uploaded, the mesh is that of the good session.
-    settings : dict
-        Of the good session too.
+    ``where`` ({"open", "upload", "build", "move"}): the request that has to be refused; those before it are answered as
+    those of a good session; ``spoil``: changes the good draft, and returns what the error's details have to name. For
+    an upload it returns the bad part too, which is sent behind the good ones; ``code``: on the wire; ``says``: what the
+    message has to have in it; ``draft``: which good session; ``retryable``: what the reply has to say about it;
+    ``mended``: for "build": something was left out; once it is uploaded, the mesh is that of the good session;
+    ``settings``: of the good session too.
     """
 
     name: str

@@ -3,16 +3,12 @@
 Small meshes: a case is one of hundreds. Nothing here is checked; a draft holds bad values as well as good ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-__all__ = ["DRAFTS", "Draft", "Part", "Rows"]
 
 Array = NDArray[Any]
 
@@ -21,12 +17,7 @@ Array = NDArray[Any]
 class Rows:
     """An array as the wire has it: the declaration and the bytes may disagree with each other.
 
-    Attributes
-    ----------
-    values : array
-        Its bytes are sent as they are.
-    dtype, shape
-        Declared; None: those of ``values``.
+    ``values``: its bytes are sent as they are; ``dtype``, ``shape``: declared; None: those of ``values``.
     """
 
     values: Array
@@ -53,16 +44,8 @@ class Part:
 class Draft:
     """All that a good session sends.
 
-    Attributes
-    ----------
-    opening : dict
-        Fields of OPEN.
-    parts : list of list of Part
-        Per partition.
-    step, frame : int, str
-        Of the MOVE.
-    displacement : list of Rows
-        Per partition.
+    ``opening``: fields of OPEN; ``parts``: per partition; ``step``, ``frame``: of the MOVE; ``displacement``: per
+    partition.
     """
 
     opening: dict[str, Any]

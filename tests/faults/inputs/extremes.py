@@ -1,7 +1,5 @@
 """Inputs that are unusual and right: each has to be taken, and answered as exactly as its row says."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -11,8 +9,6 @@ from numpy.typing import NDArray
 
 from tests.faults.inputs.drafts import Draft, Part, Rows
 
-__all__ = ["EXTREMES", "Extreme", "Outcome"]
-
 #: Scaling by a power of ten rounds every coordinate; so far results may differ, relative to the largest one.
 _ROUNDED = 1e-9
 
@@ -21,16 +17,8 @@ _ROUNDED = 1e-9
 class Outcome:
     """What a session answered.
 
-    Attributes
-    ----------
-    displacement : (n, d) array
-    prescribed : (k, d) array
-        Of the moving nodes.
-    moving : (k,) array
-    quality : dict
-        The summary of the moved mesh.
-    warnings : list of str
-        Of BUILT.
+    ``displacement`` (n, d) array; ``prescribed`` (k, d) array: of the moving nodes; ``moving`` (k,) array; ``quality``:
+    the summary of the moved mesh; ``warnings``: of BUILT.
     """
 
     displacement: NDArray[np.float64]
@@ -59,7 +47,6 @@ class Extreme:
 
 def _taken(got: Outcome, good: Outcome) -> str:
     """It is enough that it was taken: the runner compares the moving nodes with their displacements in any case."""
-    del got, good
     return ""
 
 
@@ -82,7 +69,6 @@ def _like(factor: float, tolerance: float = _ROUNDED) -> Judge:
 
 def _all_prescribed(got: Outcome, good: Outcome) -> str:
     """Every node moves, so every node has its prescribed position."""
-    del good
     return (
         ""
         if got.displacement.tobytes() == got.prescribed.tobytes()
@@ -91,13 +77,11 @@ def _all_prescribed(got: Outcome, good: Outcome) -> str:
 
 
 def _unmoved(got: Outcome, good: Outcome) -> str:
-    del good
     return "" if not got.displacement.any() else f"expected no motion, got {np.abs(got.displacement).max()}"
 
 
 def _tiny(got: Outcome, good: Outcome) -> str:
     """Nothing moves further than the prescribed displacement, and the mesh stays perfect in size."""
-    del good
     if np.abs(got.displacement).max() > 2 * np.abs(got.prescribed).max():
         return f"expected tiny displacements, got {np.abs(got.displacement).max()}"
     return "" if abs(got.quality["size"]["min"] - 1.0) <= 1e-12 else f"expected size 1, got {got.quality['size']}"
@@ -105,7 +89,6 @@ def _tiny(got: Outcome, good: Outcome) -> str:
 
 def _warned(*texts: str) -> Judge:
     def judge(got: Outcome, good: Outcome) -> str:
-        del good
         found = [w for w in got.warnings if all(text in w for text in texts)]
         return "" if found else f"expected a warning with {texts}, got {got.warnings}"
 
@@ -116,7 +99,6 @@ def _rigid(motion: Callable[[Any], Any], points: Callable[[], Any], tolerance: f
     """All nodes are carried along."""
 
     def judge(got: Outcome, good: Outcome) -> str:
-        del good
         places = points()
         expected = motion(places) - places
         away = float(np.abs(got.displacement - expected).max() / np.abs(expected).max())

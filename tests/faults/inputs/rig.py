@@ -25,8 +25,6 @@ from mesh_motion_server.transport.opening import check_open
 from mesh_motion_server.transport.replies import undecodable
 from tests.faults.inputs.drafts import Draft, Part, Rows
 
-__all__ = ["LIMITS", "Rig", "frames", "opened", "quietly"]
-
 _TOKEN = bytes(range(32))
 #: Small, so that a case can pass them.
 LIMITS = ServerSettings(

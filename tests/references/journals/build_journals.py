@@ -55,7 +55,6 @@ class ExactModel(StandIn):
         return QualitySummary("size-skew", values, values, values, values, 0, len(areas), ())
 
     def move(self, committed: Any, targets: Any, factors: Any, *, boundary_displacement: Any = None) -> Any:
-        del factors, boundary_displacement
         moving, points = self.roles.moving, committed.copy()
         displacement = targets - committed[moving]
         for axis in range(committed.shape[1]):

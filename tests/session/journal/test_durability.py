@@ -281,28 +281,6 @@ def test_steps_passed_over_are_stored_with_their_replies(opened: Any, held: thre
         assert (reply.type, reply.step, reply.durable_step) == ("COMMITTED", step, 0)
 
 
-def test_what_was_not_durable_is_lost_and_said_so(opened: Any, held: threading.Event) -> None:
-    driver = opened.open("relaxed")
-    held.set()
-    digests = {1: driver.advance(1)[0].digest}
-    until_durable(driver, 1)
-    held.clear()
-    for step in range(2, 5):
-        digests[step] = driver.advance(step)[0].digest
-    keeper = driver.host._session._built.keeper
-    keeper._over = True  # killed while the first of them is written: it is not
-    keeper.journal.close()
-    held.set()
-    again = opened.again()
-    assert again.host.step == again.ask(Status).durable_step == 1
-    (refused,) = again.move(5)
-    assert (refused.code, refused.retryable) == ("ABORTED.STEPS_LOST", False)
-    assert refused.details == {"expected": 2, "got": 5}
-    assert again.all(Commit, step=5)[0].code == "ABORTED.STEPS_LOST"
-    assert again.all(Commit, step=2)[0].code == "ABORTED.TRIAL_LOST"
-    assert {step: again.advance(step)[0].digest for step in range(2, 5)} == {s: digests[s] for s in (2, 3, 4)}
-
-
 LEAVE: dict[str, Callable[[Any], Any]] = {
     "close": lambda driver: driver.ask(Close),
     "end": lambda driver: driver.host.close(),
@@ -326,33 +304,6 @@ def test_everything_is_durable_before(opened: Any, held: threading.Event, leave:
     assert (driver.host.state == "FAILED") == (failed and leave == "suspend")
     found = inspect_session(opened.folder)
     assert (found.step, found.digest) == (5, digests[-1].hex())
-
-
-def test_a_disk_that_fails_in_the_background_freezes_at_once(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    driver = opened.open("relaxed")
-    driver.advance(1)
-    until_durable(driver, 1)
-    monkeypatch.setattr(PosixFileSystem, "sync", raising(OSError(28, "No space left on device")))
-    driver.advance(2)
-    points, deadline = driver.ask(Fetch).points, time.monotonic() + 30
-    while driver.ask(Status).state != "FROZEN":
-        assert time.monotonic() < deadline
-    refused, status = driver.move(3)[0], driver.ask(Status)
-    assert (refused.code, refused.state) == ("RESOURCE_EXHAUSTED.DISK", "FROZEN")
-    assert (status.step, status.durable_step) == (2, 1)
-    np.testing.assert_array_equal(driver.ask(Fetch).points, points)
-    monkeypatch.undo()
-    assert driver.ask(Close).step == 1
-
-
-def test_a_close_that_cannot_keep_is_refused_once(opened: Any, held: threading.Event, monkeypatch: Any) -> None:
-    driver = opened.open("relaxed")
-    driver.advance(1)
-    monkeypatch.setattr(PosixFileSystem, "sync", raising(OSError(5, "Input/output error")))
-    held.set()
-    refused = driver.ask(Close)
-    assert (refused.code, refused.state) == ("RESOURCE_EXHAUSTED.DISK", "FROZEN")
-    assert driver.ask(Close).step == 0
 
 
 @pytest.mark.parametrize("suspended", [False, True])

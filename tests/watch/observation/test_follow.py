@@ -1,7 +1,5 @@
 """Following a history: nothing is missed and nothing comes twice, whatever the writer does meanwhile."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

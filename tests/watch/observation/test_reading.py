@@ -1,7 +1,5 @@
 """A long history is read piece by piece, and its end is known at once."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

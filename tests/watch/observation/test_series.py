@@ -1,7 +1,5 @@
 """Columns by step: what was given, what is thinned, what was made twice."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from histories import largest_angle, lowest_quality, made_up_events, resumed_at

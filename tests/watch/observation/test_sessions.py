@@ -1,7 +1,5 @@
 """The sessions of a state folder, from their folders alone."""
 
-from __future__ import annotations
-
 import fcntl
 from pathlib import Path
 

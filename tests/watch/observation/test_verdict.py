@@ -1,7 +1,5 @@
 """The one line on how a session stands: a function of its history and the time, exact."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable
 from typing import Any

@@ -1,7 +1,5 @@
 """Many connections at one moment."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 from contextlib import ExitStack

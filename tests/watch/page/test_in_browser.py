@@ -1,7 +1,5 @@
 """The page as people see it, in headless Chromium: content, live, long runs, a dropped server, keys, contrast."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import time

@@ -1,7 +1,5 @@
 """What comes, goes and repeats while somebody looks: sessions that are discarded, refusals that are announced."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import time

@@ -3,8 +3,6 @@
 ``serve --monitor`` is what docs/monitor.md begins with.
 """
 
-from __future__ import annotations
-
 import contextlib
 import http.client
 import json

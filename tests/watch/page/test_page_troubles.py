@@ -1,7 +1,5 @@
 """What goes wrong around the page in a browser: answers that fail or come late, many tabs, a page in the background."""
 
-from __future__ import annotations
-
 import re
 import time
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What the page's server answers, and whom it refuses."""
 
-from __future__ import annotations
-
 import asyncio
 import hashlib
 import json

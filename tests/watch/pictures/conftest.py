@@ -1,7 +1,5 @@
 """Folders as ``mesh-motion play`` leaves them: a flag's history, and tiny meshes that move."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

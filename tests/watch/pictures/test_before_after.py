@@ -1,7 +1,5 @@
 """Meshes before and after: which cells are drawn, in which colours, and what is marked."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise

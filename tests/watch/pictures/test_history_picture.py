@@ -1,7 +1,5 @@
 """What the history's figure draws, asked of its artists."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

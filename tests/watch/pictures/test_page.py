@@ -1,7 +1,5 @@
 """Sizes and formats, and text that looks the same everywhere."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as Xml

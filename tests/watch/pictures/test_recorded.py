@@ -1,7 +1,5 @@
 """Runs and meshes of stored sessions."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """State folders with sessions whose histories are made up."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path

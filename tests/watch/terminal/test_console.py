@@ -1,7 +1,5 @@
 """No text from outside is markup, a hyperlink or a control sequence, whatever prints it; Rich has one door."""
 
-from __future__ import annotations
-
 import ast
 import io
 import subprocess

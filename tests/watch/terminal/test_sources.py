@@ -1,7 +1,5 @@
 """Sessions as a monitor reads them from their folders."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Words of a terminal, and one look at the sessions as a table."""
 
-from __future__ import annotations
-
 import json
 import time
 import unicodedata
