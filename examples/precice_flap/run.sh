@@ -2,7 +2,7 @@
 # A tutorial of preCICE with its OpenFOAM adapter, the mesh-motion server and CalculiX: ./run.sh PREFIX [TUTORIAL]
 #
 # TUTORIAL: perpendicular-flap, multiple-perpendicular-flaps or elastic-tube-3d.
-# PREFIX has preCICE and the adapter (build.sh). TUTORIALS names a folder with preCICE's tutorials; without it git
+# PREFIX/lib has preCICE and libpreciceAdapterFunctionObject.so. TUTORIALS names a folder with preCICE's tutorials; without it git
 # fetches those tried. MAX_TIME (5 s; of the tube 0.01), OUT (out/precice_flap), RANKS (1) of OpenFOAM, SUB_STEPS (1) of a
 # window and WRITE_INTERVAL (0.1) of the flaps, CONTINUE (1: a further MAX_TIME from OpenFOAM's last written time, which is
 # where the solid ended), MOTION (server, or laplacian: the tutorial as it is), SOLID_PYTHON: one that has pyprecice.

@@ -59,7 +59,7 @@ FORMATS: tuple[Format, ...] = (
     CGNS,
     MED,
     EXODUS,
-    _named("an LS-DYNA deck", (".k", ".key", ".dyn"), rb"(?im)^\*KEYWORD\b", _BY_ITS_PROGRAM),
+    _named("an LS-DYNA deck", (".k", ".key", ".dyn", ".inp"), rb"(?im)^\*(KEYWORD\b|ELEMENT_)", _BY_ITS_PROGRAM),
     ABAQUS_INP,
     KRATOS,
     ELMER,
@@ -74,7 +74,12 @@ FORMATS: tuple[Format, ...] = (
     _named("a Netgen mesh", (".vol",), rb"\A\s*mesh3d", "Netgen writes it for Gmsh: File, Export Mesh, Gmsh2 Format"),
     _named("an EnSight case", (".case",), rb"(?i)\A(\s|#.*\n)*FORMAT\s+type:\s*ensight", _BY_PARAVIEW),
     _named("a Tecplot file", (".plt", ".tec"), rb"(?i)\A(#!TDV|(\s|#.*\n)*(TITLE|VARIABLES)\s*=)", _BY_PARAVIEW),
-    _named("an AVS UCD file", (".inp", ".ucd"), rb"\A(\x07|(\s|#.*\n)*\d+(\s+\d+){4}\s*\n)", _BY_PARAVIEW),
+    _named(
+        "an AVS UCD file",
+        (".inp", ".ucd"),
+        rb"\A(\x07|(\s|#.*\n)*\d+([ \t]+\d+){4}[ \t\r]*\n[ \t]*\d+([ \t]+[-+.\deE]+){3}[ \t\r]*\n)",
+        _BY_PARAVIEW,
+    ),
     _named("an Ansys deck", (".cdb",), rb"(?im)^(/PREP7|NBLOCK,|/COM,\s*ANSYS)", _BY_ITS_PROGRAM),
     _named("a Gambit mesh", (".neu",), rb"\A\s*CONTROL INFO", _BY_ITS_PROGRAM),
     _named(

@@ -97,7 +97,7 @@ def _read_sections(data: bytes) -> _Content:
     if header is None:
         raise ValueError("it does not begin with $MeshFormat")
     version, binary, word = header[1].decode(), header[2] == b"1", int(header[3])
-    if version not in ("2.2", "2", "4.1"):
+    if version not in ("2", "2.0", "2.1", "2.2", "4.1"):
         raise ValueError(f"version {version}; versions 2.2 and 4.1 are read (gmsh -save -format msh41)")
     order = "<"
     if binary:

@@ -199,11 +199,15 @@ def chosen_zone(path: Path, names: Sequence[str], zone: str) -> str:
 
 
 def _drop_coordinates(points: Floats, dimension: int, path: Path) -> Floats:
-    """(n, dimension) the coordinates in use; those beyond the cells' dimension must be constant."""
+    """(n, dimension) the coordinates in use; those beyond the cells' dimension must be constant, but for rounding.
+
+    Single precision rounds to 6e-8 of the size, and programs that turn or compute a plane mesh leave no less in it.
+    """
     if points.ndim != 2 or points.shape[1] < dimension:
         raise InvalidInput(f"{path}: {dimension}D cells, but points of shape {points.shape}")
+    _check_points(points, path)
     extra = points[:, dimension:]
-    if extra.size and not bool(np.all(np.abs(extra - extra[0]) <= 1e-12 * max(1.0, float(np.abs(points).max())))):
+    if extra.size and np.ptp(extra, axis=0).max() > 1e-6 * np.ptp(points, axis=0).max():
         raise InvalidInput(
             f"{path}: the cells are {dimension}D, but the coordinate {'xyz'[dimension]} varies "
             f"between {extra[:, 0].min():g} and {extra[:, 0].max():g}",

@@ -187,6 +187,21 @@ def test_sparse_unordered_tags_big_endian_and_wedges(tmp_path: Path) -> None:
 
 
 HEADER = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"
+TRIANGLE = "$Nodes\n3\n1 0 0 {z}\n2 1 0 0\n3 0 1 0\n$EndNodes\n$Elements\n1\n1 2 2 7 7 1 2 3\n$EndElements\n"
+
+
+@pytest.mark.parametrize("version", ["2", "2.0", "2.1"])
+def test_earlier_versions_of_format_2(tmp_path: Path, version: str) -> None:
+    (tmp_path / "m.msh").write_text(HEADER.replace("2.2", version) + TRIANGLE.format(z=0))
+    assert read_mesh(tmp_path / "m.msh").n_cells == 1
+
+
+def test_a_plane_mesh_may_have_rounding_in_its_third_coordinate(tmp_path: Path) -> None:
+    (tmp_path / "m.msh").write_text(HEADER + TRIANGLE.format(z="-4e-8"))
+    assert read_mesh(tmp_path / "m.msh").points.tolist() == [[0, 0], [1, 0], [0, 1]]
+    (tmp_path / "m.msh").write_text(HEADER + TRIANGLE.format(z="4e-6"))
+    with pytest.raises(InvalidInput, match="the coordinate z varies between 0 and 4e-06"):
+        read_mesh(tmp_path / "m.msh")
 
 
 @pytest.mark.parametrize(

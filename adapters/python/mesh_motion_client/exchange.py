@@ -195,7 +195,7 @@ def _content(points: Any, cells: Mapping[str, Ints], patches: dict[str, Ints]) -
     highest = max(_TYPES[name][0] for name in cells)
     points = np.asarray(points, dtype=np.float64)
     beyond = points[:, highest:]
-    if beyond.size and np.ptp(beyond, axis=0).max() > 1e-12 * max(1.0, float(np.abs(points).max())):
+    if beyond.size and np.ptp(beyond, axis=0).max() > 1e-6 * np.ptp(points, axis=0).max():  # of rounding
         raise InvalidInput(
             f"the cells are {highest}D, but the coordinate {'xyz'[highest]} varies",
             hint="a plane mesh lies in the x-y plane; a mesh in space needs its volume cells",
