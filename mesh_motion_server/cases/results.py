@@ -12,7 +12,7 @@ from mesh_motion_numerics.quality.orientation import oriented_at_rest
 from mesh_motion_server.cases.outputs import write_steps, write_summary
 from mesh_motion_server.cases.records import VTU_METRICS, StepRecord, drawn
 from mesh_motion_server.files import VtuSeries
-from mesh_motion_server.files.vtu import Data
+from mesh_motion_server.files.vtk.vtu import Data
 from mesh_motion_server.watch.pictures.before_after import MeshPair, draw_before_after
 from mesh_motion_server.watch.pictures.page import Page, pictures_are_possible, save, styled
 from mesh_motion_server.watch.pictures.runs import read_played

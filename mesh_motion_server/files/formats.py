@@ -7,7 +7,7 @@ from mesh_motion_server.files.elmer import ELMER
 from mesh_motion_server.files.exodus import EXODUS
 from mesh_motion_server.files.fluent import FLUENT, FLUENT_HDF5
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.gmsh import GMSH
+from mesh_motion_server.files.gmsh.mesh import GMSH
 from mesh_motion_server.files.inp import ABAQUS_INP
 from mesh_motion_server.files.mdpa import KRATOS
 from mesh_motion_server.files.med import MED
@@ -16,7 +16,7 @@ from mesh_motion_server.files.npz import NPZ
 from mesh_motion_server.files.openfoam.polymesh import FOAM_FILE, OPENFOAM
 from mesh_motion_server.files.su2 import SU2
 from mesh_motion_server.files.unv import UNV
-from mesh_motion_server.files.vtk import VTK, VTU
+from mesh_motion_server.files.vtk.reading import VTK, VTU
 from mesh_motion_server.files.xdmf import XDMF
 
 __all__ = ["FORMATS"]

@@ -11,8 +11,8 @@ from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.npz import write_npz
 from mesh_motion_server.files.reader import format_of
 from mesh_motion_server.files.replace import require_file_place, require_folder_place
-from mesh_motion_server.files.vtk import PATCH_PREFIX
-from mesh_motion_server.files.vtu import write_vtu
+from mesh_motion_server.files.vtk.reading import PATCH_PREFIX
+from mesh_motion_server.files.vtk.vtu import write_vtu
 
 __all__ = ["check_target", "patch_marks", "write_mesh"]
 

@@ -27,8 +27,8 @@ from mesh_motion_server.files.mesh_file import MeshFile
 from mesh_motion_server.files.moved import Place, copied_hdf5, edit, replaced
 from mesh_motion_server.files.packages import check_unpacked, load_h5py
 from mesh_motion_server.files.replace import replaced_by_name
-from mesh_motion_server.files.vtk import NUMBERED_PATCH_ARRAYS, PATCH_PREFIX, grids_as_mesh
-from mesh_motion_server.files.vtk_grid import KNOWN_TYPES, VtkGrid, structured_cells
+from mesh_motion_server.files.vtk.grid import KNOWN_TYPES, VtkGrid, structured_cells
+from mesh_motion_server.files.vtk.reading import NUMBERED_PATCH_ARRAYS, PATCH_PREFIX, grids_as_mesh
 
 __all__ = ["XDMF"]
 

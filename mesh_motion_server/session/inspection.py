@@ -13,7 +13,7 @@ from mesh_motion_numerics.motion.time_levels import STORED_ARRAYS
 from mesh_motion_protocol.errors import DataLoss
 
 from mesh_motion_server.absence import is_missing
-from mesh_motion_server.session.journal.files import MANIFEST, NEXT_MANIFEST, SLOTS, read_journal, verify_state
+from mesh_motion_server.session.journal.files import MANIFEST, NEXT_MANIFEST, SLOTS, read_journal, read_stored_state
 from mesh_motion_server.session.journal.filesystem import FileSystem, PosixFileSystem
 from mesh_motion_server.session.journal.mesh_store import MESH, read_mesh
 from mesh_motion_server.session.journal.recovery import Findings
@@ -88,7 +88,7 @@ def inspect_session(folder: Path | str) -> Inspection:
         foundation = found.ledger.foundation
         checks += [
             _check("mesh", lambda: read_mesh(path / MESH, files, foundation.mesh)),
-            _check("state", lambda: verify_state(path, files, found.ledger)),
+            _check("state", lambda: read_stored_state(path, files, found.ledger)),
         ]
     last = found.ledger.commits[-1] if found is not None and found.ledger.commits else None
     return Inspection(

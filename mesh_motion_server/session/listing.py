@@ -16,7 +16,7 @@ from typing import Generic, NamedTuple, TypeVar
 from mesh_motion_protocol.errors import DataLoss, MeshMotionError
 
 from mesh_motion_server.absence import is_missing
-from mesh_motion_server.session.journal.files import MANIFEST, SLOTS, read_ledger, verify_state
+from mesh_motion_server.session.journal.files import MANIFEST, SLOTS, read_ledger, read_stored_state
 from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, unreadable
 from mesh_motion_server.session.journal.ledger import Ledger
 from mesh_motion_server.session.journal.mesh_store import MESH, verifies
@@ -203,7 +203,7 @@ class Listing:
 
     def _require_state(self, folder: Path, ledger: Ledger) -> None:
         try:
-            verify_state(folder, self._files, ledger)
+            read_stored_state(folder, self._files, ledger)
         except DataLoss:
             if read_ledger(folder, self._files).snapshot == ledger.snapshot:
                 raise

@@ -17,7 +17,7 @@ from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkUnstructuredGrid
 from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
 
 from mesh_motion_server.files import MeshFile, write_mesh
-from mesh_motion_server.files.gmsh import _TYPES as GMSH_TYPES
+from mesh_motion_server.files.gmsh.mesh import _TYPES as GMSH_TYPES
 
 ROLES = {"bottom": "moving", "top": "fixed"}
 CUBE = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 
-from mesh_motion_server.session.journal.files import read_journal, verify_state
+from mesh_motion_server.session.journal.files import read_journal, read_stored_state
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from tests.faults.check import BrokenPromise, Budget, Check, Result, require
 from tests.faults.failing_server import FailingServer
@@ -114,7 +114,7 @@ class Rig:
             folder, files = self.server.state / "sessions" / user.session, PosixFileSystem()
             ledger = read_journal(folder, files).ledger
             require(ledger.step == user.step, f"step {ledger.step} is on the disk, {user.step} was acknowledged")
-            verify_state(folder, files, ledger)
+            read_stored_state(folder, files, ledger)
 
 
 @dataclass(frozen=True)

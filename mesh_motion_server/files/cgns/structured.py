@@ -16,8 +16,8 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_server.files.cgns.conditions import patch_name
 from mesh_motion_server.files.cgns.tree import Node
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, concatenated
-from mesh_motion_server.files.vtk_grid import structured_cells
-from mesh_motion_server.files.vtk_pieces import PatchKey, VtkPiece, joined, renumbered
+from mesh_motion_server.files.vtk.grid import structured_cells
+from mesh_motion_server.files.vtk.pieces import PatchKey, VtkPiece, joined, renumbered
 
 __all__ = ["numbering", "read_structured"]
 

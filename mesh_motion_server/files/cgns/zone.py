@@ -26,7 +26,7 @@ from mesh_motion_server.files.mesh_file import MeshFile, assemble, assemble_elem
 from mesh_motion_server.files.moved import copied_hdf5
 from mesh_motion_server.files.polyhedra.cells import find_cells
 from mesh_motion_server.files.polyhedra.pieces import divide
-from mesh_motion_server.files.vtk_pieces import PatchKey
+from mesh_motion_server.files.vtk.pieces import PatchKey
 
 __all__ = ["CGNS", "read_cgns"]
 

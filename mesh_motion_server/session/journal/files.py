@@ -23,7 +23,6 @@ __all__ = [
     "read_ledger",
     "read_stored_state",
     "verified_state",
-    "verify_state",
 ]
 
 
@@ -83,11 +82,6 @@ def _read_chain(files: FileSystem, path: Path) -> list[Record]:
                     return records  # no record begins in an empty page
             part *= 4
         return read_chain(files.read(handle, 0, size))[0]
-
-
-def verify_state(folder: Path, files: FileSystem, ledger: Ledger) -> None:
-    """Raise DATA_LOSS.CHECKSUM unless the last stored coordinates match their digest."""
-    read_stored_state(folder, files, ledger)
 
 
 def read_stored_state(folder: Path, files: FileSystem, ledger: Ledger) -> tuple[int, Floats] | None:

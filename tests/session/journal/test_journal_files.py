@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 from mesh_motion_protocol.errors import DataLoss
 
-from mesh_motion_server.session.journal.files import read_journal, read_ledger, verified_state, verify_state, view_slot
+from mesh_motion_server.session.journal.files import (
+    read_journal,
+    read_ledger,
+    read_stored_state,
+    verified_state,
+    view_slot,
+)
 from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from mesh_motion_server.session.journal.journal import Journal
 from mesh_motion_server.session.journal.records import PAGE, pack_record
@@ -57,7 +63,7 @@ def test_files_that_were_read_are_given_back() -> None:
     files = lived(3)
     found = read_journal(FOLDER, files)
     read_ledger(FOLDER, files)
-    verify_state(FOLDER, files, found.ledger)
+    read_stored_state(FOLDER, files, found.ledger)
     assert files.handles == {}
 
 
@@ -70,17 +76,17 @@ def test_a_journal_that_is_not_there_is_reported(read: Any) -> None:
 def test_a_stored_state_is_verified(tmp_path: Path) -> None:
     files = PosixFileSystem()
     journal = Journal.create(tmp_path, files, FOUNDATION, capacity=CAPACITY)
-    verify_state(tmp_path, files, journal.ledger)
+    read_stored_state(tmp_path, files, journal.ledger)
     for step in (1, 2):
         journal.store(entry_of(step), state_of(step))
-    verify_state(tmp_path, files, journal.ledger)
+    read_stored_state(tmp_path, files, journal.ledger)
     slot = tmp_path / "slot-0"
     slot.write_bytes(slot.read_bytes()[:-1])
     with pytest.raises(DataLoss, match="committed step 2 do not match"):
-        verify_state(tmp_path, files, journal.ledger)
+        read_stored_state(tmp_path, files, journal.ledger)
     slot.unlink()
     with pytest.raises(DataLoss, match="a slot cannot be read"):
-        verify_state(tmp_path, files, journal.ledger)
+        read_stored_state(tmp_path, files, journal.ledger)
     journal.close()
 
 

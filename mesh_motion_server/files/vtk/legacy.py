@@ -11,7 +11,7 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.moved import Place
-from mesh_motion_server.files.vtk_grid import VtkGrid, structured_cells
+from mesh_motion_server.files.vtk.grid import VtkGrid, structured_cells
 
 __all__ = ["Legacy", "read_legacy"]
 

@@ -19,7 +19,7 @@ from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
 from mesh_motion_server.files.packages import check_unpacked, most_unpacked
-from mesh_motion_server.files.vtk_grid import VtkGrid, structured_cells
+from mesh_motion_server.files.vtk.grid import VtkGrid, structured_cells
 
 __all__ = ["read_xml"]
 

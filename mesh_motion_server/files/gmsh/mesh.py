@@ -21,7 +21,7 @@ from mesh_motion_numerics.mesh.cells import CELL_TYPES
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.gmsh_values import AsciiValues, BinaryValues, Values
+from mesh_motion_server.files.gmsh.values import AsciiValues, BinaryValues, Values
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, by_name, group_names
 from mesh_motion_server.files.moved import Place, edit, replaced
 from mesh_motion_server.files.numbering import NumberedRows

@@ -25,10 +25,10 @@ from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble, by_corners, by_name, concatenated, named_groups
 from mesh_motion_server.files.moved import edit, replaced
 from mesh_motion_server.files.packages import reason_of
-from mesh_motion_server.files.vtk_grid import VtkGrid
-from mesh_motion_server.files.vtk_legacy import read_legacy
-from mesh_motion_server.files.vtk_pieces import PatchKey, VtkPiece, joined, sources
-from mesh_motion_server.files.vtk_xml import read_xml
+from mesh_motion_server.files.vtk.grid import VtkGrid
+from mesh_motion_server.files.vtk.legacy import read_legacy
+from mesh_motion_server.files.vtk.pieces import PatchKey, VtkPiece, joined, sources
+from mesh_motion_server.files.vtk.xml import read_xml
 
 __all__ = ["NUMBERED_PATCH_ARRAYS", "PATCH_PREFIX", "VTK", "VTU", "grids_as_mesh"]
 

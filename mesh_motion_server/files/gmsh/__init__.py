@@ -1,0 +1,1 @@
+"""Gmsh: the mesh of a .msh file, and the numbers of its sections."""
