@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
+from box_meshes import box_mesh
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.centres import CentreLayout
 from mesh_motion_numerics.interpolation.interpolant import Interpolant, factorize
@@ -20,6 +21,7 @@ from mesh_motion_numerics.interpolation.kernels import BASES
 from mesh_motion_numerics.interpolation.polynomial import LinearBasis, Polynomial
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
+from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_numerics.quality.metrics import (
     METRIC_CODES,
@@ -182,6 +184,36 @@ def test_two_scales_have_the_bits_of_the_server(library: ctypes.CDLL, d: int, k:
         handle.evaluate("gradients", points, gradients, mode)
     assert values.tobytes() == evaluation.displacement(field, points).tobytes()
     assert gradients.tobytes() == evaluation.gradient(field, points).tobytes()
+
+
+@pytest.mark.parametrize(("d", "k"), [(1, 1), (2, 2), (3, 3), (3, 5)])
+def test_what_coefficients_count_has_the_bits_of_the_server(library: ctypes.CDLL, d: int, k: int) -> None:
+    spline, points = nested_spline(d, k), places(d)
+    weights, counts = np.random.default_rng(5).normal(size=(len(points), k)), spline.coefficients.copy()
+    arguments = c_int64(len(points)), pointer(points), c_int64(k), pointer(weights), pointer(counts)
+    handle = spline_handle(library, spline)
+    assert library.mesh_motion_spline_counts(handle.at, *arguments) == 0
+    spline.count(points, weights)
+    assert counts.tobytes() == spline.coefficients.tobytes()
+
+
+class Facets(ctypes.Structure):
+    _fields_ = [("count", c_int64), ("nodes", ctypes.POINTER(c_int64))]
+
+
+@pytest.mark.parametrize("kind", ["quad + triangle", "tetra", "hexahedron", "wedge", "pyramid"])
+def test_the_facets_of_the_boundary_are_those_of_the_server(library: ctypes.CDLL, kind: str) -> None:
+    cells = box_mesh(kind, 4).cells
+    held = cells_handle(library, cells)
+    handle = Handle(library, "facets", held.at)
+    facets = ctypes.cast(handle.at, ctypes.POINTER(Facets)).contents
+    rows = np.ctypeslib.as_array(facets.nodes, (facets.count, 4))
+    sizes = np.count_nonzero(rows >= 0, axis=1)
+    for expected in boundary_facets(cells).values():
+        size = expected.shape[1]
+        np.testing.assert_array_equal(rows[sizes == size, :size], expected)
+        sizes[sizes == size] = 0
+    assert not sizes.any()
 
 
 class Distribution(ctypes.Structure):

@@ -15,26 +15,18 @@
 #define MOST_QUESTIONS 200
 #define MOST_DIVISIONS 6
 
-static void free_own(request *own)
-{
-    mmi_writer_free(&own->fields);
-    for (int i = 0; i < MOST_ARRAYS; ++i) {
-        free(own->arrays[i].owned);
-    }
-    *own = (request){0};
-}
-
 static void free_freed(freed *old)
 {
     free(old->nodes);
     free(old->displacement);
+    free(old->sent);
     *old = (freed){0};
 }
 
 void mmi_forget_accepted(mm_session *session)
 {
     while (session->accepted_count) {
-        free_own(&session->accepted[--session->accepted_count]);
+        mmi_free_request(&session->accepted[--session->accepted_count]);
     }
     free_freed(&session->trial_freed);
 }
@@ -50,7 +42,7 @@ static outcome deliver_own(mm_session *session, request *made, int (*is_accepted
         session->accepted[session->accepted_count++] = *made;
         *made = (request){0};
     }
-    free_own(made);
+    mmi_free_request(made);
     return how;
 }
 
@@ -151,6 +143,24 @@ static outcome gather_rows(mm_session *session, block *part)
     return DONE;
 }
 
+static outcome add_facets(mm_session *session, size_t corners)
+{
+    static const char *const TYPES[] = {"vertex", "line", "triangle", "quad"};
+    size_t count = mmv_count_facets(session->volume, corners);
+    int64_t *rows = malloc((count * corners + 1) * sizeof *rows);
+    block made = mmi_make_block("facets", rows, count, corners, 8);
+    snprintf(made.name, sizeof made.name, "%s", TYPES[corners - 1]);
+    made.owned = rows;
+    if (!rows) {
+        return mmi_no_memory(session->context);
+    }
+    mmv_copy_facets(session->volume, corners, rows);
+    if (!count || mmi_add_block(session, &made) != MM_OK) {
+        free(rows);
+    }
+    return session->context->error ? FAILED : DONE;
+}
+
 outcome mmi_gather_blocks(mm_session *session)
 {
     size_t count, had = session->block_count;
@@ -180,6 +190,9 @@ outcome mmi_gather_blocks(mm_session *session)
     if (how == DONE && !has_ids) {
         block ids = mmi_make_block("global_ids", nodes, count, 1, 8);
         how = mmi_add_block(session, &ids) == MM_OK ? DONE : FAILED;
+    }
+    for (size_t corners = 1; how == DONE && corners <= 4; ++corners) {
+        how = add_facets(session, corners);
     }
     return how;
 }
@@ -445,7 +458,7 @@ static outcome judge_trial(mm_session *session, const char *metric, const double
         if (how == DONE) {
             how = deliver_own(session, &judge, is_answered, &judged);
         } else {
-            free_own(&judge);
+            mmi_free_request(&judge);
         }
         size_t further = how == DONE ? mm_report_count(&judged.reply.report, "questions") : 0;
         if (count + further > MOST_QUESTIONS) {
@@ -476,7 +489,6 @@ static void *own_array(request *to, int place, const char *name, size_t rows, si
 {
     void *data = malloc(rows * columns * width + 1);
     to->arrays[place] = mmi_make_block(name, data, rows, columns, width);
-    to->arrays[place].is_float = place == 1 || place == 2;
     to->arrays[place].owned = data;
     return data;
 }
@@ -517,6 +529,7 @@ static outcome make_correct(mm_session *session, const char *what, const extent 
     int64_t *numbers = own_array(correct, 0, "nodes", nodes, 2, sizeof *numbers);
     double *points = own_array(correct, 1, "points", nodes, d, sizeof *points);
     double *there = own_array(correct, 2, "positions", nodes, d, sizeof *there);
+    correct->arrays[1].is_float = correct->arrays[2].is_float = 1;
     int32_t *corners = own_array(correct, 3, "corners", (size_t)region->corners, 1, sizeof *corners);
     if (!numbers || !points || !there || !corners) {
         return mmi_no_memory(session->context);
@@ -532,6 +545,20 @@ static outcome make_correct(mm_session *session, const char *what, const extent 
         corners[i] = (int32_t)region->rows[i];
     }
     return DONE;
+}
+
+/* Keep which nodes of a region the server does not know. */
+static outcome keep_sent(mm_session *session, const mesh_motion_region *region, freed *to)
+{
+    free(to->sent);
+    to->sent = malloc(((size_t)region->nodes + 1) * sizeof *to->sent);
+    to->sent_count = 0;
+    for (int64_t i = 0; to->sent && i < region->nodes; ++i) {
+        if (!mmv_is_uploaded(session->volume, region->indices[i])) {
+            to->sent[to->sent_count++] = region->indices[i];
+        }
+    }
+    return to->sent ? DONE : mmi_no_memory(session->context);
 }
 
 /* Read the nodes and displacements of CORRECTED. Nodes have their numbers in the whole mesh. */
@@ -556,7 +583,7 @@ static outcome read_corrected(mm_session *session, const answer *from, freed *to
 static outcome correct(mm_session *session, const char *what, const double *known, extent asked, freed *found)
 {
     outcome how = DONE;
-    freed around = {0};
+    freed around = {0}, sent = {0};
     for (int is_over = 0; how == DONE && !is_over;) {
         const mesh_motion_region *region = NULL;
         const double *positions;
@@ -566,13 +593,14 @@ static outcome correct(mm_session *session, const char *what, const double *know
                                 around.nodes, &region, &positions);
         how = result == MESH_MOTION_OK ? make_correct(session, what, &asked, region, positions, &made)
                                        : kernels_failed(session, result);
+        how = how == DONE ? keep_sent(session, region, &sent) : how;
         mesh_motion_region_free(region);
         free_freed(&around);
         if (how == DONE) {
             int is_trial = strcmp(what, "trial") == 0;
             how = deliver_own(session, &made, is_trial ? is_corrected : is_never_kept, &corrected);
         } else {
-            free_own(&made);
+            mmi_free_request(&made);
         }
         how = how == DONE ? read_corrected(session, &corrected, &around) : how;
         is_over = how == DONE && !read_extent(&corrected.reply.report, &asked);
@@ -587,9 +615,12 @@ static outcome correct(mm_session *session, const char *what, const double *know
         free_freed(found);
         *found = around;
         found->step = session->step + (strcmp(what, "trial") == 0);
-        around = (freed){0};
+        found->sent = sent.sent;
+        found->sent_count = sent.sent_count;
+        around = sent = (freed){0};
     }
     free_freed(&around);
+    free_freed(&sent);
     return how;
 }
 
@@ -611,6 +642,7 @@ outcome mmi_take_trial(mm_session *session, const answer *moved, double *to)
     double *known = NULL;
     extent region = {0};
     int is_bad = 0;
+    session->trial_freed.step = session->step + 1;
     mm_report_text(&moved->reply.report, "quality.metric", metric, sizeof metric);
     outcome how = take_uploaded(session, moved, "displacement", &known);
     how = how == DONE ? evaluate(session, moved, known, to) : how;
@@ -641,8 +673,9 @@ outcome mmi_take_points(mm_session *session, const answer *fetched, double *poin
     for (size_t row = 0; how == DONE && row < count; ++row) {
         memcpy(points + (size_t)nodes[row] * d, known + row * d, d * sizeof *points);
     }
+    int is_known = session->committed_freed.step == session->step; /* else it was resumed */
     if (how == DONE && read_extent(&fetched->reply.report, &region)) {
-        if (!session->committed_freed.nodes || session->committed_freed.step != session->step) { /* it was resumed */
+        if (!is_known) {
             for (size_t row = 0; row < count * d; ++row) {
                 known[row] -= at_rest[(size_t)nodes[row / d] * d + row % d];
             }
@@ -651,6 +684,9 @@ outcome mmi_take_points(mm_session *session, const answer *fetched, double *poin
         if (how == DONE) {
             put_freed(session, &session->committed_freed, at_rest, points);
         }
+    } else if (how == DONE && !is_known) {
+        free_freed(&session->committed_freed);
+        session->committed_freed.step = session->step;
     }
     free(known);
     return how;
@@ -675,6 +711,128 @@ outcome mmi_check_reference(mm_session *session)
     }
     free(rows);
     mmi_free_answer(&fetched);
+    return how;
+}
+
+/* --- derivatives (SPEC.md, section 24) ---------------------------------------------------------------------------- */
+
+void mmi_forget_correction(mm_session *session) { session->committed_freed.step = -1; }
+
+outcome mmi_know_correction(mm_session *session)
+{
+    if (session->has_trial || (session->committed_freed.step == session->step && mmv_knows_field(session->volume))) {
+        return DONE;
+    }
+    size_t nodes = session->nodes;
+    double *points = malloc(nodes * (size_t)session->dimension * sizeof *points + 1);
+    if (!points) {
+        return mmi_no_memory(session->context);
+    }
+    mm_result result = mm_fetch(session, MM_SINCE_COMMITTED, nodes, points);
+    free(points);
+    return result == MM_OK ? DONE : FAILED;
+}
+
+/* Copy rows of d numbers, which are `from_step` and `to_step` numbers apart. */
+static void copy_rows(double *to, size_t to_step, const double *from, size_t from_step, size_t rows, size_t d)
+{
+    for (size_t i = 0; i < rows; ++i) {
+        memcpy(to + i * to_step, from + i * from_step, d * sizeof *to);
+    }
+}
+
+outcome mmi_take_tangent(mm_session *session, size_t vectors, const answer *found, double *to)
+{
+    mm_context *context = session->context;
+    mmv_volume *volume = session->volume;
+    static const char *const NAMES[] = {"velocity", "coefficients", "freed_velocity"};
+    const mmi_array *ids = mmi_find_array(&found->reply, "freed");
+    size_t d = (size_t)session->dimension, columns = vectors * d, expected[] = {0, 0, ids ? ids->rows : 0};
+    double *rows[3] = {0}, *one[3] = {0};
+    outcome how = ids ? DONE : mmi_fail(context, "INTERNAL", "", "the server's field has no freed nodes");
+    mmv_uploaded(volume, &expected[0]);
+    expected[1] = mmv_coefficient_count(volume);
+    for (int i = 0; how == DONE && i < 3; ++i) {
+        const mmi_array *array = mmi_find_array(&found->reply, NAMES[i]);
+        size_t count;
+        if (!array || array->rows != expected[i] || array->columns != columns) {
+            how = mmi_fail(context, "INTERNAL", "", "the server's %s must have shape (%zu, %zu), got (%zu, %zu)",
+                           NAMES[i], expected[i], columns, array ? array->rows : 0, array ? array->columns : 0);
+        } else {
+            how = copy_array(context, found, NAMES[i], &rows[i], &count);
+        }
+        one[i] = how == DONE ? malloc(expected[i] * d * sizeof **one + 1) : NULL;
+        how = how == DONE && !one[i] ? mmi_no_memory(context) : how;
+    }
+    double *velocity = malloc(session->nodes * d * sizeof *velocity + 1);
+    int64_t *numbers = malloc((expected[2] + 1) * sizeof *numbers), *nodes = malloc((expected[2] + 1) * sizeof *nodes);
+    if (how == DONE && (!velocity || !numbers || !nodes)) {
+        how = mmi_no_memory(context);
+    }
+    if (how == DONE) {
+        mmi_take_integers(numbers, found, ids);
+        how = mmv_find(volume, expected[2], numbers, nodes) == MESH_MOTION_OK ? DONE : mmi_no_memory(context);
+    }
+    for (size_t first = 0; how == DONE && first < columns; first += d) {
+        for (int i = 0; i < 3; ++i) {
+            copy_rows(one[i], d, rows[i] + first, columns, expected[i], d);
+        }
+        int result = mmv_velocity(volume, one[1], one[0], velocity);
+        how = result == MESH_MOTION_OK ? DONE : kernels_failed(session, result);
+        for (size_t i = 0; how == DONE && i < expected[2]; ++i) {
+            if (nodes[i] >= 0) {
+                memcpy(velocity + (size_t)nodes[i] * d, one[2] + i * d, d * sizeof *velocity);
+            }
+        }
+        if (how == DONE) {
+            copy_rows(to + first, columns, velocity, d, session->nodes, d);
+        }
+    }
+    for (int i = 0; i < 3; ++i) {
+        free(rows[i]);
+        free(one[i]);
+    }
+    free(velocity);
+    free(numbers);
+    free(nodes);
+    return how;
+}
+
+outcome mmi_add_weights(mm_session *session, size_t vectors, const double *weights, request *to)
+{
+    mm_context *context = session->context;
+    mmv_volume *volume = session->volume;
+    const freed *state = session->has_trial ? &session->trial_freed : &session->committed_freed;
+    size_t d = (size_t)session->dimension, columns = vectors * d, count, rows = mmv_coefficient_count(volume);
+    const int64_t *uploaded = mmv_uploaded(volume, &count);
+    double *of_boundary = own_array(to, 0, "weights", count, columns, sizeof *of_boundary);
+    double *counts = own_array(to, 1, "coefficients", rows, columns, sizeof *counts);
+    int64_t *ids = own_array(to, 2, "region", state->sent_count, 1, sizeof *ids);
+    double *of_region = own_array(to, 3, "region_weights", state->sent_count, columns, sizeof *of_region);
+    double *others = malloc(session->nodes * d * sizeof *others + 1), *found = malloc(rows * d * sizeof *found + 1);
+    outcome how = of_boundary && counts && ids && of_region && others && found ? DONE : mmi_no_memory(context);
+    to->arrays[0].is_float = to->arrays[1].is_float = to->arrays[3].is_float = to->arrays[2].is_list = 1;
+    for (size_t i = 0; how == DONE && i < count; ++i) {
+        memcpy(of_boundary + i * columns, weights + (size_t)uploaded[i] * columns, columns * sizeof *weights);
+    }
+    for (size_t i = 0; how == DONE && i < state->sent_count; ++i) {
+        ids[i] = mmv_id_of(volume, state->sent[i]);
+        memcpy(of_region + i * columns, weights + (size_t)state->sent[i] * columns, columns * sizeof *weights);
+    }
+    for (size_t first = 0; how == DONE && first < columns; first += d) {
+        copy_rows(others, d, weights + first, columns, session->nodes, d);
+        for (size_t i = 0; i < count; ++i) {
+            memset(others + (size_t)uploaded[i] * d, 0, d * sizeof *others);
+        }
+        for (size_t i = 0; i < state->sent_count; ++i) {
+            memset(others + (size_t)state->sent[i] * d, 0, d * sizeof *others);
+        }
+        int result = mmv_counts(volume, others, found);
+        how = result == MESH_MOTION_OK ? DONE : kernels_failed(session, result);
+        copy_rows(counts + first, columns, found, d, rows, d);
+    }
+    free(others);
+    free(found);
     return how;
 }
 
@@ -716,6 +874,18 @@ int mmi_knows_field(const mm_session *session)
 {
     (void)session;
     return 0;
+}
+void mmi_forget_correction(mm_session *session) { (void)session; }
+outcome mmi_know_correction(mm_session *session) { return not_built_in(session); }
+outcome mmi_take_tangent(mm_session *session, size_t vectors, const answer *found, double *to)
+{
+    (void)vectors, (void)found, (void)to;
+    return not_built_in(session);
+}
+outcome mmi_add_weights(mm_session *session, size_t vectors, const double *weights, request *to)
+{
+    (void)vectors, (void)weights, (void)to;
+    return not_built_in(session);
 }
 void mmi_forget_accepted(mm_session *session) { (void)session; }
 void mmi_keep_freed(mm_session *session) { (void)session; }

@@ -24,6 +24,15 @@ outcome mmi_take_points(mm_session *session, const answer *fetched, double *poin
 void mmi_keep_freed(mm_session *session);
 /* Free the requests of the trial that the server has accepted. */
 void mmi_forget_accepted(mm_session *session);
+/* Before a derivative at the committed state: both sides know how it was corrected. */
+outcome mmi_know_correction(mm_session *session);
+/* The server does not know it any more. */
+void mmi_forget_correction(mm_session *session);
+/* Velocities (nodes, vectors * dimension) of all nodes, by the field of TANGENT_FOUND. */
+outcome mmi_take_tangent(mm_session *session, size_t vectors, const answer *found, double *to);
+/* Add to a COTANGENT what weights (nodes, vectors * dimension) of all nodes are for the server; mmi_free_request frees
+ * its arrays. */
+outcome mmi_add_weights(mm_session *session, size_t vectors, const double *weights, request *to);
 /* Whether MOVED may omit all of the field but its coefficients. */
 int mmi_knows_field(const mm_session *session);
 /* The number in the mesh of a node that is numbered as in the upload; -1: there is none. */

@@ -98,6 +98,15 @@ block mmi_make_block(const char *item, const void *data, size_t rows, size_t col
     return made;
 }
 
+void mmi_free_request(request *own)
+{
+    mmi_writer_free(&own->fields);
+    for (int i = 0; i < MOST_ARRAYS; ++i) {
+        free(own->arrays[i].owned);
+    }
+    *own = (request){0};
+}
+
 size_t mmi_array_bytes(const block *array) { return array->item ? array->rows * array->columns * array->width : 0; }
 
 static uint64_t hashed(uint64_t hash, const void *data, size_t size)
@@ -197,9 +206,11 @@ static void pack_header(mmi_writer *out, const request *request)
         mmi_put_text(out, "dtype");
         mmi_put_text(out, dtype);
         mmi_put_text(out, "shape");
-        mmi_put_array(out, 2);
+        mmi_put_array(out, array->is_list ? 1 : 2);
         mmi_put_integer(out, (int64_t)array->rows);
-        mmi_put_integer(out, (int64_t)array->columns);
+        if (!array->is_list) {
+            mmi_put_integer(out, (int64_t)array->columns);
+        }
     }
 }
 

@@ -30,7 +30,7 @@ typedef struct {
     char name[NAME_BYTES], role[16];
     const void *data;
     size_t rows, columns, width;
-    int is_float;
+    int is_float, is_list; /* a list has one axis, and one column */
     void *owned; /* the data, where the library has allocated them */
 } block;
 
@@ -63,6 +63,8 @@ void mmi_add_integer(request *request, const char *key, int64_t value);
 void mmi_add_number(request *request, const char *key, double value);
 void mmi_add_flag(request *request, const char *key, int value);
 block mmi_make_block(const char *item, const void *data, size_t rows, size_t columns, size_t width);
+/* Free its fields and the arrays that it owns. */
+void mmi_free_request(request *own);
 size_t mmi_array_bytes(const block *array);
 
 /* --- replies ----------------------------------------------------------------------------------------------------- */

@@ -15,11 +15,12 @@ typedef struct {
     double number;
 } setting;
 
-/* Nodes that a correction has moved, as numbered here, and their displacement from the reference mesh. */
+/* How a step was corrected: the nodes that this has moved, as numbered here, and their displacement from the reference
+ * mesh; and the nodes that were sent for it, but for those that the server knows. */
 typedef struct {
-    int64_t step, *nodes;
+    int64_t step, *nodes, *sent;
     double *displacement;
-    size_t count;
+    size_t count, sent_count;
 } freed;
 
 struct mm_session {

@@ -12,6 +12,7 @@ struct mmv_volume {
     mesh_motion_cells *cells;
     bool *is_uploaded, *has_cell;
     int64_t *uploaded;
+    const mesh_motion_facets *facets; /* of the boundary */
     int64_t *ids; /* in the whole mesh; NULL: the same */
     mesh_motion_tally *tally;
     char metric[32];
@@ -66,6 +67,7 @@ void mmv_free(mmv_volume *volume)
     }
     mesh_motion_tally_free(volume->tally);
     mesh_motion_cells_free(volume->cells);
+    mesh_motion_facets_free(volume->facets);
     free_near(volume);
     free_field(&volume->field);
     free(volume->points);
@@ -148,20 +150,22 @@ static int make_tally(mmv_volume *volume, const char *metric)
 
 int mmv_finish(mmv_volume *volume)
 {
-    bool *on_boundary = calloc(volume->nodes, sizeof *on_boundary);
-    int result = on_boundary ? make_tally(volume, "size-skew") : MESH_MOTION_OUT_OF_MEMORY; /* refuses bad cells */
+    int result = make_tally(volume, "size-skew"); /* refuses bad cells */
     if (result == MESH_MOTION_OK) {
-        result = mesh_motion_boundary_nodes(volume->cells, (int64_t)volume->nodes, on_boundary);
+        result = mesh_motion_facets_create(volume->cells, &volume->facets);
+    }
+    for (int64_t i = 0; result == MESH_MOTION_OK && i < 4 * volume->facets->count; ++i) {
+        if (volume->facets->nodes[i] >= 0) {
+            volume->is_uploaded[volume->facets->nodes[i]] = true;
+        }
     }
     for (size_t axis = 0; axis < (size_t)volume->dimension; ++axis) {
         mark_extremes(volume, axis);
     }
     volume->uploaded_count = 0;
     for (size_t i = 0; result == MESH_MOTION_OK && i < volume->nodes; ++i) {
-        volume->is_uploaded[i] = volume->is_uploaded[i] || on_boundary[i];
         volume->uploaded_count += volume->is_uploaded[i];
     }
-    free(on_boundary);
     volume->uploaded = malloc((volume->uploaded_count + 1) * sizeof *volume->uploaded);
     if (!volume->uploaded) {
         return MESH_MOTION_OUT_OF_MEMORY;
@@ -198,6 +202,37 @@ int64_t mmv_row_of(const mmv_volume *volume, int64_t node)
         }
     }
     return (int64_t)low;
+}
+
+bool mmv_is_uploaded(const mmv_volume *volume, int64_t node) { return volume->is_uploaded[node]; }
+
+/* Corners of a facet. */
+static size_t corners_of(const int64_t *facet)
+{
+    size_t count = 1;
+    while (count < 4 && facet[count] >= 0) {
+        ++count;
+    }
+    return count;
+}
+
+size_t mmv_count_facets(const mmv_volume *volume, size_t corners)
+{
+    size_t count = 0;
+    for (int64_t i = 0; i < volume->facets->count; ++i) {
+        count += corners_of(volume->facets->nodes + 4 * i) == corners;
+    }
+    return count;
+}
+
+void mmv_copy_facets(const mmv_volume *volume, size_t corners, int64_t *rows)
+{
+    for (int64_t i = 0; i < volume->facets->count; ++i) {
+        const int64_t *facet = volume->facets->nodes + 4 * i;
+        for (size_t k = 0; corners_of(facet) == corners && k < corners; ++k) {
+            *rows++ = mmv_row_of(volume, facet[k]);
+        }
+    }
 }
 
 const double *mmv_points(const mmv_volume *volume) { return volume->points; }
@@ -337,8 +372,8 @@ static int add_sum(mmv_volume *volume, size_t s, const double *centres, const do
     return result;
 }
 
-/* The coefficients that are here in their places among all; the nodes use no other one. */
-static void place_coefficients(const mmv_field *field, size_t d, const double *here, double *all)
+/* Copy the coefficients that are here to their places among all, or from there. The nodes use no other one. */
+static void copy_coefficients(const mmv_field *field, size_t d, double *here, double *all, int to_all)
 {
     for (size_t b = 0; b < field->box_count; ++b) {
         const double *box = field->boxes + 14 * b;
@@ -346,23 +381,22 @@ static void place_coefficients(const mmv_field *field, size_t d, const double *h
         size_t run = ((size_t)box[13] - (size_t)box[10]) * d;
         for (size_t x = (size_t)box[8]; x < (size_t)box[11]; ++x) {
             for (size_t y = (size_t)box[9]; y < (size_t)box[12]; ++y) {
-                memcpy(all + (start + (x * ny + y) * nz + (size_t)box[10]) * d, here, run * sizeof *here);
+                double *there = all + (start + (x * ny + y) * nz + (size_t)box[10]) * d;
+                memcpy(to_all ? there : here, to_all ? here : there, run * sizeof *here);
                 here += run;
             }
         }
     }
 }
 
-/* The spline of the coarse field: its arrays lie in columns. */
-static int write_spline(const mmv_volume *volume, const double *coefficients, double *values)
+/* The spline of the coarse field: its arrays lie in columns. all (rows, dimension): all of its coefficients. */
+static int make_spline(const mmv_volume *volume, size_t rows, const double *all, mesh_motion_spline **spline)
 {
     const mmv_field *field = &volume->field;
-    size_t count = field->box_count, rows = 0, here, d = (size_t)volume->dimension;
-    (void)count_spline(field, &rows, &here); /* it is one, since is_whole */
-    double *origin = malloc(4 * count * sizeof *origin), *all = calloc(rows * d + 1, sizeof *all);
-    int64_t *cells = malloc(4 * count * sizeof *cells);
-    mesh_motion_spline *spline = NULL;
-    int result = origin && cells && all ? MESH_MOTION_OK : MESH_MOTION_OUT_OF_MEMORY;
+    size_t count = field->box_count;
+    double *origin = calloc(4 * count, sizeof *origin);
+    int64_t *cells = calloc(4 * count, sizeof *cells);
+    int result = origin && cells ? MESH_MOTION_OK : MESH_MOTION_OUT_OF_MEMORY;
     for (size_t b = 0; result == MESH_MOTION_OK && b < count; ++b) {
         const double *box = field->boxes + 14 * b;
         memcpy(origin + 3 * b, box, 3 * sizeof *box);
@@ -373,32 +407,60 @@ static int write_spline(const mmv_volume *volume, const double *coefficients, do
         cells[3 * count + b] = (int64_t)box[7];
     }
     if (result == MESH_MOTION_OK) {
-        place_coefficients(field, d, coefficients, all);
         result = mesh_motion_spline_create(volume->dimension, (int64_t)count, origin, origin + 3 * count, cells,
-                                           cells + 3 * count, (int64_t)rows, volume->dimension, all, &spline);
+                                           cells + 3 * count, (int64_t)rows, volume->dimension, all, spline);
     }
-    if (result == MESH_MOTION_OK) {
-        result = mesh_motion_spline_values(spline, (int64_t)volume->nodes, volume->points, MESH_MOTION_WRITE, values);
-    }
-    mesh_motion_spline_free(spline);
-    free(all);
     free(origin);
     free(cells);
     return result;
 }
 
-/* values (nodes, dimension) of the field at the nodes. */
-static int write_field(mmv_volume *volume, double *values)
+/* Write the values of the spline at the nodes; or count weights of them for its coefficients, which are written. */
+static int use_spline(const mmv_volume *volume, double *coefficients, const double *weights, double *values)
 {
     const mmv_field *field = &volume->field;
-    size_t d = (size_t)volume->dimension, of_sums = 0;
-    const double *centres = field->centres, *rows = field->coefficients;
-    int result = MESH_MOTION_OK;
-    for (size_t s = 0; s < field->sum_count; ++s) {
-        of_sums += rows_of(&field->sums[s], volume->dimension);
+    size_t rows = 0, here, d = (size_t)volume->dimension;
+    int64_t n = (int64_t)volume->nodes;
+    mesh_motion_spline *spline = NULL;
+    (void)count_spline(field, &rows, &here); /* it is one, since is_whole */
+    double *all = calloc(rows * d + 1, sizeof *all);
+    if (!all) {
+        return MESH_MOTION_OUT_OF_MEMORY;
     }
+    if (!weights) {
+        copy_coefficients(field, d, coefficients, all, 1);
+    }
+    int result = make_spline(volume, rows, all, &spline);
+    if (result == MESH_MOTION_OK && weights) {
+        result = mesh_motion_spline_counts(spline, n, volume->points, volume->dimension, weights, all);
+        copy_coefficients(field, d, coefficients, all, 0);
+    } else if (result == MESH_MOTION_OK) {
+        result = mesh_motion_spline_values(spline, n, volume->points, MESH_MOTION_WRITE, values);
+    }
+    mesh_motion_spline_free(spline);
+    free(all);
+    return result;
+}
+
+/* Rows of coefficients of all sums: behind them are those of the spline. */
+static size_t rows_of_sums(const mmv_volume *volume)
+{
+    size_t rows = 0;
+    for (size_t s = 0; s < volume->field.sum_count; ++s) {
+        rows += rows_of(&volume->field.sums[s], volume->dimension);
+    }
+    return rows;
+}
+
+/* values (nodes, dimension) at the nodes, of the field with these coefficients. */
+static int write_field(mmv_volume *volume, double *rows, double *values)
+{
+    const mmv_field *field = &volume->field;
+    size_t d = (size_t)volume->dimension;
+    const double *centres = field->centres;
+    int result = MESH_MOTION_OK;
     if (field->box_count) {
-        result = write_spline(volume, rows + of_sums * d, values);
+        result = use_spline(volume, rows + rows_of_sums(volume) * d, NULL, values);
     } else {
         memset(values, 0, volume->nodes * d * sizeof *values);
     }
@@ -423,7 +485,7 @@ static int write_field(mmv_volume *volume, double *values)
 int mmv_displacement(mmv_volume *volume, const double *known, double *displacement)
 {
     size_t d = (size_t)volume->dimension;
-    int result = write_field(volume, displacement);
+    int result = write_field(volume, volume->field.coefficients, displacement);
     for (size_t i = 0; result == MESH_MOTION_OK && i < volume->nodes * d; ++i) {
         double there = displacement[i] + volume->points[i]; /* rounded, as SPEC 23.5 says */
         displacement[i] = there - volume->points[i];
@@ -432,6 +494,57 @@ int mmv_displacement(mmv_volume *volume, const double *known, double *displaceme
         memcpy(displacement + (size_t)volume->uploaded[row] * d, known + row * d, d * sizeof *known);
     }
     return result;
+}
+
+size_t mmv_coefficient_count(const mmv_volume *volume) { return volume->field.coefficient_count; }
+
+int mmv_velocity(mmv_volume *volume, double *coefficients, const double *known, double *velocity)
+{
+    size_t d = (size_t)volume->dimension;
+    int result = write_field(volume, coefficients, velocity);
+    for (size_t row = 0; result == MESH_MOTION_OK && row < volume->uploaded_count; ++row) {
+        memcpy(velocity + (size_t)volume->uploaded[row] * d, known + row * d, d * sizeof *known);
+    }
+    return result;
+}
+
+/* What weights count for the polynomial of a sum: counts (dimension + 1, dimension). */
+static void count_polynomial(const mmv_volume *volume, const mmv_sum *sum, const double *weights, double *counts)
+{
+    size_t d = (size_t)volume->dimension;
+    memset(counts, 0, (d + 1) * d * sizeof *counts);
+    for (size_t i = 0; i < volume->nodes; ++i) {
+        for (size_t c = 0; c < d; ++c) {
+            counts[c] += weights[i * d + c];
+            for (size_t m = 0; m < d; ++m) {
+                counts[(m + 1) * d + c] += (volume->points[i * d + m] - sum->centre[m]) / sum->scale * weights[i * d + c];
+            }
+        }
+    }
+}
+
+int mmv_counts(const mmv_volume *volume, const double *weights, double *counts)
+{
+    const mmv_field *field = &volume->field;
+    const double *centres = field->centres;
+    size_t d = (size_t)volume->dimension;
+    int result = MESH_MOTION_OK;
+    for (size_t s = 0; result == MESH_MOTION_OK && s < field->sum_count; ++s) {
+        const mmv_sum *sum = &field->sums[s];
+        mesh_motion_interpolant *turned = NULL; /* its centres are the nodes: the basis depends on distances alone */
+        result = mesh_motion_interpolant_create(sum->basis, sum->radius, volume->dimension, (int64_t)volume->nodes,
+                                                volume->points, volume->dimension, weights, &turned);
+        if (result == MESH_MOTION_OK) {
+            result = mesh_motion_interpolant_values(turned, sum->centres, centres, MESH_MOTION_WRITE, counts);
+        }
+        mesh_motion_interpolant_free(turned);
+        if (sum->has_polynomial) {
+            count_polynomial(volume, sum, weights, counts + (size_t)sum->centres * d);
+        }
+        centres += (size_t)sum->centres * d;
+        counts += rows_of(sum, volume->dimension) * d;
+    }
+    return result == MESH_MOTION_OK && field->box_count ? use_spline(volume, counts, weights, NULL) : result;
 }
 
 static int have_tally(mmv_volume *volume, const char *metric)
@@ -485,7 +598,7 @@ int mmv_region(mmv_volume *volume, const double *known, const char *metric, doub
             nodes[here++] = nodes[i];
         }
     }
-    result = result == MESH_MOTION_OK ? write_field(volume, volume->moved) : result;
+    result = result == MESH_MOTION_OK ? write_field(volume, volume->field.coefficients, volume->moved) : result;
     for (size_t i = 0; result == MESH_MOTION_OK && i < volume->nodes * d; ++i) {
         volume->moved[i] += volume->points[i];
     }

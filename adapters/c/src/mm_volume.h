@@ -26,6 +26,10 @@ int mmv_finish(mmv_volume *volume);
 const int64_t *mmv_uploaded(const mmv_volume *volume, size_t *count);
 /* Which of them a node is. */
 int64_t mmv_row_of(const mmv_volume *volume, int64_t node);
+bool mmv_is_uploaded(const mmv_volume *volume, int64_t node);
+/* The facets of the boundary with so many corners, and their corners as rows of the uploaded nodes. */
+size_t mmv_count_facets(const mmv_volume *volume, size_t corners);
+void mmv_copy_facets(const mmv_volume *volume, size_t corners, int64_t *rows);
 const double *mmv_points(const mmv_volume *volume);
 /* The first node that is in no cell; -1: there is none. */
 int64_t mmv_without_cell(const mmv_volume *volume);
@@ -51,6 +55,15 @@ int mmv_set_field(mmv_volume *volume, mmv_field field);
 int mmv_knows_field(const mmv_volume *volume);
 /* displacement (nodes, dimension) from the reference mesh: by the field, and `known` rows of the uploaded nodes. */
 int mmv_displacement(mmv_volume *volume, const double *known, double *displacement);
+size_t mmv_coefficient_count(const mmv_volume *volume);
+/* velocity (nodes, dimension): by the field with these coefficients (mmv_coefficient_count, dimension), and `known`
+ * rows of the uploaded nodes.
+ */
+int mmv_velocity(mmv_volume *volume, double *coefficients, const double *known, double *velocity);
+/* The transpose: counts (mmv_coefficient_count, dimension), what weights (nodes, dimension) of the field's values at
+ * the nodes count for its coefficients.
+ */
+int mmv_counts(const mmv_volume *volume, const double *weights, double *counts);
 /* Judges the cells with the nodes displaced. */
 int mmv_judge(mmv_volume *volume, const double *displacement, const char *metric, mesh_motion_part *part);
 /* The bad cells after the motion by the field, and `known` displacement rows of the uploaded nodes, and those about

@@ -36,6 +36,11 @@ module mesh_motion_kernels
       real(c_double) :: worst(9, mesh_motion_worst)
    end type
 
+   type, bind(c) :: mesh_motion_facets
+      integer(c_int64_t) :: count
+      type(c_ptr) :: nodes
+   end type
+
    type, bind(c) :: mesh_motion_region
       integer(c_int64_t) :: cells(7)
       type(c_ptr) :: names(7)
@@ -156,6 +161,14 @@ module mesh_motion_kernels
          real(c_double), intent(inout) :: values(*)
       end function
 
+      integer(c_int) function mesh_motion_spline_counts(spline, n, points, components, weights, counts) bind(c)
+         import
+         type(c_ptr), value :: spline
+         integer(c_int64_t), value :: n, components
+         real(c_double), intent(in) :: points(*), weights(*)
+         real(c_double), intent(inout) :: counts(*)
+      end function
+
       integer(c_int) function mesh_motion_spline_gradients(spline, n, points, mode, gradients) bind(c)
          import
          type(c_ptr), value :: spline
@@ -234,6 +247,18 @@ module mesh_motion_kernels
          logical(c_bool), intent(out) :: boundary(*)
       end function
 
+      ! facets: of type mesh_motion_facets, by c_f_pointer
+      integer(c_int) function mesh_motion_facets_create(cells, facets) bind(c)
+         import
+         type(c_ptr), value :: cells
+         type(c_ptr), intent(out) :: facets
+      end function
+
+      subroutine mesh_motion_facets_free(facets) bind(c)
+         import
+         type(c_ptr), value :: facets
+      end subroutine
+
       integer(c_int) function mesh_motion_tally_create(cells, n, points, metric, tally) bind(c)
          import
          type(c_ptr), value :: cells
@@ -268,9 +293,11 @@ module mesh_motion_kernels
       end function
 
       ! region: of type mesh_motion_region, by c_f_pointer
-      integer(c_int) function mesh_motion_region_create(tally, n, points, below, rings, around, nodes, region) bind(c)
+      integer(c_int) function mesh_motion_region_create(tally, n, points, metric, below, rings, around, nodes, region) &
+                                                        bind(c)
          import
          type(c_ptr), value :: tally
+         character(kind=c_char), intent(in) :: metric(*)
          integer(c_int64_t), value :: n, rings, around
          real(c_double), intent(in) :: points(*)
          real(c_double), value :: below

@@ -131,6 +131,9 @@ MESH_MOTION_API void mesh_motion_spline_free(mesh_motion_spline *spline);
 /* values (n, components) at points (n, d); mode as above. */
 MESH_MOTION_API int mesh_motion_spline_values(const mesh_motion_spline *spline, int64_t n, const double *points,
                                               int mode, double *values);
+/* The transpose: counts (rows, components) += what the coefficients count for weights (n, components) of the values. */
+MESH_MOTION_API int mesh_motion_spline_counts(const mesh_motion_spline *spline, int64_t n, const double *points,
+                                              int64_t components, const double *weights, double *counts);
 /* gradients (n, components, d) at points (n, d). */
 MESH_MOTION_API int mesh_motion_spline_gradients(const mesh_motion_spline *spline, int64_t n, const double *points,
                                                  int mode, double *gradients);
@@ -196,6 +199,15 @@ MESH_MOTION_API int mesh_motion_judge_cells(const mesh_motion_cells *cells, int6
 
 /* boundary (n): whether a node is on a facet that one cell alone has. */
 MESH_MOTION_API int mesh_motion_boundary_nodes(const mesh_motion_cells *cells, int64_t n, bool *boundary);
+
+/* These facets, in the order of their cells: a node in 1D, an edge in 2D, a triangle or a quad in 3D. */
+typedef struct {
+    int64_t count;
+    const int64_t *nodes; /* (count, 4): as seen from outside the cell anticlockwise, filled up with -1 */
+} mesh_motion_facets;
+MESH_MOTION_API int mesh_motion_facets_create(const mesh_motion_cells *cells, const mesh_motion_facets **facets);
+/* NULL is admitted. */
+MESH_MOTION_API void mesh_motion_facets_free(const mesh_motion_facets *facets);
 
 /* --- the cells of a rank, judged together with those of others ---------------------------------------------------- */
 

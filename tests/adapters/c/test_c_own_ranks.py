@@ -3,13 +3,16 @@
 import ctypes
 import os
 import signal
+from concurrent.futures import ThreadPoolExecutor
 from ctypes import byref, c_char_p, c_double, c_int, c_int64, c_size_t, c_void_p
 
 import numpy as np
 import pytest
-from mesh_motion_client import Mesh, Patch, connect
-from own_ranks import CORRECTED, SETTINGS, bend
+from mesh_motion_client import Credentials, Mesh, Patch, connect
+from own_ranks import CORRECTED, SETTINGS, as_client, bend, in_pieces, on_ranks
 from own_ranks import whole as box
+from periodic_meshes import periodic_box, sector
+from sliding_meshes import duct
 
 from tests.faults.server_process import ServerProcess
 
@@ -137,6 +140,8 @@ class CSession:
             raise RuntimeError(f"{code}: {message}")
 
     def describe(self, mesh):
+        if mesh.global_ids is not None:
+            mesh = Mesh(mesh.points, mesh.cells, mesh.patches, np.ascontiguousarray(mesh.global_ids, dtype=np.int64))
         self.mesh = mesh  # its arrays are read until the mesh is built
         n, d = mesh.points.shape
         self.call("points", c_int(d), c_size_t(n), at(mesh.points))
@@ -144,6 +149,8 @@ class CSession:
             self.call("cells32" if cells.dtype == np.int32 else "cells", kind.encode(), c_size_t(len(cells)), at(cells))
         for name, patch in mesh.patches.items():
             self.call("patch", name.encode(), patch.role.encode(), c_size_t(len(patch.nodes)), at(patch.nodes))
+        if mesh.global_ids is not None:
+            self.call("global_ids", at(mesh.global_ids))
 
     def open(self, mesh, settings, evaluation="client"):
         self.describe(mesh)
@@ -159,6 +166,15 @@ class CSession:
         self.call("build")
 
     @property
+    def credentials(self):
+        token = ctypes.string_at(c_void_p(self.c.mm_token(self.session)), 32)
+        return Credentials(self.c.mm_id(self.session).decode(), token)
+
+    def resume(self, credentials):
+        self.call("set_credentials", credentials.session.encode(), credentials.token)
+        self.call("resume")
+
+    @property
     def moving_nodes(self):
         count = c_size_t()
         self.c.mm_moving_nodes.restype = ctypes.POINTER(c_int64)
@@ -168,6 +184,20 @@ class CSession:
     def move(self, displacement, frame=SINCE_REFERENCE):
         rows, found = np.ascontiguousarray(displacement), np.full_like(self.mesh.points, np.nan)
         self.call("move", c_int(frame), c_size_t(len(rows)), at(rows), c_size_t(len(found)), at(found))
+        return found
+
+    def tangent(self, velocity):
+        """(n, c d) of velocities (k, c d)."""
+        return self.differentiated("tangent", velocity, len(self.mesh.points))
+
+    def cotangent(self, weights):
+        """(k, c d) of weights (n, c d)."""
+        return self.differentiated("cotangent", weights, len(self.moving_nodes))
+
+    def differentiated(self, which, given, rows):
+        given, vectors = np.ascontiguousarray(given), given.shape[1] // self.mesh.points.shape[1]
+        found = np.full((rows, given.shape[1]), np.nan)
+        self.call(which, c_size_t(vectors), c_size_t(len(given)), at(given), c_size_t(rows), at(found))
         return found
 
     def points(self):
@@ -314,18 +344,6 @@ def test_a_quality_that_is_refused_is_refused(prefix, endpoint):
         session.call("close", c_int(KEEP))
 
 
-def test_derivatives_are_refused(prefix, endpoint):
-    """The server has them; this client does not evaluate the field of the tangent."""
-    mesh = box("quad", 10)
-    with CSession(prefix, endpoint) as session:
-        session.open(mesh, SETTINGS)
-        v, all_nodes = np.ones((len(session.moving_nodes), 2)), np.ones_like(mesh.points)
-        with pytest.raises(RuntimeError, match="FAILED_PRECONDITION: this client does not differentiate"):
-            session.call("tangent", c_size_t(1), c_size_t(len(v)), at(v), c_size_t(len(all_nodes)), at(all_nodes))
-        with pytest.raises(RuntimeError, match="FAILED_PRECONDITION: this client does not differentiate"):
-            session.call("cotangent", c_size_t(1), c_size_t(len(all_nodes)), at(all_nodes), c_size_t(len(v)), at(v))
-
-
 def test_a_cell_that_is_inverted_is_refused(prefix, endpoint):
     mesh = box("quad", 10)
     cells = mesh.cells["quad"].copy()
@@ -334,15 +352,134 @@ def test_a_cell_that_is_inverted_is_refused(prefix, endpoint):
         session.open(Mesh(mesh.points, {"quad": cells}, mesh.patches), SETTINGS)
 
 
-def test_patches_that_need_the_facets_are_refused(prefix, endpoint):
-    """This client does not send them."""
-    mesh = box("quad", 10)
-    slipping = Mesh(mesh.points, mesh.cells, mesh.patches | {"outer": Patch("slip", mesh.patches["outer"].nodes)})
+# --- walls, and derivatives -------------------------------------------------------------------------------------------
+
+WALLS = {
+    "plane of two types": lambda: duct("quad + triangle", 20),
+    "planes in space": lambda: duct("hexahedron", 10),
+    "curved": lambda: duct("quad", 20, bend=1.2),
+    "curved in space": lambda: duct("wedge", 10, bend=1.2),
+    "periodic": lambda: periodic_box("quad", 20, shear=0.3),
+    "sector": lambda: sector("quad", 20),
+    "many in plane": lambda: duct("quad", 240),
+}
+#: Of the block: no cell resists the first, some do the others.
+SMALL, LARGE = (0.01, 0.006, 0.004), (0.1, 0.2, 0.1)
+
+
+def shifted(count, shift, mesh):
+    return np.tile(shift[: mesh.points.shape[1]], (count, 1))
+
+
+@pytest.mark.parametrize(("name", "settings"), [*((name, {}) for name in WALLS), ("curved", {"basis": "tps"})])
+def test_nodes_slide_and_are_differentiated_as_by_python(prefix, endpoint, name, settings):
+    """Motion bitwise, derivatives but for the order of sums: of trials and committed states, two vectors at once."""
+    mesh = as_client(*WALLS[name]())
+    d = mesh.points.shape[1]
     with (
+        connect(endpoint) as server,
+        server.open(mesh, settings, evaluation="client") as expected,
         CSession(prefix, endpoint) as session,
-        pytest.raises(RuntimeError, match=r"patch 'outer' has the role 'slip', .*: partition 0 sent no facets"),
     ):
-        session.open(slipping, {})
+        session.open(mesh, settings)
+        moving = mesh.points[session.moving_nodes]
+        k, v = len(moving), np.stack([np.sin(5.0 * moving), np.cos(3.0 * moving)])
+        w = np.stack([np.cos(4.0 * mesh.points), np.sin(7.0 * mesh.points)])
+        columns = [np.concatenate(list(given), axis=1) for given in (v, w)]
+
+        def compare():
+            velocity, weights = session.tangent(columns[0]), session.cotangent(columns[1])
+            for one in range(2):
+                of = slice(one * d, one * d + d)
+                found, back = expected.tangent(v[one]), expected.cotangent(w[one])
+                np.testing.assert_allclose(velocity[:, of], found, rtol=0.0, atol=1e-13 * np.abs(found).max())
+                np.testing.assert_allclose(weights[:, of], back, rtol=0.0, atol=1e-8 * np.abs(back).max())
+                size = np.linalg.norm(weights[:, of]) * np.linalg.norm(v[one])
+                assert abs(np.sum(w[one] * velocity[:, of]) - np.sum(weights[:, of] * v[one])) <= 1e-12 * size
+
+        compare()  # before any motion
+        for shift, method in ((SMALL, "none"), (LARGE, "smooth")):
+            moved = expected.move(shifted(k, shift, mesh))
+            assert moved.correction["method"] == method
+            np.testing.assert_array_equal(session.move(shifted(k, shift, mesh)), moved.displacement)
+            compare()
+            expected.commit()
+            session.call("commit")
+            compare()
+        np.testing.assert_array_equal(session.points(), expected.points())
+
+
+@pytest.mark.parametrize("name", ["curved", "planes in space", "sector"])
+def test_a_rank_in_c_next_to_ranks_in_python(prefix, tmp_path, name):
+    """They move as three ranks of Python do, and differentiate to rounding."""
+    mesh = as_client(*WALLS[name]())
+    parts, weights = in_pieces(mesh, 3), np.cos(4.0 * mesh.points)
+
+    def work(session, part):
+        moving = session.moving_nodes
+        moved = session.move(shifted(len(moving), LARGE, mesh))
+        v, w = np.sin(5.0 * part.points[moving]), weights[part.global_ids]
+        return getattr(moved, "displacement", moved), session.tangent(v), session.cotangent(w), moving
+
+    with ServerProcess(tmp_path) as server:
+        expected = on_ranks(server, parts, work, {})
+        with CSession(prefix, server.endpoint) as session, ThreadPoolExecutor(2) as pool:
+            session.call("set_partition", c_int(0), c_int(3))
+            session.describe(parts[0])
+            session.call("set_evaluation", b"client")
+            session.call("open")
+            credentials = session.credentials
+
+            def join(rank):
+                with (
+                    connect(server.endpoint) as client,
+                    client.join(credentials, parts[rank], partition=rank) as joined,
+                ):
+                    return work(joined, parts[rank])
+
+            others = [pool.submit(join, rank) for rank in (1, 2)]
+            session.call("build")
+            mixed = [work(session, parts[0]), *(other.result() for other in others)]
+    assert any(len(moving) for *_, moving in expected)
+    for (moved, velocity, back, moving), (there, velocities, rows, nodes) in zip(mixed, expected, strict=True):
+        np.testing.assert_array_equal(moving, nodes)
+        np.testing.assert_array_equal(moved, there)
+        np.testing.assert_allclose(velocity, velocities, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(back, rows, rtol=0.0, atol=1e-8 * np.abs(weights).sum())
+
+
+def test_after_kill_9_the_derivative_is_the_same(prefix, tmp_path):
+    """The server does not know the region of the correction any more, and is sent it again."""
+    mesh = as_client(*WALLS["curved"]())
+    with ServerProcess(tmp_path) as server, CSession(prefix, server.endpoint) as session:
+        session.open(mesh, {})
+        v, w = np.sin(5.0 * mesh.points[session.moving_nodes]), np.cos(5.0 * mesh.points)
+        session.move(shifted(len(v), LARGE, mesh))
+        session.call("commit")
+        expected = session.tangent(v), session.cotangent(w)
+        for which, given in ((0, v), (1, w)):
+            server.stop(signal.SIGKILL)
+            server.start()
+            found = session.cotangent(given) if which else session.tangent(given)
+            np.testing.assert_allclose(found, expected[which], rtol=0.0, atol=1e-12 * np.abs(expected[which]).max())
+        points = session.points()
+        with CSession(prefix, server.endpoint) as other:
+            other.describe(mesh)
+            other.resume(session.credentials)
+            np.testing.assert_allclose(
+                other.cotangent(w), expected[1], rtol=0.0, atol=1e-12 * np.abs(expected[1]).max()
+            )
+            np.testing.assert_array_equal(other.points(), points)
+
+
+def test_weights_that_are_not_finite_are_refused(prefix, endpoint):
+    mesh = box("quad", 10)
+    weights = np.ones_like(mesh.points)
+    weights[3, 1] = np.nan
+    with CSession(prefix, endpoint) as session:
+        session.open(mesh, {})
+        with pytest.raises(RuntimeError, match=r"NONFINITE: weights must be finite, got -?nan in row 3"):
+            session.cotangent(weights)
 
 
 def test_a_library_without_the_kernels_says_so(installed, endpoint):

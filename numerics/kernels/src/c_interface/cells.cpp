@@ -1,4 +1,6 @@
 // Cells as numerics/quality/metrics.py judges them.
+#include <memory>
+
 #include "c_interface/held_cells.h"
 #include "mesh/facets.h"
 
@@ -30,6 +32,30 @@ struct Request {
         std::fill(numbers.begin(), numbers.end(), -1);
         std::fill(values.begin(), values.end(), std::numeric_limits<double>::infinity());
     }
+};
+
+/// The facets of the boundary: visit(nodes of its cell, local nodes of the facet), in the order of the cells.
+template <class Visit>
+void for_boundary(const mesh_motion_cells& held, Visit&& visit) {
+    std::vector<Node> all;
+    std::vector<Index> blocks, local;
+    for (const auto& [type, rows] : held.held) {
+        all.insert(all.end(), rows.begin(), rows.end());
+        blocks.insert(blocks.end(), {static_cast<Index>(rows.size()) / type->nodes, type->nodes});
+        for (const auto& facet : type->facets) local.insert(local.end(), facet.begin(), facet.end());
+    }
+    const auto types = static_cast<Index>(held.held.size());
+    const auto [single, pairs, crowded] = match_facets(
+        view_of(std::as_const(all)), {blocks.data(), {types, 2}}, {local.data(), {types, 6, 4}}, false);
+    expect(crowded < 0, "cells", "facets that are shared by two cells at most, on different sides");
+    for (Index facet : single.values) {
+        const auto [type, number, nodes] = held.at(facet / facets_per_cell);
+        visit(nodes, type->facets[facet % facets_per_cell]);
+    }
+}
+
+struct HeldFacets : mesh_motion_facets {
+    std::vector<Index> rows;
 };
 
 mesh_motion_distribution distribution_in(Vector<const double> row) { return {row[0], row[1], row[2], row[3], row[4]}; }
@@ -66,24 +92,27 @@ int mesh_motion_boundary_nodes(const mesh_motion_cells* cells, int64_t n, bool* 
         const auto& held = given(cells, "cells");
         const auto marks = array("boundary", boundary, std::array{std::max(n, held.nodes)});
         std::fill(marks.begin(), marks.end(), false);
-        std::vector<Node> all;
-        std::vector<Index> blocks, local;
-        for (const auto& [type, rows] : held.held) {
-            all.insert(all.end(), rows.begin(), rows.end());
-            blocks.insert(blocks.end(), {static_cast<Index>(rows.size()) / type->nodes, type->nodes});
-            for (const auto& facet : type->facets) local.insert(local.end(), facet.begin(), facet.end());
-        }
-        const auto types = static_cast<Index>(held.held.size());
-        const auto [single, pairs, crowded] = match_facets(
-            view_of(std::as_const(all)), {blocks.data(), {types, 2}}, {local.data(), {types, 6, 4}}, false);
-        expect(crowded < 0, "cells", "facets that are shared by two cells at most, on different sides");
-        for (Index facet : single.values) {
-            const auto [type, number, nodes] = held.at(facet / facets_per_cell);
-            for (Index corner : type->facets[facet % facets_per_cell])
+        for_boundary(held, [&](const Node* nodes, const auto& facet) {
+            for (Index corner : facet)
                 if (corner >= 0) marks[nodes[corner]] = true;
-        }
+        });
     });
 }
+
+int mesh_motion_facets_create(const mesh_motion_cells* cells, const mesh_motion_facets** facets) {
+    return answered([&] {
+        given(facets, "facets") = nullptr;
+        auto made = std::make_unique<HeldFacets>();
+        for_boundary(given(cells, "cells"), [&](const Node* nodes, const auto& facet) {
+            for (Index corner : facet) made->rows.push_back(corner < 0 ? -1 : Index{nodes[corner]});
+        });
+        made->count = static_cast<Index>(made->rows.size()) / 4;
+        made->nodes = made->rows.data();
+        *facets = made.release();
+    });
+}
+
+void mesh_motion_facets_free(const mesh_motion_facets* facets) { delete static_cast<const HeldFacets*>(facets); }
 
 int mesh_motion_cell_sizes(const mesh_motion_cells* cells, int64_t n, const double* points, double* sizes) {
     return answered([&] {

@@ -197,11 +197,15 @@ struct mesh_motion_spline {
     std::vector<double> origin, inverse, coefficients;
     std::vector<Index> cells, start;
 
-    /// spline_values or spline_gradients.
+    /// loop(points, boxes, given, out): spline_values or spline_gradients of coefficients, or the transpose of weights.
+    template <class Loop, class Out>
+    void use(Loop&& loop, Matrix<const double> points, Matrix<const double> given, Out out) const {
+        loop(points, {origin.data(), {boxes, 3}}, view_of(inverse), {cells.data(), {boxes, 3}}, view_of(start), given, out);
+    }
+
     template <class Loop, class Out>
     void evaluate(Loop&& loop, Matrix<const double> points, Out out) const {
-        loop(points, {origin.data(), {boxes, 3}}, view_of(inverse), {cells.data(), {boxes, 3}}, view_of(start),
-             {coefficients.data(), {rows, components}}, out);
+        use(loop, points, {coefficients.data(), {rows, components}}, out);
     }
 };
 
@@ -354,6 +358,16 @@ int mesh_motion_spline_values(const mesh_motion_spline* spline, int64_t n, const
         const auto at = array("points", points, std::array{n, held.dimension});
         write_or_add(mode, array("values", values, std::array{n, held.components}),
                      [&](Matrix<double> out) { held.evaluate(spline_values, at, out); });
+    });
+}
+
+int mesh_motion_spline_counts(const mesh_motion_spline* spline, int64_t n, const double* points, int64_t components,
+                              const double* weights, double* counts) {
+    return answered([&] {
+        const auto& held = given(spline, "spline");
+        const Matrix<double> out = array("counts", counts, std::array{held.rows, components});
+        held.use(add_spline_coefficients, array("points", points, std::array{n, held.dimension}),
+                 array("weights", weights, std::array{n, components}), out);
     });
 }
 
