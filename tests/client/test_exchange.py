@@ -137,7 +137,7 @@ def test_from_meshio_by_sets_and_by_names_of_physical_groups():
         Mesh.from_meshio(meshio.Mesh(CUBE, [("triangle6", [[0, 1, 2, 3, 4, 5]])]), {})
     with pytest.raises(InvalidInput, match="cells are 2D, but the coordinate z varies"):
         Mesh.from_meshio(meshio.Mesh(CUBE, [lower, upper]), {})
-    rounded = np.array(CUBE[:4]) + [[0, 0, 1e-8], [0, 0, 0], [0, 0, 0], [0, 0, 0]]
+    rounded = np.add(CUBE[:4], [[0, 0, 1e-8], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
     assert Mesh.from_meshio(meshio.Mesh(rounded, [lower]), {}).points.tolist() == rounded[:, :2].tolist()
 
 
