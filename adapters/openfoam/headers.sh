@@ -11,9 +11,7 @@ unavailable() {
   exit 69
 }
 
-# the second line is what preCICE's adapter needs besides
-PARTS="OpenFOAM OSspecific/POSIX finiteVolume dynamicMesh meshTools fileFormats surfMesh fvMotionSolver
-  transportModels thermophysicalModels TurbulenceModels"
+PARTS="OpenFOAM OSspecific/POSIX finiteVolume dynamicMesh meshTools fileFormats surfMesh fvMotionSolver"
 
 has_headers() { [ -d "$1/src/fvMotionSolver/lnInclude" ] && [ -d "$1/src/OpenFOAM/lnInclude" ]; }
 
@@ -54,5 +52,5 @@ fi
 command -v moveDynamicMesh >/dev/null || unavailable "OpenFOAM is not installed (Debian: apt-get install openfoam)"
 dpkg-query -W libopenfoam >/dev/null 2>&1 || unavailable "set OPENFOAM_SOURCE to the sources of this OpenFOAM"
 source=${XDG_CACHE_HOME:-$HOME/.cache}/mesh-motion/openfoam-$(dpkg-query -W -f '${source:Version}' libopenfoam)
-{ has_headers "$source" && [ -d "$source/src/TurbulenceModels" ]; } || fetch_headers "$source"
+has_headers "$source" || fetch_headers "$source"
 echo "$source"

@@ -76,10 +76,12 @@ if [ "$ranks" -gt 1 ]; then
   [ -n "${CONTINUE:-}" ] || decomposePar >log.decomposePar
   solver=(mpirun --allow-run-as-root --oversubscribe -np "$ranks" pimpleFoam -parallel)
 fi
-"${solver[@]}" >log.pimpleFoam 2>&1 || { tail -n 30 log.pimpleFoam; exit 1; }
+"${solver[@]}" >log.pimpleFoam 2>&1 &
+running+=($!)
 cd ..
-for i in "${!solids[@]}"; do
-  wait "${running[i]}" || { tail -n 5 "log.${solids[i]}"; exit 1; }
+while [ "${#running[@]}" -gt 0 ]; do # preCICE waits for ever for a participant that has ended
+  wait -n -p ended "${running[@]}" || { tail -n 15 fluid/log.pimpleFoam; tail -n 5 "${solids[@]/#/log.}"; exit 1; }
+  for i in "${!running[@]}"; do [ "${running[i]}" != "$ended" ] || unset "running[i]"; done
 done
 iterations=(precice-*-iterations.log) # as many in all of them
 awk 'NR > 1 { n++; i += $3 } END { print n " windows, " i / n " iterations each" }' "${iterations[0]}"
