@@ -120,7 +120,7 @@ def test_cells_near_the_wall_travel_once_and_no_others(server, monkeypatch):
 
 
 def test_without_cells_near_the_wall_no_layer_is_carried(server, monkeypatch):
-    """As from a client that sends none: the bounds above tell both apart."""
+    """As from a client that sends none: what the bounds above would refuse."""
     whole = grid("quads")
     (carried,) = on_ranks(server, [whole], in_two_steps, {})
     monkeypatch.setattr(Rank, "facets", property(lambda self: {}))
