@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+from mesh_motion_numerics.arrays import Floats
 from mesh_motion_protocol.messages import Build, Built
 
 from mesh_motion_server.service.reports import mesh_report, summary_report
@@ -20,7 +22,13 @@ def check(session: Session, request: Build) -> Build:
 
 
 def run(session: Session, requests: Sequence[Build]) -> list[Built]:
-    """Build, and send each partition which of its nodes it has to move."""
+    """Build, and send each partition which of its nodes it has to move; or ask for the cells near moving walls."""
+    reaches = [request.reach for request in requests if request.reach is not None]
+    if len(reaches) == len(requests):  # a partition that sends no such cells has the session without layers
+        session.require_client_evaluation()
+        needed, wall = session.needed_for_layers(min(reaches))
+        if needed:
+            return [_asking(request, needed, wall) for request in requests]
     session.build()
     settings, mesh = session.model.method.as_dict(), mesh_report(session)
     quality = {}
@@ -39,3 +47,18 @@ def run(session: Session, requests: Sequence[Build]) -> list[Built]:
         )
         for request, moving in zip(requests, session.mesh.moving_local, strict=True)
     ]
+
+
+def _asking(request: Build, reach: float, wall: Floats) -> Built:
+    """Nothing is built yet: the cells about the nodes within a reach of the wall (f, d, d) are needed."""
+    return Built(
+        client=request.client,
+        sequence=request.sequence,
+        step=0,
+        settings={},
+        mesh={},
+        quality={},
+        reach=reach,
+        wall=wall.reshape(len(wall), -1),
+        moving_nodes=np.empty(0, dtype=np.int64),
+    )

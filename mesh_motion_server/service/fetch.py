@@ -38,5 +38,8 @@ def answer(session: Session, request: Fetch) -> Fetched:
         step=session.step,
         points=points,
         region={} if extent is None else extent.as_plain(),
+        nodes=session.mesh.ids_of(request.partition)
+        if request.what == "reference" and len(session.mesh.near)
+        else None,
         **({} if field is None else vars(field)),
     )

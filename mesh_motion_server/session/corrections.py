@@ -145,13 +145,13 @@ def correct(
             f"CORRECT: expected one region from all partitions, got {extents[0]} and {extents[1]}",
             hint="send the cells of the region that the last answer asked for",
         )
-    on_patches = np.zeros(len(points), dtype=bool)
-    on_patches[mesh.on_patches] = True
+    placed = np.zeros(len(points), dtype=bool)
+    placed[boundary.known] = True
 
     def known(rows: Integers) -> Floats:
         there = mesh.points[rows]
         free = evaluation.displacement(field.interpolant(), there) + there
-        return np.where(on_patches[rows, None], points[rows], free)
+        return np.where(placed[rows, None], points[rows], free)
 
     nothing, none = np.empty(0, dtype=np.int64), np.empty((0, points.shape[1]))
     n_nodes = len(mesh.points) + sum(one.interior for one in regions)
@@ -193,7 +193,7 @@ def _ways(
     mesh: MergedMesh, model: BoundaryMotion, targets: Floats, region: MergedRegion, factors: FactorSource
 ) -> Iterator[Callable[[float], Floats]]:
     """Where interpolation takes the region's nodes along ways of the moving nodes to the ``targets`` (k, d)."""
-    rows = np.flatnonzero(np.isin(region.rows, mesh.on_patches))
+    rows = np.flatnonzero(np.isin(region.rows, model.known))
     of_rows = region.rows[rows]
 
     def plain(at: Floats) -> Floats:

@@ -111,7 +111,7 @@ def model_of(build: ModelBuilder | None, mesh: MergedMesh | UploadView, method: 
     # imported here for the same reason
     from mesh_motion_numerics.motion.boundary_motion import BoundaryMotion  # noqa: PLC0415
 
-    return BoundaryMotion.build(mesh.points, mesh.facets, mesh.patches, method)
+    return BoundaryMotion.build(mesh.points, mesh.facets, mesh.near, mesh.patches, method)
 
 
 def checked_model(build: ModelBuilder | None, mesh: MergedMesh, method: Method) -> Model:

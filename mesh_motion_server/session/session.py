@@ -122,6 +122,23 @@ class Session(Answers):
         self._swap(state=state)
         return rows
 
+    def needed_for_layers(self, reach: float) -> tuple[float, Floats]:
+        """About which nodes the cells are needed before the mesh is built; 0: they are here, up to the ``reach``.
+
+        Returns
+        -------
+        float, (f, d, d) array; mesh length unit
+            Nodes within this distance of these facets of the moving walls.
+        """
+        # imported here: no other session needs it, and it loads much
+        from mesh_motion_numerics.motion.boundary_motion import reach_of_layers  # noqa: PLC0415
+
+        self.admit(Operation.BUILD)
+        mesh = merge(self.upload.meshes())
+        method = self.spec.settings.to_method()
+        needed, wall = reach_of_layers(mesh.points, mesh.facets, mesh.near, mesh.patches, method)
+        return (needed, wall) if needed > reach else (0.0, wall)
+
     def build(self) -> None:
         """The mesh is complete: check it, make it durable.
 

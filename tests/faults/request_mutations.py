@@ -183,7 +183,7 @@ def _upload_words(request: Request, _known: Known, random: Random) -> None:
     """Item, name and role that do not go together."""
     if request.kind == "UPLOAD":
         request.header["fields"] |= {
-            "item": random.choice(("nodes", "global_ids", "cells", "facets", "patch")),
+            "item": random.choice(("nodes", "global_ids", "cells", "facets", "near_cells", "patch")),
             "name": random.choice(("", "triangle", "quad", "tetra", "line", "left", "x" * 256, "\0")),
             "role": random.choice(_ROLES),
         }

@@ -75,13 +75,21 @@ class OpenedSession(Described):
     def upload(self, mesh: Mesh, partitions: int, *, shown: bool = False) -> Built:
         """Send the mesh and wait until all partitions have sent theirs and the server has checked the whole."""
         self.take(mesh)
-        parts = (self._own_cells.volume if self._own_cells else mesh).parts(**self._courier.address)
-        requests: list[Upload | Build] = [*parts, Build(**self._courier.address)]
+        own = self._own_cells and self._own_cells.volume
+        parts = (own or mesh).parts(**self._courier.address)
+        build = Build(**self._courier.address, reach=None if own is None else 0.0)
+        requests: list[Upload | Build] = [*parts, build]
         for request in progress(requests, "mesh sent in parts, and built") if shown else requests:
             if isinstance(request, Upload):
                 self._courier.deliver(request, Uploaded, self._timeout)
             else:
                 built = self._courier.deliver(request, Built, self._compute_timeout)
+        while own and built.reach:  # cells near moving walls are missing
+            assert built.wall is not None
+            for part in own.near(built.wall, built.reach, **self._courier.address):
+                self._courier.deliver(part, Uploaded, self._timeout)
+            build = Build(**self._courier.address, reach=built.reach)
+            built = self._courier.deliver(build, Built, self._compute_timeout)
         self.moving_nodes = self._in_mesh(built.moving_nodes)
         self._courier.may_resume = partitions == 1
         self.settings, self.mesh_report = cast(Settings, built.settings), built.mesh
@@ -105,9 +113,9 @@ class OpenedSession(Described):
             If it is another one.
         """
         self.take(mesh)
-        nodes = slice(None) if self._own_cells is None else self._own_cells.volume.nodes
-        fetch = Fetch(**self._address, what="reference")
-        if not np.array_equal(self._courier.deliver(fetch, Fetched, self._timeout).points, mesh.points[nodes]):
+        fetched = self._courier.deliver(Fetch(**self._address, what="reference"), Fetched, self._timeout)
+        own = self._own_cells
+        if not (np.array_equal(fetched.points, mesh.points) if own is None else own.volume.take_again(fetched)):
             raise InvalidInput(
                 "the mesh is not the one that this session was opened with",
                 hint="give the same points, cells and patches in the same order",

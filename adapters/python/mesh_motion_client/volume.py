@@ -27,8 +27,6 @@ class Volume:
 
     Attributes
     ----------
-    nodes : (b,) int64 array
-        Nodes that are uploaded, ascending.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -46,8 +44,12 @@ class Volume:
         self._known: tuple[list[dict[str, Any]], Floats, Floats, Floats] | None = None
         on_patches = [np.empty(0, dtype=np.int64), *(patch.nodes for patch in mesh.patches.values())]
         self._rank = Rank(mesh.points, mesh.cells, np.concatenate(on_patches))
-        self.nodes: NDArray[np.int64] = self._rank.nodes
         self._order = None if mesh.global_ids is None else np.argsort(mesh.global_ids)
+
+    @property
+    def nodes(self) -> Ints:
+        """(b,) nodes that are uploaded, in this order."""
+        return np.asarray(self._rank.nodes)
 
     @property
     def field_known(self) -> bool:
@@ -64,6 +66,24 @@ class Volume:
             yield Upload(**at, item="cells", name=name, rows=np.empty((len(cells), 0), dtype=np.int64))
         for name, rows in self._rank.facets.items():
             yield from uploads(rows, **at, item="facets", name=name)
+
+    def near(self, wall: Floats, reach: float, **at: Any) -> Iterator[Upload]:
+        """The UPLOADs of further cells: those about the nodes within a reach of facets (f, d d) of moving walls."""
+        mesh, d = self._mesh, self._mesh.points.shape[1]
+        nodes, cells = self._rank.near(wall.reshape(-1, d, d), reach)
+        ids = nodes if mesh.global_ids is None else mesh.global_ids[nodes]
+        if len(nodes):
+            yield from uploads(mesh.points[nodes], **at, item="nodes")
+            yield from uploads(ids[:, None], **at, item="global_ids")
+        for name, rows in cells.items():
+            yield from uploads(rows, **at, item="near_cells", name=name)
+
+    def take_again(self, fetched: Fetched) -> bool:
+        """Know which nodes were uploaded; whether the coordinates (b, d) fetched of the reference mesh are theirs."""
+        if fetched.nodes is not None:
+            nodes, rows = self._here(fetched.nodes[len(self.nodes) :])
+            self._rank.extend(nodes[np.argsort(rows)])
+        return np.array_equal(fetched.points, self._mesh.points[self.nodes])
 
     def displacement(self, moved: Moved) -> Floats:
         """(n, d) displacement of all nodes from the reference mesh."""

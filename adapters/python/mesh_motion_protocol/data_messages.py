@@ -34,6 +34,7 @@ from mesh_motion_protocol.field_types import (
     NodeVectors,
     Outcome,
     Partition,
+    Reach,
     RegionCorners,
     RegionDisplacement,
     RegionIds,
@@ -49,6 +50,7 @@ from mesh_motion_protocol.field_types import (
     TimeScheme,
     Token,
     UploadRows,
+    WallFacets,
     Which,
 )
 from mesh_motion_protocol.message import Message
@@ -130,11 +132,12 @@ class Upload(SessionMessage):
     cells       the cell type     (k, nodes of the type) <i8 local node indices, 0-based; (k, 0) if they stay with the
                                   client (section 23)
     facets      the facets' type  (k, nodes of the type) <i8 local node indices; only where the cells stay there
+    near_cells  the cell type     (k, nodes of the type) <i8 local node indices; only there, for layers (section 23)
     patch       the patch's name  (k, 1) <i8 local node indices; ``role`` is required
     """
 
     type: ClassVar[str] = "UPLOAD"
-    item: Annotated[str, Choice(("nodes", "global_ids", "cells", "facets", "patch"))]  # what the rows are
+    item: Annotated[str, Choice(("nodes", "global_ids", "cells", "facets", "near_cells", "patch"))]  # what the rows are
     name: Name = ""  # of the type of cells or facets, or the patch
     role: Role = ""  # with item = "patch"
     rows: UploadRows = None  # required; shape and dtype depend on the item: section 13
@@ -153,6 +156,7 @@ class Build(SessionMessage):
     """Collective: the mesh is complete; check it, make it durable, become READY."""
 
     type: ClassVar[str] = "BUILD"
+    reach: Reach = None  # the cells about the nodes within it of the moving walls were sent, for layers: section 23
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -167,7 +171,9 @@ class Built(Message):
     mesh: dict[str, Any]  # counts, bounding box, warnings: section 15
     quality: dict[str, Any]  # summary of the mesh as uploaded: section 15
     derivatives: bool = False  # whether TANGENT and COTANGENT are answered: section 24
+    reach: float = 0.0  # nothing is built yet: the cells about the nodes within it of the wall are needed: section 23
     moving_nodes: MovingIndices  # local indices, ascending: the order of the rows of MOVE
+    wall: WallFacets = None  # with a reach: the corners of the moving walls' facets, one after the other
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -368,6 +374,7 @@ class Fetched(Message):
     centres: FieldCentres = None  # as in MOVED
     boxes: FieldBoxes = None  # as in MOVED
     coefficients: FieldCoefficients = None  # as in MOVED
+    nodes: RegionIds = None  # global ids of the reference mesh' nodes, where cells were sent for layers: section 23
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

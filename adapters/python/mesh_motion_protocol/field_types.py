@@ -38,6 +38,7 @@ __all__ = [
     "NodeVectors",
     "Outcome",
     "Partition",
+    "Reach",
     "RegionCorners",
     "RegionDisplacement",
     "RegionIds",
@@ -55,6 +56,7 @@ __all__ = [
     "Token",
     "UploadRows",
     "Uuid",
+    "WallFacets",
     "Which",
 ]
 
@@ -69,6 +71,7 @@ Frame = Annotated[str, Choice(("committed", "reference"))]
 Report = Annotated[str, Choice(("", "faces", "headroom", "swept"))]
 HeadroomAlong = Annotated[str, Choice(("step", "displacement", "velocity"))]
 Time = float | None
+Reach = float | None
 TimeLevels = Annotated[str, Choice(("", "bdf2", "bossak"))]
 TimeScheme = Annotated[str, Choice(("", "tangent", "bdf1", "bdf2", "bossak"))]
 Which = Annotated[str, Choice(("trial", "committed"))]
@@ -108,4 +111,5 @@ RegionTold = Annotated[NDArray[np.int64], ArrayField("<i8", ("region node", "col
 RegionPlaces = Annotated[NDArray[np.float64], ArrayField("<f8", ("region node", "dimension"))]
 RegionDisplacement = Annotated[NDArray[np.float64], ArrayField("<f8", ("freed node", "dimension"))]
 RegionCorners = Annotated[NDArray[np.int64], ArrayField("<i8", ("corner", "column"))]
+WallFacets = Annotated[NDArray[np.float64] | None, ArrayField("<f8", ("facet", "column"), required=False)]
 UploadRows = Annotated[NDArray[Any] | None, ArrayField("<f8|<i8", ("row", "column"), required=False, narrow=True)]

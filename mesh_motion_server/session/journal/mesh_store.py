@@ -2,9 +2,9 @@
 
 ``mesh.bin``: magic "MMMESH" 01 0a, the header's length (8 bytes, little-endian), the header (a msgpack list with one
 map per partition: nodes, dimension, cells {type: rows}, or counted {type: rows} where the cells stay with the client,
-patches {name: [role, rows]}, and there facets {type: rows}), zeros up to a multiple of 8,
+patches {name: [role, rows]}, and there facets and near {type: rows}), zeros up to a multiple of 8,
 then per partition, little-endian and row by row: coordinates (doubles), global ids, cells by type, patches by name,
-facets by type (64-bit integers). Its sha256 stands in the journal's first record.
+facets and cells near walls by type (64-bit integers). Its sha256 stands in the journal's first record.
 """
 
 import hashlib
@@ -141,6 +141,8 @@ def _describe(partition: PartitionMesh) -> dict[str, Any]:
         described.setdefault(key, {})[name] = sum(map(len, pieces))
     if partition.facets:
         described["facets"] = {name: len(rows) for name, rows in partition.facets.items()}
+    if partition.near:
+        described["near"] = {name: len(rows) for name, rows in partition.near.items()}
     return described
 
 
@@ -148,8 +150,8 @@ def _count(partition: PartitionMesh) -> int:
     """How many numbers are written of it."""
     cells = sum(piece.size for name in partition.cells for piece in partition.cell_pieces(name))
     patches = sum(len(patch.nodes) for patch in partition.patches.values())
-    facets = sum(rows.size for rows in partition.facets.values())
-    return partition.points.size + len(partition.global_ids) + cells + patches + facets
+    parts = sum(rows.size for types in (partition.facets, partition.near) for rows in types.values())
+    return partition.points.size + len(partition.global_ids) + cells + patches + parts
 
 
 def _described_count(described: dict[str, Any]) -> int:
@@ -157,14 +159,15 @@ def _described_count(described: dict[str, Any]) -> int:
     cells = sum(rows * CELL_TYPES[name].n_nodes for name, rows in described["cells"].items())
     patches = sum(rows for _, rows in described["patches"].values())
     facets = sum(rows * FACET_NODES[name] for name, rows in described.get("facets", {}).items())
-    return int(described["nodes"] * (described["dimension"] + 1) + cells + patches + facets)
+    near = sum(rows * CELL_TYPES[name].n_nodes for name, rows in described.get("near", {}).items())
+    return int(described["nodes"] * (described["dimension"] + 1) + cells + patches + facets + near)
 
 
 def _blocks(partition: PartitionMesh) -> Iterator[NDArray[Any]]:
     """Its arrays as they are written, in order, some rows at a time: what is widened stays in the cache."""
     cells = [piece for name in partition.cells for piece in partition.cell_pieces(name)]
     numbers = [partition.global_ids, *cells, *(patch.nodes for patch in partition.patches.values())]
-    numbers += partition.facets.values()
+    numbers += [*partition.facets.values(), *partition.near.values()]
     for array, dtype in [(partition.points, "<f8"), *((array, "<i8") for array in numbers)]:
         for start in range(0, len(array) if array.size else 0, _BLOCK_ROWS):
             yield np.ascontiguousarray(array[start : start + _BLOCK_ROWS], dtype=dtype)
@@ -205,5 +208,9 @@ def _restore(described: dict[str, Any], reader: _Reader) -> PartitionMesh:
         facets={
             name: reader.integers(rows * FACET_NODES[name]).reshape(rows, -1)
             for name, rows in described.get("facets", {}).items()
+        },
+        near={
+            name: reader.integers(rows * CELL_TYPES[name].n_nodes).reshape(rows, -1)
+            for name, rows in described.get("near", {}).items()
         },
     )

@@ -18,7 +18,7 @@ FACET_NODES = {name: count for count, name in FACET_NAMES.items()}
 def merge_facets(
     partitions: Sequence[PartitionMesh], node_maps: Sequence[Integers], global_ids: Integers
 ) -> dict[str, Integers]:
-    """The facets (f, k) of the whole boundary by type, in canonical node indices and order; none if no role needs them.
+    """The facets (f, k) of the whole boundary by type, in canonical order; none if a partition sent none.
 
     A facet of two partitions lies between them. The order depends on the nodes alone, and the first node of each facet
     stays the first.
@@ -36,10 +36,10 @@ def merge_facets(
     """
     patches = ((name, patch.role) for one in partitions for name, patch in sorted(one.patches.items()))
     needing = next(((name, role) for name, role in patches if role not in ("moving", "fixed")), None)
-    if needing is None:
-        return {}
     silent = next((number for number, one in enumerate(partitions) if one.keeps_cells and not one.facets), None)
-    if silent is not None:
+    if silent is not None and needing is None:
+        return {}
+    if silent is not None and needing is not None:
         raise InvalidInput(
             f"evaluation = 'client': patch {needing[0]!r} has the role {needing[1]!r}, expected moving or fixed: "
             f"partition {silent} sent no facets of its boundary",

@@ -8,7 +8,7 @@ node that several partitions hold must have the same coordinates in each to 1e-1
 box; the lowest partition's are taken.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers, Shorts
@@ -59,6 +59,7 @@ def merge(partitions: Sequence[PartitionMesh]) -> MergedMesh:
         cells=cells,
         patches=_merge_patches(partitions, node_maps),
         facets=merge_facets(partitions, node_maps, global_ids),
+        near=_merge_near(partitions, node_maps, len(points)),
         node_maps=node_maps,
         moving_local=tuple(nodes_with(partition.patches, ("moving",)) for partition in partitions),
         moving_patches=tuple(
@@ -72,8 +73,8 @@ def merge(partitions: Sequence[PartitionMesh]) -> MergedMesh:
 def check_boundary(mesh: MergedMesh) -> None:
     """Check that the boundary of a mesh whose cells stay with the client determines its motion.
 
-    A node on no patch may lie between partitions only, so that several hold it: how the others would move depends on
-    the cells. So does whether two nodes at the same place pass through each other.
+    A node on no patch may lie between partitions only, so that several hold it, or inside, near a moving wall: how the
+    others would move depends on the cells. So does whether two nodes at the same place pass through each other.
 
     Raises
     ------
@@ -84,6 +85,8 @@ def check_boundary(mesh: MergedMesh) -> None:
     for node_map in mesh.node_maps:
         held[node_map] += 1
     held[mesh.on_patches] = 0
+    inside = np.setdiff1d(_nodes_of(block.nodes for block in mesh.near), _nodes_of(mesh.facets.values()))
+    held[inside] = 0
     alone = np.flatnonzero(held == 1)
     if len(alone):
         fault, hint = (
@@ -95,6 +98,11 @@ def check_boundary(mesh: MergedMesh) -> None:
     if len(pairs):
         first, other = pairs[0].tolist()
         raise _undetermined(mesh, other, f"is at the place of that with {mesh.global_ids[first]}", "merge them")
+
+
+def _nodes_of(rows: Iterable[Integers | Shorts]) -> Integers:
+    """The nodes of cells or facets, ascending, each once."""
+    return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *(each.reshape(-1) for each in rows)]))
 
 
 def _undetermined(mesh: MergedMesh, node: int, fault: str, hint: str) -> InvalidInput:
@@ -127,8 +135,9 @@ def _check_partition(partition: PartitionMesh, number: int) -> None:
             row += len(piece)
     for name, patch in partition.patches.items():
         _check_range(patch.nodes, count, f"partition {number}, patch {name!r}", {"partition": number, "patch": name})
-    for name, rows in partition.facets.items():
-        _check_range(rows, count, f"partition {number}, facets {name!r}", {"partition": number, "type": name})
+    for item, types in (("facets", partition.facets), ("near cells", partition.near)):
+        for name, rows in types.items():
+            _check_range(rows, count, f"partition {number}, {item} {name!r}", {"partition": number, "type": name})
     if _ascending(partition.global_ids):
         return
     ids, repeats = np.unique(partition.global_ids, return_counts=True)
@@ -229,6 +238,17 @@ def _merge_cells(
         origins.append(_origin(name, [(p, len(piece)) for p, piece in pieces], order))
         _check_no_duplicate(again, origins[-1])
     return (CellTable(()), tuple(counted)) if counted else (CellTable.from_arrays(tables), tuple(origins))
+
+
+def _merge_near(partitions: Sequence[PartitionMesh], node_maps: Sequence[Integers], nodes: int) -> CellTable:
+    """The cells near moving walls in canonical order."""
+    tables: dict[str, Shorts] = {}
+    for name in CELL_TYPES:
+        pieces = [(p, mesh.near[name]) for p, mesh in enumerate(partitions) if name in mesh.near]
+        if pieces:
+            tables[name], order, again = sorted_cells([(node_maps[p], piece) for p, piece in pieces], nodes)
+            _check_no_duplicate(again, _origin(name, [(p, len(piece)) for p, piece in pieces], order))
+    return CellTable.from_arrays(tables) if tables else CellTable(())
 
 
 def _origin(name: str, lengths: Sequence[tuple[int, int]], order: NDArray[np.integer]) -> CellOrigin:

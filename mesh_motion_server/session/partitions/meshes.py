@@ -40,6 +40,8 @@ class PartitionMesh:
     facets : dict
         Type name → (f, k) local node indices of the facets of the partition's boundary, pointing outwards; only where
         the cells stay with the client.
+    near : dict
+        As cells, of those near moving walls; only where the cells stay with the client.
     """
 
     points: Floats
@@ -47,6 +49,7 @@ class PartitionMesh:
     cells: Mapping[str, Integers | Sequence[Integers]]
     patches: Mapping[str, Patch]
     facets: Mapping[str, Integers] = field(default_factory=dict)
+    near: Mapping[str, Integers] = field(default_factory=dict)
 
     def cell_pieces(self, name: str) -> list[Integers]:
         """Cells (m_i, n_nodes) of a type, none of them empty."""
@@ -119,6 +122,8 @@ class MergedMesh:
         Name → Patch with canonical node indices, ascending; sorted by name.
     facets : dict
         Type name → (f, k) canonical node indices of the whole boundary's facets, where clients send them.
+    near : CellTable
+        The cells near moving walls that clients send, if all others stay there.
     node_maps : tuple of (n_p,) int64 arrays
         Per partition: canonical index of each local node.
     moving_local : tuple of (k_p,) int64 arrays
@@ -133,6 +138,7 @@ class MergedMesh:
     cells: CellTable
     patches: Mapping[str, Patch]
     facets: Mapping[str, Integers]
+    near: CellTable
     node_maps: tuple[Integers, ...]
     moving_local: tuple[Integers, ...]
     moving_patches: tuple[Mapping[str, Integers], ...]
@@ -194,6 +200,10 @@ class MergedMesh:
             if len(found):
                 return partition, int(found[0])
         raise IndexError(node)
+
+    def ids_of(self, partition: int) -> Integers:
+        """(n_p,) global ids of a partition's nodes, in its own order."""
+        return self.global_ids[self.node_maps[partition]]
 
     def scatter(self, values: Floats, partition: int) -> Floats:
         """(n_p, d) rows of canonical ``values`` (n, d), in a partition's own order."""

@@ -43,6 +43,7 @@ class UploadView:
     cells: CellTable
     patches: Mapping[str, Patch]
     facets: Mapping[str, Integers]
+    near: CellTable
     cell_order: Integers
     mesh: MergedMesh
 
@@ -73,6 +74,9 @@ def upload_view(mesh: MergedMesh) -> UploadView:
         cells=CellTable.from_arrays(tables) if origins else mesh.cells,
         patches={name: Patch(patch.role, np.sort(rank[patch.nodes])) for name, patch in mesh.patches.items()},
         facets={name: rank[rows] for name, rows in mesh.facets.items()},
+        near=CellTable.from_arrays({block.type.name: rank[block.nodes] for block in mesh.near})
+        if len(mesh.near)
+        else mesh.near,
         cell_order=np.concatenate([np.empty(0, dtype=np.int64), *orders]),
         mesh=mesh,
     )

@@ -16,7 +16,7 @@ from mesh_motion_server.session.partitions.meshes import PartitionMesh, joined
 __all__ = ["ITEMS", "MeshUpload", "Part"]
 
 #: What may be uploaded.
-ITEMS = ("nodes", "global_ids", "cells", "facets", "patch")
+ITEMS = ("nodes", "global_ids", "cells", "facets", "near_cells", "patch")
 
 _KINDS = {"f": "float", "i": "integer"}
 #: What a number counts for, in whichever width it comes.
@@ -172,6 +172,7 @@ class MeshUpload:
                 name: Patch(pile.roles[name], rows[:, 0]) for (item, name), rows in whole.items() if item == "patch"
             },
             facets={name: rows for (item, name), rows in whole.items() if item == "facets" and len(rows)},
+            near={name: rows for (item, name), rows in whole.items() if item == "near_cells" and len(rows)},
         )
 
     def _global_ids(self, number: int, count: int, rows: _Rows | None) -> Integers:
@@ -190,13 +191,15 @@ class MeshUpload:
     def _check(self, part: Part, partition: int, pile: _Pile) -> None:
         """Item, name, role, shape, type and finiteness of one part."""
         _check_names(part, self._dimension, pile.roles)
-        if part.item == "facets" and self._evaluation == "server":
+        if part.item in ("facets", "near_cells") and self._evaluation == "server":
             raise _wrong_value(
-                "UPLOAD of facets: the server has the cells, expected evaluation = 'client'", item=part.item
+                f"UPLOAD of {part.item}: the server has the cells, expected evaluation = 'client'", item=part.item
             )
         of_cells = CELL_TYPES[part.name].n_nodes if part.item == "cells" and self._evaluation == "server" else 0
         of_facets = FACET_NODES[part.name] if part.item == "facets" else 0
-        expected = {"nodes": self._dimension, "cells": of_cells, "facets": of_facets}.get(part.item, 1)
+        of_near = CELL_TYPES[part.name].n_nodes if part.item == "near_cells" else 0
+        columns = {"nodes": self._dimension, "cells": of_cells, "facets": of_facets, "near_cells": of_near}
+        expected = columns.get(part.item, 1)
         if part.rows.ndim != 2 or part.rows.shape[1] != expected:
             raise InvalidInput(
                 f"UPLOAD of {_title(part)}: expected an array of shape (k, {expected}), got {part.rows.shape}",
@@ -233,7 +236,7 @@ def _check_names(part: Part, dimension: int, roles: dict[str, str]) -> None:
     """Item, cell type, patch name and role are known and agree with earlier parts."""
     if part.item not in ITEMS:
         raise _wrong_value(f"UPLOAD: unknown item {part.item!r}; known are {', '.join(ITEMS)}", item=part.item)
-    if part.item == "cells":
+    if part.item in ("cells", "near_cells"):
         _check_cell_type(part.name, dimension)
     elif part.item == "facets":
         _check_facet_type(part.name, dimension)

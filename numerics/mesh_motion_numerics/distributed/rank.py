@@ -12,6 +12,7 @@ import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
+from mesh_motion_numerics.correction.free_region import cells_of_nodes, nodes_of_cells
 from mesh_motion_numerics.correction.trial_nodes import signed
 from mesh_motion_numerics.distributed.counted_cells import CountedCells
 from mesh_motion_numerics.distributed.field import Field
@@ -23,6 +24,7 @@ from mesh_motion_numerics.interpolation.evaluation import NearOperators
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
+from mesh_motion_numerics.mesh.closest_point import nearest_within
 from mesh_motion_numerics.quality.mesh_check import checked_cells, nodes_in_no_cell
 from mesh_motion_numerics.quality.metrics import WORST_CORNER, cell_quality, cells_at_rest, corner_quality
 
@@ -48,7 +50,8 @@ class Rank:
     ----------
     nodes : (b,) int64 array
         Nodes that the server must know, ascending: those on patches, on the boundary of this partition (also towards
-        others, where another partition may have a patch), and those that span its box.
+        others, where another partition may have a patch), and those that span its box. Behind them those of the cells
+        near moving walls.
 
     Raises
     ------
@@ -64,6 +67,7 @@ class Rank:
         self._at_rest = cells_at_rest(points, read.cells, read.sizes)
         spanning = np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])
         self.nodes: Ints = np.unique(np.concatenate([patch_nodes, boundary_nodes(read.cells), spanning]))
+        self._boundary, self._sent = len(self.nodes), np.zeros(len(read.cells), dtype=bool)
         self._last: tuple[Field, AnyInterpolant, NearOperators | None] | None = None
         self._judged: CountedCells | None = None
         self._moved = np.empty_like(points)  # kept: new memory takes as long as half of the judging
@@ -72,7 +76,30 @@ class Rank:
     def facets(self) -> dict[str, NDArray[np.int32]]:
         """(f, k) facets of the boundary of this partition, by type, pointing outwards, in rows of :attr:`nodes`."""
         found = boundary_facets(self._cells).items()
-        return {name: np.searchsorted(self.nodes, rows).astype(np.int32) for name, rows in found}
+        nodes = self.nodes[: self._boundary]
+        return {name: np.searchsorted(nodes, rows).astype(np.int32) for name, rows in found}
+
+    def near(self, wall: Floats, reach: float) -> tuple[Ints, dict[str, Ints]]:
+        """The cells about the nodes within a reach of facets (f, d, d), but for those that were so before.
+
+        Returns
+        -------
+        (k,) int64 array, dict
+            Nodes that the server must know too, now at the end of :attr:`nodes`; the cells by type, in rows of these.
+        """
+        _, facets = nearest_within(wall, self._points, reach)
+        chosen = cells_of_nodes(self._cells, facets >= 0) & ~self._sent
+        self._sent |= chosen
+        new = np.setdiff1d(np.flatnonzero(nodes_of_cells(self._cells, chosen, len(self._points))), self.nodes)
+        self.extend(new)
+        row = np.empty(len(self._points), dtype=np.int64)
+        row[self.nodes] = np.arange(len(self.nodes))
+        blocks = ((block, chosen[first : first + len(block)]) for block, first in self._cells.numbered())
+        return new, {block.type.name: row[block.nodes[own]] for block, own in blocks if own.any()}
+
+    def extend(self, nodes: Ints) -> None:
+        """More nodes (k,) are known to the server."""
+        self.nodes = np.concatenate([self.nodes, nodes])
 
     def displacement(self, field: Field, known: Floats) -> Floats:
         """(n, d) displacement from the reference mesh: by a field, and ``known`` (b, d) of :attr:`nodes`."""

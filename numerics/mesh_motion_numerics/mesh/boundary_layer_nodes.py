@@ -18,14 +18,13 @@ from typing import NamedTuple
 import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.boundary_layer_stacks import column_feet
 from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall, WallPlaces, simplices_of
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.closest_point import nearest_within
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
 
-__all__ = ["LayerNodes", "layer_nodes"]
+__all__ = ["LayerNodes", "furthest", "layer_nodes"]
 
 
 _SHARE = 0.5  # a layer may reach this share of the distance to another boundary
@@ -47,7 +46,12 @@ class LayerNodes(NamedTuple):
 
 
 def layer_nodes(
-    points: Floats, cells: CellTable, patches: Mapping[str, Patch], wall: MovingWall, thickness: float
+    points: Floats,
+    cells: CellTable,
+    facets: Mapping[str, Integers],
+    patches: Mapping[str, Patch],
+    wall: MovingWall,
+    thickness: float,
 ) -> LayerNodes:
     """The layer's nodes.
 
@@ -55,18 +59,26 @@ def layer_nodes(
     ----------
     points : (n, d) array, mesh length unit
         Reference coordinates.
+    cells : CellTable
+        At least those with a node within the thickness, times √d, of the wall.
+    facets : mapping of type to (f, k) array
+        The whole boundary.
     thickness : float, mesh length unit
     """
     limit = (1.0 + _ROUNDING) * thickness
-    furthest = limit * float(np.sqrt(points.shape[1]))
     nodes = np.flatnonzero(~_roles(len(points), patches, "moving", "fixed", "periodic"))
-    places, own = wall.closest(points[nodes], within=furthest)
+    places, own = wall.closest(points[nodes], within=furthest(thickness, points.shape[1]))
     found = LayerNodes(nodes, places, points[nodes] - places.of(wall.reference))
     inside = own >= 0
     inside[inside] = _height(wall, found.chosen(inside)) <= limit
     found, own = found.chosen(inside), own[inside]
-    found = found.chosen(~_crowded(points, boundary_facets(cells), patches, wall, found, own))
+    found = found.chosen(~_crowded(points, facets, patches, wall, found, own))
     return _on_columns(found, points, column_feet(cells, wall.nodes, found.nodes, len(points)), wall)
+
+
+def furthest(thickness: float, dimension: int) -> float:
+    """The largest distance of a layer's nodes from the wall, mesh length unit."""
+    return (1.0 + _ROUNDING) * thickness * float(np.sqrt(dimension))
 
 
 def _on_columns(found: LayerNodes, points: Floats, feet: Integers, wall: MovingWall) -> LayerNodes:

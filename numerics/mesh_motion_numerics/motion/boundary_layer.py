@@ -85,15 +85,20 @@ class BoundaryLayer:
         *,
         thickness: float,
         sliding: SlidingSurfaces | None = None,
+        facets: Mapping[str, Integers] | None = None,
     ) -> BoundaryLayer | None:
-        """The layer of a checked mesh with reference coordinates ``points`` (n, d); None if no node belongs to it."""
+        """The layer of a checked mesh with reference coordinates ``points`` (n, d); None if no node belongs to it.
+
+        ``facets`` (f, k) of the whole boundary by type are given where the ``cells`` are those near the wall alone.
+        """
+        facets = boundary_facets(cells) if facets is None else facets
         roles = BoundaryRoles.from_patches(patches)
         moving, prescribed = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
         moving[roles.moving] = prescribed[roles.prescribed] = True
-        wall = MovingWall.build(points, boundary_facets(cells), moving, prescribed)
+        wall = MovingWall.build(points, facets, moving, prescribed)
         if not len(wall.simplices):
             return None
-        tied = layer_nodes(points, cells, patches, wall, thickness)
+        tied = layer_nodes(points, cells, facets, patches, wall, thickness)
         empty = np.empty(0, dtype=np.int64)
         full = cls(points, cells, prescribed, wall, tied, sliding, Shield(empty, empty))
         return full.without(np.zeros(len(points), dtype=bool))

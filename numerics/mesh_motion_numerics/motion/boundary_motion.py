@@ -30,10 +30,12 @@ from mesh_motion_numerics.interpolation.support_radius import suggest_support_ra
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.patch_check import check_patches
 from mesh_motion_numerics.mesh.plane_rims import PlaneRims
+from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles, Patch, nodes_with
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.body_paths import Body, Way, straight_way, ways
 from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
+from mesh_motion_numerics.motion.layered_walls import LayeredWalls, moving_wall
 from mesh_motion_numerics.motion.method_check import check_method
 from mesh_motion_numerics.motion.motion_found import Motion
 from mesh_motion_numerics.motion.motion_slope import PlainSlope, plain_slope, why_no_slope
@@ -45,9 +47,11 @@ from mesh_motion_numerics.quality.metrics import cells_at_rest
 from mesh_motion_numerics.quality.quality_summary import Judgement, LowestQuality, Minimum
 from mesh_motion_numerics.stopwatch import Stopwatch, check_time
 
-__all__ = ["BoundaryMotion"]
+__all__ = ["BoundaryMotion", "reach_of_layers"]
 
 
+#: Of the box' diagonal: a node as near to a wall is on it, whichever partition's coordinates are taken.
+_ON_WALL = 1e-9
 #: Corrections that leave a role alone, or know it; others judge whether nodes slide, or hold them.
 _CORRECTIONS = {"slip": ("smooth",), "symmetry": ("smooth",), "periodic": ("none", "smooth")}
 
@@ -76,11 +80,17 @@ class BoundaryMotion:
 
     @classmethod
     def build(
-        cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch], method: Method
+        cls,
+        points: Floats,
+        facets: Mapping[str, Integers],
+        near: CellTable,
+        patches: Mapping[str, Patch],
+        method: Method,
     ) -> Self:
         """Check the nodes (n, d) and prepare their motions.
 
-        ``facets`` (f, k) are those of the whole boundary, by type; none are needed if all patches move or are fixed.
+        ``facets`` (f, k) are those of the whole boundary, by type; none are needed if all patches move or are fixed,
+        and no layer is carried. ``near`` are the cells about the nodes within some distance of the moving walls.
 
         Raises
         ------
@@ -110,6 +120,9 @@ class BoundaryMotion:
         motion = StandardMotion.of_boundary(points, facets, patches, method)
         constraint = BoundaryConstraint.build(points, facets, patches, motion.sliding, motion.periodic)
         smooth = None if constraint is None else constraint.smooth()
+        if len(near):
+            layered = LayeredWalls.build(points, near, patches, motion.sliding, facets)
+            motion = motion if layered is None else motion.with_layer(layered.layer)
         return cls(motion, _bodies(roles, patches), PlaneRims.build(points, facets, patches, roles.moving), smooth)
 
     @property
@@ -207,6 +220,12 @@ class BoundaryMotion:
         return ways(origin, targets, self.bodies)
 
     @property
+    def known(self) -> Integers:
+        """(k,) nodes that the field does not place: those with a role, and those of the walls' layers."""
+        roles, layer = self.motion.roles.all, self.motion.layer
+        return roles if layer is None else np.union1d(roles, layer.nodes)
+
+    @property
     def orbits(self) -> Integers:
         """(n,) the node that represents each and its periodic images."""
         nodes = np.arange(len(self.motion.reference))
@@ -294,6 +313,32 @@ class BoundaryMotion:
             elsewhere=elsewhere,
         )
         return correct(problem, self.method)
+
+
+def reach_of_layers(
+    points: Floats, facets: Mapping[str, Integers], near: CellTable, patches: Mapping[str, Patch], method: Method
+) -> tuple[float, Floats]:
+    """About which nodes the cells are needed for the layers of the moving walls.
+
+    Parameters
+    ----------
+    near : CellTable
+        The cells about the nodes on the walls, or more; empty: none is known yet.
+
+    Returns
+    -------
+    float, (f, d, d) array; mesh length unit
+        Nodes within this distance of these facets; 0 if no wall has layers, or the method carries none.
+    """
+    wall = moving_wall(points, facets, patches) if facets and method.correction == "smooth" else None
+    if wall is None:
+        return 0.0, np.empty((0, points.shape[1], points.shape[1]))
+    if len(near):
+        layered = LayeredWalls.build(points, near, patches, None, facets)
+        reach = 0.0 if layered is None else layered.reach
+    else:
+        reach = _ON_WALL * float(np.linalg.norm(np.ptp(bounding_box(points), axis=0)))
+    return reach, wall.reference[wall.simplices]
 
 
 def _bodies(roles: BoundaryRoles, patches: Mapping[str, Patch]) -> tuple[Body, ...]:

@@ -16,13 +16,14 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks, Shorts
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
+from mesh_motion_numerics.mesh.boundary_layer_nodes import furthest
 from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall
 from mesh_motion_numerics.mesh.cells import CellBlock, CellTable
 from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
 
-__all__ = ["LayeredWalls"]
+__all__ = ["LayeredWalls", "moving_wall"]
 
 
 #: Least ratio of the edges along the wall to the height of a thin cell.
@@ -54,6 +55,7 @@ class LayeredWalls:
 
     points: Floats
     cells: CellTable
+    facets: Mapping[str, Integers]
     patches: Mapping[str, Patch]
     sliding: SlidingSurfaces | None
     wall: MovingWall
@@ -63,16 +65,20 @@ class LayeredWalls:
 
     @classmethod
     def build(
-        cls, points: Floats, cells: CellTable, patches: Mapping[str, Patch], sliding: SlidingSurfaces | None
+        cls,
+        points: Floats,
+        cells: CellTable,
+        patches: Mapping[str, Patch],
+        sliding: SlidingSurfaces | None,
+        facets: Mapping[str, Integers] | None = None,
     ) -> LayeredWalls | None:
-        """Build them for a checked mesh; None if no moving wall has layers."""
-        if points.shape[1] < 2:
-            return None
-        roles = BoundaryRoles.from_patches(patches)
-        moving, prescribed = np.zeros((2, len(points)), dtype=bool)
-        moving[roles.moving] = prescribed[roles.prescribed] = True
-        wall = MovingWall.build(points, boundary_facets(cells), moving, prescribed)
-        if not len(wall.simplices):
+        """Build them for a checked mesh; None if no moving wall has layers.
+
+        ``facets`` (f, k) of the whole boundary by type are given where the ``cells`` are those near the walls alone.
+        """
+        facets = boundary_facets(cells) if facets is None else facets
+        wall = moving_wall(points, facets, patches)
+        if wall is None:
             return None
         on_wall = np.zeros(len(points), dtype=bool)
         on_wall[wall.nodes] = True
@@ -81,7 +87,7 @@ class LayeredWalls:
         if np.count_nonzero(layered) < _LAYERED * len(wall.nodes):
             return None
         rows = np.flatnonzero(layered)
-        return cls(points, cells, patches, sliding, wall, rows, above[wall.nodes[rows]], along)
+        return cls(points, cells, facets, patches, sliding, wall, rows, above[wall.nodes[rows]], along)
 
     def spoiled_by(self, moved: Floats) -> bool:
         """Whether at positions (n, d) a first edge has changed its length or direction by more than is allowed."""
@@ -102,7 +108,15 @@ class LayeredWalls:
     def layer(self) -> BoundaryLayer | None:
         """The layer that moves with the walls."""
         thickness = self._thickness()
-        return BoundaryLayer.build(self.points, self.cells, self.patches, thickness=thickness, sliding=self.sliding)
+        return BoundaryLayer.build(
+            self.points, self.cells, self.patches, thickness=thickness, sliding=self.sliding, facets=self.facets
+        )
+
+    @property
+    def reach(self) -> float:
+        """How far from the wall a node of the layer may be, before the cells there are known; mesh length unit."""
+        along = np.percentile(self.along[self.wall.nodes[self.rows]], _HEIGHT, method="nearest")
+        return furthest(float(along), self.points.shape[1])
 
     def _thickness(self) -> float:
         """Height of the thin cells above most layered nodes, at most one edge along the wall; mesh length unit."""
@@ -127,6 +141,17 @@ class LayeredWalls:
         feet = self.wall.nodes[self.rows]
         own, along = (np.percentile(of[feet], _HEIGHT, method="nearest") for of in (height, self.along))
         return float(min(own, along))
+
+
+def moving_wall(points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch]) -> MovingWall | None:
+    """The moving walls on the ``facets`` (f, k) of the boundary of a mesh (n, d); None without any, and in 1D."""
+    if points.shape[1] < 2:
+        return None
+    roles = BoundaryRoles.from_patches(patches)
+    moving, prescribed = np.zeros((2, len(points)), dtype=bool)
+    moving[roles.moving] = prescribed[roles.prescribed] = True
+    wall = MovingWall.build(points, facets, moving, prescribed)
+    return wall if len(wall.simplices) else None
 
 
 def _edges(block: CellBlock) -> Integers:

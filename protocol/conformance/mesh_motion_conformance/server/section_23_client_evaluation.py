@@ -115,6 +115,30 @@ def facets_twice(stage: Stage) -> None:
     session.discard()
 
 
+@suite("23.2")
+def cells_near_walls(stage: Stage) -> None:
+    """A BUILD with `reach` builds nothing until the cells near the moving side have come."""
+    session = _with_facets(stage, _outer_facets())
+    built = answered(session.ask(Request("BUILD", session.address() | {"reach": 0.0})), "BUILT")
+    reach, wall = built.fields["reach"], built.arrays["wall"]
+    if not 0.0 < reach < 0.3 or wall.shape != (3, 4) or np.abs(wall[:, ::2]).max() > 0.0:
+        raise Unmet("a reach within the first cells, and three edges at x = 0", f"{reach} {wall}")
+    inside = np.setdiff1d(np.arange(len(SQUARE.points)), OUTER)
+    row = np.argsort(np.concatenate([OUTER, inside]))
+    rows = {
+        "nodes": SQUARE.points[inside], "global_ids": np.asarray(inside[:, None], "<i8"),
+        "near_cells": np.asarray(row[SQUARE.triangles], "<i8"),
+    }  # fmt: skip
+    for item, each in rows.items():
+        name = "triangle" if item == "near_cells" else ""
+        upload = Request("UPLOAD", session.address() | {"item": item, "name": name}, {"rows": each})
+        answered(session.ask(upload), "UPLOADED")
+    built = answered(session.ask(Request("BUILD", session.address() | {"reach": reach})), "BUILT")
+    if built.fields.get("reach", 0.0):
+        raise Unmet("a mesh that is built: its cells are not thin", show(built))
+    session.discard()
+
+
 @suite("23.3")
 def nodes_slide(stage: Stage) -> None:
     """With the facets of the boundary, nodes of slip patches slide along their side."""

@@ -1,0 +1,180 @@
+"""Layers move with their wall where the client has the volume: as with the whole mesh, on any ranks."""
+
+import signal
+
+import numpy as np
+import pytest
+from mesh_motion_client import InvalidInput, Mesh, Patch, connect
+from mesh_motion_numerics.distributed.rank import Rank
+from mesh_motion_numerics.mesh.cells import CellTable
+from own_ranks import as_client, in_pieces, on_ranks
+
+from docs.studies.aerofoil_grids import o_grid, wing
+from tests.faults.server_process import ServerProcess
+
+
+def grid(kind):
+    """An aerofoil with first cells of 1e-4 chords, in quads or triangles, or a wing, in a narrow domain."""
+    if kind == "wing":
+        found = wing(o_grid("blunt", around=24, layers=12, first=1e-3, far=8.0), stations=6)
+    else:
+        found = o_grid("blunt", around=32, layers=16, first=1e-4, far=8.0)
+    cells = found.cells
+    if kind == "triangles":
+        quads = cells["quad"]
+        cells = {"triangle": np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])}
+    return as_client(found.points, CellTable.from_arrays(cells), found.patches)
+
+
+def pitched(points, degrees):
+    """Displacements of points (k, d) that turn in the plane, and rise."""
+    a, shift = np.radians(degrees), np.zeros_like(points)
+    shift[:, 0] = (np.cos(a) - 1.0) * points[:, 0] - np.sin(a) * points[:, 1]
+    shift[:, 1] = np.sin(a) * points[:, 0] + (np.cos(a) - 1.0) * points[:, 1] + 0.01 * degrees
+    return shift
+
+
+def beyond_the_wall(whole):
+    """The mesh in two pieces, of which the outer one has a part of the layer, and no node of the wall."""
+    (name, cells), reached = next(iter(whole.cells.items())), np.zeros(len(whole.points), dtype=bool)
+    (wall,) = (patch.nodes for patch in whole.patches.values() if patch.role == "moving")
+    reached[wall] = True
+    for _ in range(2):
+        inner = reached[cells].any(axis=1)
+        reached[cells[inner]] = True
+    pieces = []
+    for own in (inner, ~inner):
+        nodes, rows = np.unique(cells[own], return_inverse=True)
+        found = {key: np.flatnonzero(np.isin(nodes, patch.nodes)) for key, patch in whole.patches.items()}
+        patches = {key: Patch(whole.patches[key].role, on) for key, on in found.items() if len(on)}
+        pieces.append(Mesh(whole.points[nodes], {name: rows.reshape(-1, cells.shape[1])}, patches, nodes))
+    return pieces
+
+
+def in_two_steps(session, part):
+    """What two steps answer, and where the nodes are after each."""
+    found = []
+    for degrees in (1.0, 25.0):
+        moved = session.move(pitched(part.points[session.moving_nodes], degrees))
+        session.commit()
+        found.append((moved, session.points()))
+    return found
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    with ServerProcess(tmp_path_factory.mktemp("server")) as server:
+        yield server
+
+
+@pytest.mark.parametrize("kind", ["quads", "triangles", pytest.param("wing", marks=pytest.mark.nightly)])
+def test_layers_are_carried_as_in_a_session_with_the_whole_mesh(server, kind):
+    """Bitwise on any number of ranks, and to rounding or the iterations' tolerance with the whole mesh."""
+    whole = grid(kind)
+    with connect(server.endpoint) as client, client.open(whole) as session:
+        expected = in_two_steps(session, whole)
+    (one,) = on_ranks(server, [whole], in_two_steps, {})
+    for (moved, points), (reply, there), most in zip(one, expected, (1e-12, 1e-9), strict=True):
+        assert np.abs(points - there).max() < most
+        assert moved.correction["method"] == reply.correction["method"]
+    assert [moved.correction["method"] for moved, _ in one] == ["none", "smooth"]
+    for parts in (in_pieces(whole, 2), in_pieces(whole, 3)):
+        for part, found in zip(parts, on_ranks(server, parts, in_two_steps, {}), strict=True):
+            for (_, points), (_, there) in zip(found, one, strict=True):
+                np.testing.assert_array_equal(points, there[part.global_ids])
+
+
+def test_a_rank_without_a_node_of_the_wall_has_a_part_of_its_layer(server, monkeypatch):
+    whole = grid("quads")
+    parts, sent, near = beyond_the_wall(whole), [], Rank.near
+
+    def counted(self, wall, reach):
+        nodes, cells = near(self, wall, reach)
+        sent.append((len(self.facets["line"]), sum(map(len, cells.values()))))
+        return nodes, cells
+
+    (one,) = on_ranks(server, [whole], in_two_steps, {})
+    monkeypatch.setattr(Rank, "near", counted)
+    found = on_ranks(server, parts, in_two_steps, {})
+    assert [{patch.role for patch in part.patches.values()} for part in parts] == [{"moving"}, {"fixed"}]
+    assert all(any(cells for of, cells in sent if of == facets) for facets, _ in sent)
+    for part, steps in zip(parts, found, strict=True):
+        for (_, points), (_, there) in zip(steps, one, strict=True):
+            np.testing.assert_array_equal(points, there[part.global_ids])
+
+
+def test_cells_near_the_wall_travel_once_and_no_others(server, monkeypatch):
+    whole, sent, near = grid("quads"), [], Rank.near
+
+    def counted(self, wall, reach):
+        nodes, cells = near(self, wall, reach)
+        sent.append((len(nodes), sum(map(len, cells.values()))))
+        return nodes, cells
+
+    monkeypatch.setattr(Rank, "near", counted)
+    on_ranks(server, [whole], lambda session, part: None, {})
+    nodes, cells = np.sum(sent, axis=0)
+    assert len(sent) == 2
+    assert 0 < cells < 0.8 * len(whole.cells["quad"])
+    assert 0 < nodes < 0.8 * len(whole.points)
+
+
+def test_without_cells_near_the_wall_no_layer_is_carried(server, monkeypatch):
+    """As from a client that sends none: what the bounds above would refuse."""
+    whole = grid("quads")
+    (carried,) = on_ranks(server, [whole], in_two_steps, {})
+    monkeypatch.setattr(Rank, "facets", property(lambda self: {}))
+    (alone,) = on_ranks(server, [whole], in_two_steps, {})
+    assert np.abs(alone[0][1] - carried[0][1]).max() > 1e-6
+
+
+@pytest.mark.parametrize("degrees", [1.0, 25.0], ids=["plain", "corrected"])
+@pytest.mark.parametrize("kind", ["quads", pytest.param("wing", marks=pytest.mark.nightly)])
+def test_derivatives_are_those_of_a_session_with_the_whole_mesh(server, kind, degrees):
+    whole, rng = grid(kind), np.random.default_rng(1)
+    weights, holders = rng.normal(size=whole.points.shape), np.ones(len(whole.points))
+
+    def drive(session, part):
+        ids = np.arange(len(part.points)) if part.global_ids is None else part.global_ids
+        assert session.derivatives
+        moving = part.points[session.moving_nodes]
+        session.move(pitched(moving, degrees))
+        found = session.tangent(np.sin(5.0 * moving)), session.cotangent(weights[ids] / holders[ids, None])
+        return *found, ids, ids[session.moving_nodes]
+
+    with connect(server.endpoint) as client, client.open(whole) as session:
+        velocity, expected, _, moving = drive(session, whole)
+    for parts in ([whole], in_pieces(whole, 2)):
+        if len(parts) > 1:
+            holders = np.bincount(np.concatenate([part.global_ids for part in parts]))
+        for found, back, ids, own in on_ranks(server, parts, drive, {}):
+            # where each begins its iterations, the minimum is found to 1e-9
+            np.testing.assert_allclose(found, velocity[ids], rtol=0.0, atol=1e-7 * np.abs(velocity).max())
+            rows = expected[np.searchsorted(moving, own)]
+            np.testing.assert_allclose(back, rows, rtol=0.0, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("durability", ["full", "replay"])
+def test_after_kill_9_the_nodes_are_bitwise_the_same(tmp_path, durability):
+    whole = grid("quads")
+    with ServerProcess(tmp_path) as server, connect(server.endpoint) as client:
+        session = client.open(whole, evaluation="client", durability=durability)
+        points = in_two_steps(session, whole)[-1][1]
+        server.stop(signal.SIGKILL)
+        server.start()
+        with client.resume(session.credentials, whole) as resumed:
+            np.testing.assert_array_equal(resumed.points(), points)
+            np.testing.assert_array_equal(in_two_steps(resumed, whole)[-1][1], points)
+        session.leave()
+
+
+def test_a_cell_that_comes_twice_is_named(server, monkeypatch):
+    whole, near = grid("quads"), Rank.near
+
+    def twice(self, wall, reach):
+        nodes, cells = near(self, wall, reach)
+        return nodes, {name: np.concatenate([rows, rows[:1]]) for name, rows in cells.items()}
+
+    monkeypatch.setattr(Rank, "near", twice)
+    with connect(server.endpoint) as client, pytest.raises(InvalidInput, match="cell 0 of type 'quad' in partition 0"):
+        client.open(whole, evaluation="client")
