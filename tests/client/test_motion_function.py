@@ -8,20 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mesh_motion_client import InvalidInput, Mesh, Patch, QualityRefused, connect
+from client_square import square
+from mesh_motion_client import InvalidInput, QualityRefused, connect
 from mesh_motion_client.motion_function import MotionFunction
 from page_story import ROOT, blocks_of
 
 SIDE = 7
-
-
-def square():
-    side = np.linspace(0.0, 1.0, SIDE)
-    points = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
-    number = np.arange(len(points)).reshape(SIDE, SIDE)
-    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
-    walls = np.setdiff1d(np.concatenate([number[-1], number[:, 0], number[:, -1]]), number[0])
-    return Mesh(points, {"quad": quads}, {"left": Patch("moving", number[0]), "walls": Patch("fixed", walls)})
 
 
 def bulge(size):
@@ -31,7 +23,7 @@ def bulge(size):
 
 @pytest.fixture(scope="module")
 def session():
-    with connect() as server, server.open(square()) as opened:
+    with connect() as server, server.open(square(SIDE)) as opened:
         yield opened
 
 
@@ -85,7 +77,7 @@ def test_a_refused_argument_leaves_no_trial_behind(session):
 def test_a_method_without_derivatives_is_refused():
     with (
         connect() as server,
-        server.open(square(), {"correction": "optimised"}) as opened,
+        server.open(square(SIDE), {"correction": "optimised"}) as opened,
         pytest.raises(InvalidInput, match="has no derivatives"),
     ):
         MotionFunction(opened)
@@ -111,7 +103,7 @@ def test_pytorch_finds_the_derivatives_right(torch, torch_motion, session, size)
 
 def test_pytorch_goes_back_through_two_motions(torch, torch_motion):
     """The second has replaced the trial of the first."""
-    motion, points = torch_motion, torch.tensor(square().points)
+    motion, points = torch_motion, torch.tensor(square(SIDE).points)
     size = torch.tensor(0.1, dtype=torch.float64, requires_grad=True)
     shape = torch.tensor(bulge(1.0))
 
@@ -131,7 +123,7 @@ def test_pytorch_hands_on_what_the_server_says(torch, torch_motion):
     with pytest.raises(QualityRefused, match="no valid mesh"):
         motion(torch.tensor(bulge(2.0)))
     at = torch.tensor(bulge(0.1), requires_grad=True)
-    (gradient,) = torch.autograd.grad(motion(at).square().sum(), at, create_graph=True)
+    (gradient,) = torch.autograd.grad(motion(at).square(SIDE).sum(), at, create_graph=True)
     with pytest.raises(RuntimeError, match="once_differentiable"):
         gradient.sum().backward()
 

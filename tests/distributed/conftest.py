@@ -11,6 +11,15 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "num
 
 from worker_processes import workers  # noqa: E402
 
+from tests.faults.server_process import ServerProcess  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
+    """A server for all tests of a module."""
+    with ServerProcess(tmp_path_factory.mktemp("server")) as running:
+        yield running
+
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:

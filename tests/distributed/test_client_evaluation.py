@@ -25,12 +25,6 @@ MESHES = {
 }
 
 
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with ServerProcess(tmp_path_factory.mktemp("server")) as server:
-        yield server
-
-
 def drive(session, mesh, steps=2, by=1):
     """Two moves a step; what was answered, and where the nodes are."""
     found = []

@@ -39,12 +39,6 @@ PLAIN_STEPS = (2, 3)
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with ServerProcess(tmp_path_factory.mktemp("server")) as server:
-        yield server
-
-
-@pytest.fixture(scope="module")
 def expected(server):
     """Of each mesh and settings, what a session with the whole mesh answers: moved and points, step by step."""
     known = {}

@@ -37,12 +37,6 @@ MESHES = {
 SMALL, LARGE = (0.01, 0.006, 0.004), (0.1, 0.2, 0.1)
 
 
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with ServerProcess(tmp_path_factory.mktemp("server")) as server:
-        yield server
-
-
 def in_two_steps(session, part):
     """What two steps answer, and where the nodes are after each."""
     found = []

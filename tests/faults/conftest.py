@@ -9,9 +9,11 @@ from typing import Any
 
 import pytest
 
+from mesh_motion_server.transport.protection import Protection
 from mesh_motion_server.watch.terminal.console import working
 from tests.faults import table
 from tests.faults.check import Check
+from tests.faults.in_process import allow_everybody_listed, quiet
 from tests.faults.proof import Plan, Proof
 
 SEEDED = Path(__file__).parent / "seeded"
@@ -94,3 +96,10 @@ def seed(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
         monkeypatch.setenv("SEEDED_FAULTS", ",".join(names))
 
     return seed
+
+
+@pytest.fixture
+def protection(tmp_path: Path) -> Iterator[Protection]:
+    """All users but one, for a server in this process; its log is kept back."""
+    with quiet():
+        yield allow_everybody_listed(tmp_path)

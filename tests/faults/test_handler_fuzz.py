@@ -2,9 +2,7 @@
 
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -23,18 +21,11 @@ from tests.faults import handler_fuzz
 from tests.faults.allowed_codes import allowed_codes
 from tests.faults.check import BrokenPromise, Budget
 from tests.faults.handler_fuzz import CHECK, STATES, Scene, Totals, play
-from tests.faults.in_process import allow_everybody_listed, quiet
 from tests.faults.request_mutations import REQUEST_MUTATIONS, frames_of, gone_wrong
 from tests.faults.valid_requests import CONTROL, DATA, Known, valid_request
 
 Patch = pytest.MonkeyPatch
 KNOWN = Known("0" * 32, b"t" * 32, 2, 2, step=3)
-
-
-@pytest.fixture
-def protection(tmp_path: Path) -> Iterator[Protection]:
-    with quiet():
-        yield allow_everybody_listed(tmp_path)
 
 
 @pytest.mark.nightly

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import psutil
@@ -17,6 +18,7 @@ import zmq
 
 from tests.faults import table
 from tests.faults.check import BrokenPromise, Budget, Check, Result, require
+from tests.faults.conftest import pytest_cmdline_main
 from tests.faults.limited_context import limited_context
 from tests.faults.proof import HEADING, Plan, Proof
 from tests.faults.waiting import wait_until
@@ -215,36 +217,36 @@ def command(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[str]]:
     return run
 
 
-def test_the_command_runs_what_it_is_asked_for(command: Any, tmp_path: Path) -> None:
-    done = command("--only", "good", "--seed", 9, "--out", tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
-    heading, line, *_ = done.stdout.splitlines()
+def test_the_command_runs_what_it_is_asked_for_and_fails_with_a_row(command: Any, tmp_path: Path) -> None:
+    done = command("--only=broken", "--only=missed", "--seed", 9, "--out", tmp_path)
+    assert (done.returncode, done.stderr) == (pytest.ExitCode.TESTS_FAILED, "")
+    heading, *lines = done.stdout.splitlines()
     assert heading == HEADING
-    assert re.fullmatch(r"good +2 of them +2 done +9 +\d+\.\d PASS", line)
-    assert json.loads((tmp_path / "proof.json").read_text())["passed"] is True
-
-
-def test_the_command_fails_with_a_row_and_runs_the_next(command: Any, tmp_path: Path) -> None:
-    done = command("--only=broken", "--only=missed", "--minutes", 0.01, "--out", tmp_path)
-    assert done.returncode == pytest.ExitCode.TESTS_FAILED
-    assert [line.split()[0] for line in done.stdout.splitlines()[1:3]] == ["missed", "broken"]
+    assert [line.split()[0] for line in lines[:2]] == ["missed", "broken"]
     proof = json.loads((tmp_path / "proof.json").read_text())
     assert [each["passed"] for each in proof["checks"]] == [False, False]
+    assert proof["seed"] == 9
     assert proof["finished"]
 
 
-def test_the_command_lists_and_refuses(command: Any) -> None:
-    done = command("--list", "--full")
-    assert (done.returncode, done.stdout.splitlines()[0].split()) == (0, ["good", "20", "000", "of", "them"])
-    for wrong, message in {
-        "--only=god": "no row 'god'; the rows are good, missed",
-        "--minutes=0": "more than 0",
-    }.items():
-        done = command(wrong)
-        assert done.returncode == pytest.ExitCode.USAGE_ERROR
-        assert message in done.stderr
+def asked(**given: Any) -> Any:
+    """The options of pytest, as the command line has given them."""
+    options = {f"--{name}": value for name, value in ({"only": []} | given).items()}
+    return SimpleNamespace(getoption=lambda name, default=None: options.get(name, default))
 
 
+def test_the_command_lists_and_refuses(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(table, "CHECKS", (GOOD, MISSED, BROKEN))
+    assert pytest_cmdline_main(asked(list=True, full=True)) == 0
+    assert capsys.readouterr().out.splitlines()[0].split() == ["good", "20", "000", "of", "them"]
+    with pytest.raises(pytest.UsageError, match="no row 'god'; the rows are good, missed"):
+        pytest_cmdline_main(asked(only=["god"]))
+    with pytest.raises(pytest.UsageError, match="more than 0"):
+        pytest_cmdline_main(asked(minutes=0.0))
+    assert pytest_cmdline_main(asked(only=["good"], minutes=1.0)) is None
+
+
+@pytest.mark.nightly  # it loads all rows in another process
 def test_rows_run_only_where_they_are_asked_for() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "--collect-only", str(Path(__file__).with_name("test_rows.py"))],

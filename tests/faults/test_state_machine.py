@@ -1,8 +1,7 @@
 """The state machine's row: it repeats by its seed, visits every cell, shortens what fails, and finds seeded bugs."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -32,16 +31,8 @@ from mesh_motion_server.transport.protection import Protection, Rights
 from tests.faults import state_machine
 from tests.faults.actions import ALL, EVENTS, REQUESTS, TWISTS, Action, read_story, story
 from tests.faults.check import BrokenPromise, Budget
-from tests.faults.in_process import allow_everybody_listed, quiet
 from tests.faults.session_table import ADMITTED, OPERATIONS
 from tests.faults.state_machine import CELLS, CHECK, Life, begin, nth_life, replay
-
-
-@pytest.fixture
-def protection(tmp_path: Path) -> Iterator[Protection]:
-    with quiet():
-        yield allow_everybody_listed(tmp_path)
-
 
 #: No client of these sessions judges; and derivatives, which change nothing, are played after other requests.
 NOT_PLAYED = {"JUDGE", "CORRECT", "TANGENT", "COTANGENT"}

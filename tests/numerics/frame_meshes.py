@@ -27,6 +27,14 @@ def square_frame(
     return points, CellTable.from_arrays({kind: numbers.reshape(nodes.shape)}), patches
 
 
+def cloud(n, d, seed=0):
+    """Jittered grid points: random, but nowhere closer than a third of the spacing."""
+    rng = np.random.default_rng(seed)
+    side = int(np.ceil(n ** (1 / d)))
+    grid = np.stack(np.meshgrid(*[np.linspace(0, 1, side)] * d, indexing="ij"), axis=-1).reshape(-1, d)
+    return grid + rng.uniform(-1, 1, grid.shape) / (3 * side)
+
+
 def rotation(degrees: float) -> np.ndarray:
     """(2, 2) rotation matrix."""
     a = np.deg2rad(degrees)

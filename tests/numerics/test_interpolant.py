@@ -1,6 +1,7 @@
 import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
+from frame_meshes import cloud
 from hypothesis import given
 from hypothesis import strategies as st
 from mesh_motion_numerics.interpolation import evaluation
@@ -12,14 +13,6 @@ from scipy.interpolate import RBFInterpolator
 
 USABLE = sorted(name for name, basis in BASES.items() if not basis.unusable)
 SOLVERS = ("dense", "sparse", "iterative")
-
-
-def cloud(n, d, seed=0):
-    """Jittered grid points: random, but nowhere closer than a third of the spacing."""
-    rng = np.random.default_rng(seed)
-    side = int(np.ceil(n ** (1 / d)))
-    grid = np.stack(np.meshgrid(*[np.linspace(0, 1, side)] * d, indexing="ij"), axis=-1).reshape(-1, d)
-    return grid + rng.uniform(-1, 1, grid.shape) / (3 * side)
 
 
 def radius_of(name, d):

@@ -2,24 +2,18 @@
 
 from pathlib import Path
 
-import numpy as np
 import status_page
-from mesh_motion_client import Mesh, Patch
 from prometheus_client.parser import text_string_to_metric_families
 
+from tests.faults.client_mesh import client_mesh
 from tests.faults.server_process import ServerProcess
+from tests.faults.stand_in import grid_mesh
 from tests.faults.stand_in_server import StandInServer
 
 
-def small_mesh(cells=4):
+def small_mesh():
     """A square in triangles: the left side moves, the right one is fixed."""
-    n = cells + 1
-    x = np.arange(n) / cells
-    points = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
-    i = (np.arange(cells)[:, None] * n + np.arange(cells)).ravel()
-    triangles = np.concatenate([np.stack([i, i + 1, i + n + 1], axis=1), np.stack([i, i + n + 1, i + n], axis=1)])
-    left, right = np.arange(0, n * n, n), np.arange(n - 1, n * n, n)
-    return Mesh(points, {"triangle": triangles}, {"left": Patch("moving", left), "right": Patch("fixed", right)})
+    return client_mesh(grid_mesh())
 
 
 class Served(StandInServer):

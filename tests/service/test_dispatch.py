@@ -5,9 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 from mesh_motion_protocol.digests import state_digest
-from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Move, Status
+from mesh_motion_protocol.errors import SessionError
+from mesh_motion_protocol.messages import Build, Close, Commit, Fetch, Hello, Move, Ping, Status, Upload
 from raising import raising
 
+from mesh_motion_server.service.dispatch import Envelope
 from mesh_motion_server.session.state import State
 from tests.faults.stand_in import grid_mesh
 
@@ -65,6 +67,22 @@ def test_status(ready: Any) -> None:
     assert report.report["caches"]["factorization"]["made"] == 2
     assert report.report["quality"]["cells"] == 32
     assert report.report["peak_memory_bytes"] > 1e6
+
+
+def test_unknown_words_and_tokens_are_refused_and_change_nothing(driver: Any) -> None:
+    """At a socket these are refused before; the table of bad inputs asks with many more of them."""
+    driver.join()
+    assert driver.ask(Upload, item="edges", rows=np.zeros((1, 2))).code == "INVALID_ARGUMENT.VALUE"
+    driver.upload()
+    driver.all(Build)
+    assert driver.all(Move, driver.displacement(1), step=1, frame="other")[0].code == "INVALID_ARGUMENT.VALUE"
+    assert driver.ask(Close, outcome="maybe").code == "INVALID_ARGUMENT.VALUE"
+    assert driver.ask(Fetch, what="x").code == "INVALID_ARGUMENT.VALUE"
+    for kind, answer in ((Ping, "PONG"), (Hello, "ERROR")):
+        assert driver.host.handle(Envelope(b"any", kind()))[0].message.type == answer
+    with pytest.raises(SessionError, match="for this token"):
+        driver.host.reclaim(bytes(32))
+    assert driver.move(1)[0].iteration == 1
 
 
 def test_something_unforeseen_is_internal_and_changes_nothing(

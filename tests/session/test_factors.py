@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from unittest import mock
 
 import numpy as np
+from frame_meshes import square_frame
 from mesh_motion_numerics.interpolation.two_scale import plans
-from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 
@@ -76,16 +75,10 @@ def test_bytes_stay_within_the_budget_but_the_newest_is_kept() -> None:
 
 
 def test_a_motion_fills_an_empty_cache_and_is_bitwise_the_same_with_it() -> None:
-    axis = np.linspace(0, 1, 5)
-    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
-    corner = np.arange(20).reshape(4, 5)[:, :4].ravel()
-    quads = corner[:, None] + np.array([0, 5, 6, 1])
-    left, right = np.flatnonzero(points[:, 0] == 0), np.flatnonzero(points[:, 0] == 1)
-    sides = np.flatnonzero((points[:, 1] == 0) | (points[:, 1] == 1))
-    patches = {"left": Patch("moving", left), "rest": Patch("fixed", np.union1d(right, np.setdiff1d(sides, left)))}
-    model = MotionModel.build(points, CellTable.from_arrays({"quad": quads}), patches, Method(correction="none"))
+    points, cells, patches = square_frame(10, kind="quad")
+    model = MotionModel.build(points, cells, patches, Method(correction="none"))
     cache = FactorCache(1 << 20)
-    targets = points[left] + (0.02, 0.0)
+    targets = points[patches["block"].nodes] + (0.02, 0.0)
     first, second = (model.move(points, targets, cache) for _ in range(2))
     assert [motion.caches["factorization"] for motion in (first, second)] == ["made", "reused"]
     assert second.caches["bytes"] == {"factorization": cache.nbytes}
@@ -94,21 +87,11 @@ def test_a_motion_fills_an_empty_cache_and_is_bitwise_the_same_with_it() -> None
 
 def _disc(**choices: str) -> tuple[MotionModel, np.ndarray, np.ndarray]:
     """A square of quads with a square hole that moves, interpolated in two scales; two displacements of the hole."""
-    rows = 30
-    axis = np.linspace(0, 1, rows + 1)
-    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
-    number = np.arange(len(points)).reshape(rows + 1, rows + 1)
-    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
-    hole = np.all(np.abs(points[quads].mean(axis=1) - 0.5) < 0.15, axis=1)
-    quads = quads[~hole]
-    used, quads = np.unique(quads, return_inverse=True)
-    points, quads = points[used], quads.reshape(-1, 4)
-    moving = np.flatnonzero(np.all(np.abs(points - 0.5) < 0.17, axis=1))
-    outer = np.flatnonzero(np.any((points == 0.0) | (points == 1.0), axis=1))
-    patches = {"hole": Patch("moving", moving), "outer": Patch("fixed", outer)}
+    points, cells, patches = square_frame(30, kind="quad")
+    moving = patches["block"].nodes
     method = Method(support_radius=2.0, correction="none", **choices)
     with mock.patch.object(plans, "AUTOMATIC_FROM", 0):
-        model = MotionModel.build(points, CellTable.from_arrays({"quad": quads}), patches, method)
+        model = MotionModel.build(points, cells, patches, method)
     turn = 0.02 * (points[moving] - 0.5) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
     return model, turn + np.array([0.01, 0.0]), turn
 

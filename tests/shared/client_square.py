@@ -6,9 +6,9 @@ from mesh_motion_client import Mesh, Patch
 SIDE = 9
 
 
-def square():
-    x, y = (each.ravel() for each in np.meshgrid(np.linspace(0, 1, SIDE), np.linspace(0, 1, SIDE), indexing="ij"))
-    node = np.arange(SIDE * SIDE).reshape(SIDE, SIDE)
+def square(nodes=SIDE):
+    x, y = (each.ravel() for each in np.meshgrid(np.linspace(0, 1, nodes), np.linspace(0, 1, nodes), indexing="ij"))
+    node = np.arange(nodes * nodes).reshape(nodes, nodes)
     quads = np.stack([node[:-1, :-1], node[1:, :-1], node[1:, 1:], node[:-1, 1:]], axis=-1).reshape(-1, 4)
     left, rest = np.flatnonzero(x == 0), np.flatnonzero((x == 1) | (((y == 0) | (y == 1)) & (x > 0)))
     return Mesh(

@@ -4,23 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from client_square import SIDE, square
 from page_story import blocks_of, play
 
 om = pytest.importorskip("openmdao.api", reason="OpenMDAO is not installed")
 
-from mesh_motion_client import Mesh, Patch, connect  # noqa: E402
+from mesh_motion_client import connect  # noqa: E402
 from mesh_motion_openmdao.component import MeshMotion  # noqa: E402
-
-SIDE = 9
-
-
-def square():
-    side = np.linspace(0.0, 1.0, SIDE)
-    points = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
-    number = np.arange(len(points)).reshape(SIDE, SIDE)
-    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
-    walls = np.setdiff1d(np.concatenate([number[-1], number[:, 0], number[:, -1]]), number[0])
-    return Mesh(points, {"quad": quads}, {"left": Patch("moving", number[0]), "walls": Patch("fixed", walls)})
 
 
 @pytest.fixture(autouse=True)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from frame_meshes import cloud
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.interpolant import factorize
 from mesh_motion_numerics.interpolation.kernels import BASES
@@ -10,14 +11,6 @@ from docs.studies.thesis._linear_polynomial import WithPolynomial
 
 DEFINITE = sorted(name for name, basis in BASES.items() if not basis.unusable and basis.order == 0)
 SOLVERS = ("dense", "sparse", "iterative")
-
-
-def cloud(n, d, seed=0):
-    """Jittered grid points: random, but nowhere closer than a third of the spacing."""
-    rng = np.random.default_rng(seed)
-    side = int(np.ceil(n ** (1 / d)))
-    grid = np.stack(np.meshgrid(*[np.linspace(0, 1, side)] * d, indexing="ij"), axis=-1).reshape(-1, d)
-    return grid + rng.uniform(-1, 1, grid.shape) / (3 * side)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from box_meshes import box_mesh
 from mesh_motion_numerics.interpolation.interpolant import factorize
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
@@ -12,14 +13,9 @@ from docs.studies.thesis._predictors import PREDICTORS, CallableField, Interpola
 
 
 def square(n: int) -> tuple[np.ndarray, CellTable]:
-    """Unit square of n × n squares, the left half in triangles, the right half in quads; n even."""
-    x, y = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij"))
-    i, j = (a.ravel() for a in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
-    corner = i * (n + 1) + j
-    quads = np.column_stack([corner, corner + n + 1, corner + n + 2, corner + 1])
-    left = quads[i < n // 2]
-    triangles = np.concatenate([left[:, [0, 1, 2]], left[:, [0, 2, 3]]])
-    return np.column_stack([x, y]), CellTable.from_arrays({"triangle": triangles, "quad": quads[i >= n // 2]})
+    """Triangles and quads, n along a side."""
+    mesh = box_mesh("quad + triangle", n)
+    return mesh.points, mesh.cells
 
 
 def affine(matrix: np.ndarray, shift: np.ndarray) -> CallableField:
@@ -49,7 +45,7 @@ def swirl(turn: float) -> CallableField:
 
 @pytest.mark.parametrize("name", PREDICTORS)
 def test_affine_steps_are_predicted_exactly_in_their_order(name):
-    points, cells = square(4)
+    points, cells = square(5)
     sizes, rng = reference_sizes(points, cells), np.random.default_rng(3)
     steps = [affine(0.3 * rng.normal(size=(2, 2)), rng.normal(size=2)) for _ in range(4)]
     moved = points
@@ -62,7 +58,7 @@ def test_affine_steps_are_predicted_exactly_in_their_order(name):
 
 
 def test_step_by_step_is_the_same_as_all_at_once():
-    points, cells = square(6)
+    points, cells = square(10)
     sizes, steps = reference_sizes(points, cells), [swirl(0.2), affine(0.1 * np.eye(2), np.ones(2)), swirl(-0.3)]
     followed = AccumulatedGradients.of_cells(points, cells)
     for step in steps:
@@ -97,6 +93,6 @@ def test_one_dimension_is_the_product_of_the_thesis():
 
 
 def test_no_step_is_refused():
-    points, cells = square(2)
+    points, cells = square(5)
     with pytest.raises(InvalidInput, match="at least one step"):
         predict_many_steps("centre-gradient", points, cells, reference_sizes(points, cells), [])
