@@ -11,6 +11,8 @@ _MOST_PARTS = 100
 #: Possessive, and only where a part begins, so that the search itself takes a time that grows with the text alone.
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
 _LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{{_MOST_PARTS}}}")
+#: Where a text that takes too deep calls goes deep: so many brackets that none closes.
+_DEEP = re.compile(rf"(?:[\[{{][^\[\]{{}}]*+){{{_MOST_PARTS}}}")
 _LONG_INTEGER = "an integer of more than 64 bits"
 
 
@@ -22,14 +24,12 @@ def read_toml(text: str) -> dict[str, Any]:
     tomllib.TOMLDecodeError
         If it is no TOML, nested too deep to be read, or has an integer of more than 64 bits.
     """
-    long = _LONG_KEY.search(text)
-    if long is not None:
-        line = text.count("\n", 0, long.start()) + 1
-        raise tomllib.TOMLDecodeError(f"a key of more than {_MOST_PARTS} dotted parts (at line {line})")
+    if long := _LONG_KEY.search(text):
+        raise tomllib.TOMLDecodeError(f"a key of more than {_MOST_PARTS} dotted parts{_place(long)}")
     try:
         found = tomllib.loads(text)
     except RecursionError as error:
-        raise tomllib.TOMLDecodeError(str(error)) from None
+        raise tomllib.TOMLDecodeError(f"values nested too deep to be read{_place(_DEEP.search(text))}") from error
     except tomllib.TOMLDecodeError:
         raise
     except ValueError as error:  # Python reads no decimal number of so many digits
@@ -37,6 +37,11 @@ def read_toml(text: str) -> dict[str, Any]:
     if _has_long_integer(found):
         raise tomllib.TOMLDecodeError(_LONG_INTEGER)
     return found
+
+
+def _place(found: re.Match[str] | None) -> str:
+    line = found.string.count("\n", 0, found.start()) + 1 if found else 0
+    return f" (at line {line})" if line else ""
 
 
 def _has_long_integer(value: Any) -> bool:

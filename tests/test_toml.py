@@ -39,6 +39,14 @@ def test_a_large_text_is_refused_soon(piece: str) -> None:
     assert time.process_time() - began < 2.0
 
 
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, "[" * 50_000 + "]" * 50_000, "{a = " * 100_000, "[\n1, {a = " * 50_000]
+)
+def test_the_line_of_values_that_are_nested_too_deep_is_named(text: str) -> None:
+    with pytest.raises(tomllib.TOMLDecodeError, match=r"^values nested too deep to be read \(at line 3\)$"):
+        read_toml(f"b = [[1]]\n\na = {text}")
+
+
 @pytest.mark.parametrize("digits", ["9" * 400, "9" * 5000, "0x" + "f" * 5000, str(2**63), str(-(2**63) - 1)])
 @pytest.mark.parametrize("place", ["{}", "[1, {}]", "[[{{ a = {} }}]]"])
 def test_an_integer_that_fits_into_no_number_is_refused(digits: str, place: str) -> None:
