@@ -740,6 +740,34 @@ def test_one_name_of_a_side_and_of_a_node_elsewhere_is_said(tmp_path: Path, suff
     )
 
 
+def with_a_node_set(path: Path, node: int, name: bytes) -> Path:
+    """The box of Exodus with a node set of the number 1, as its first side set has it; without names if ``name`` is empty."""
+    from scipy.io import netcdf_file  # noqa: PLC0415
+
+    exodus(path)
+    with netcdf_file(path, "a", mmap=False) as file:
+        for dimension in ("num_node_sets", "num_nod_ns1"):
+            file.createDimension(dimension, 1)
+        file.createVariable("ns_prop1", "i", ("num_node_sets",))[:] = 1
+        file.createVariable("node_ns1", "i", ("num_nod_ns1",))[:] = node + 1
+        names = file.createVariable("ns_names", "c", ("num_node_sets", "len_name"))
+        names[0] = np.frombuffer(name.ljust(33, b"\0"), "S1")
+        if not name:
+            file.variables["ss_names"][:] = b"\0"
+    return path
+
+
+def test_a_node_set_of_exodus_with_the_number_or_the_name_of_a_side_set(tmp_path: Path) -> None:
+    name, nodes = next(iter(PATCHES.items()))
+    node = int(np.setdiff1d(np.arange(len(POINTS)), nodes)[0])
+    numbered = read_mesh(with_a_node_set(tmp_path / "number.exo", node, b""))
+    assert numbered.patches["1"].tolist() == sorted(nodes)
+    assert numbered.patches["nodes_1"].tolist() == [node]
+    named = read_mesh(with_a_node_set(tmp_path / "name.exo", node, name.encode()))
+    assert named.patches[name].tolist() == sorted([*nodes, node])
+    assert any(f"{name!r} is the name of a surface and of a point with 1 other node" in note for note in named.notes)
+
+
 def test_one_array_of_faces_and_lines_elsewhere_is_said(tmp_path: Path) -> None:
     points = "0 0 0 1 0 0 0 1 0 0 0 1"
     (tmp_path / "m.vtk").write_text(

@@ -115,7 +115,8 @@ def _draw_meshes(figure: Any, axes: Any, pair: MeshPair, plane: Plane | None, wi
         colours = draw_mesh(axes[name], mesh, plane, f"{what}, {mesh.extreme}".replace(", m", "\nm"), window, page)
     _mark_enrichment(axes["b"], pair, plane, page)
     near = draw_closeup(axes["c"], pair.after, plane, page)
-    if plane is None and ((near[1] > window[0]) & (near[0] < window[1])).all():
+    middle = near.mean(axis=0)
+    if plane is None and ((middle >= window[0]) & (middle <= window[1])).all():  # a frame without its cell misleads
         low, high = np.maximum(near[0], window[0]), np.minimum(near[1], window[1])
         axes["b"].indicate_inset((*low, *(high - low)), edgecolor=page.theme.ink, linewidth=0.6, alpha=0.9)
     meshes = [axes[name] for name in "abc"]

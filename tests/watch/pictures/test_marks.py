@@ -38,13 +38,15 @@ def test_only_the_worst_cell_of_all_has_a_ring(worst: int, rings: int) -> None:
         assert np.ravel(line.get_xydata()) == pytest.approx([10.5, 10.5])
 
 
-@pytest.mark.parametrize("worst", [0, 10 * N + 10, 10 * N + 6])
-def test_the_frame_of_the_close_up_stays_in_the_picture(worst: int) -> None:
+@pytest.mark.parametrize(("worst", "frames"), [(0, 0), (10 * N + 10, 1), (10 * N + 8, 1), (10 * N + 5, 0)])
+def test_the_frame_of_the_close_up_stays_in_the_picture_and_has_the_worst_cell_in_it(worst: int, frames: int) -> None:
     page, mesh = Page(160.0), snapshot(worst)
     with styled(page):
         figure = draw_before_after(MeshPair("a", "size-skew", mesh, replace(mesh, step=1), ("0", "1")), page)
     axes = figure.axes[1]
-    for patch in (artist for artist in axes.get_children() if type(artist).__name__ == "InsetIndicator"):
+    found = [artist for artist in axes.get_children() if type(artist).__name__ == "InsetIndicator"]
+    assert len(found) == frames
+    for patch in found:
         x, y, width, height = patch.rectangle.get_bbox().bounds
         assert axes.get_xlim()[0] - 1 <= x <= x + width <= axes.get_xlim()[1] + 1
         assert axes.get_ylim()[0] - 1 <= y <= y + height <= axes.get_ylim()[1] + 1
