@@ -741,7 +741,7 @@ def test_one_name_of_a_side_and_of_a_node_elsewhere_is_said(tmp_path: Path, suff
 
 
 def with_a_node_set(path: Path, node: int, name: bytes) -> Path:
-    """The box of Exodus with a node set of the number 1, as its first side set has it; without names if ``name`` is empty."""
+    """The box of Exodus with a node set of the number 1, which a side set has too; without ``name`` none has a name."""
     from scipy.io import netcdf_file  # noqa: PLC0415
 
     exodus(path)
