@@ -16,7 +16,7 @@ from mesh_motion_server.commands.expected_errors import expected_errors
 __all__ = ["keys"]
 
 keys = typer.Typer(
-    help="Make keys, and say who may use a server; docs/security.md tells the whole.",
+    help="Make keys, and say who may use a server: docs/security.md.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
