@@ -285,6 +285,26 @@ def test_who_stops_early_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     assert any("stopped before its minimum" in warning for warning in motion.warnings)
 
 
+def test_bodies_that_pass_each_other_do_not_stay_at_a_saddle() -> None:
+    # two boxes in a row; mesh and motion are symmetric, and the symmetric mesh is no minimum
+    box = box_mesh("hexahedron", 5)
+    points, places = np.unique(
+        np.concatenate([box.points, np.add(box.points, [1.0, 0.0, 0.0])]).round(9), axis=0, return_inverse=True
+    )
+    (hexahedra,) = box.cells
+    n, numbers = len(box.points), places.ravel()
+    cells = CellTable.from_arrays({"hexahedron": numbers[np.concatenate([hexahedra.nodes, hexahedra.nodes + n])]})
+    bodies = [numbers[box.body + first] for first in (0, n)]
+    wall = np.flatnonzero(((points == 0.0) | (points == [2.0, 1.0, 1.0])).any(axis=1))
+    patches = {"one": Patch("moving", bodies[0]), "other": Patch("moving", bodies[1]), "wall": Patch("fixed", wall)}
+    model, targets = MotionModel.build(points, cells, patches, Method()), points.copy()
+    for nodes, shift in zip(bodies, (0.2, -0.2), strict=True):
+        targets[nodes] += shift
+    motion = model.move(points, targets[model.roles.moving])
+    assert motion.corrected
+    assert not motion.warnings
+
+
 def test_where_it_finds_no_mesh_the_other_correction_does_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     model = block_model()
     monkeypatch.setattr(SmoothMotion, "correct", lambda *_: Smoothed(model.points, 1, 0, False, np.inf))

@@ -24,8 +24,10 @@ exponential makes cells that hardly differ resist 1e16 times as much as others, 
 Nodes on plane slip and symmetry walls and periodic nodes are free as well, along the wall and alike. Nodes on curved
 walls keep their plain positions: a polygon's tangents are not a smooth function of the boundary.
 
-Newton's iterations are exact near the minimum; further away, and where the function is not convex, every corner's
-Hessian loses its negative part. They end where the step is below :data:`_TOLERANCE`, or report that they did not.
+Newton's iterations are exact near the minimum; further away every corner's Hessian loses its negative part. Where the
+function is not convex it loses as much of it as makes the matrix positive definite: without any a mesh stays near a
+saddle (bodies that pass each other) for a hundred iterations. They end where the step is below :data:`_TOLERANCE`, or
+report that they did not.
 """
 
 from __future__ import annotations
@@ -73,6 +75,7 @@ _PINNED = 1e-8  # σ below which a node keeps its plain position
 _TOLERANCE = 1e-9  # largest Newton step of a node, as a share of the mesh's extent
 _ITERATIONS = 40
 _ARMIJO, _HALVINGS = 1e-4, 40
+_LEAST_CONVEX = 1 / 64  # smallest convex part of a Hessian that is not positive definite
 
 
 def onset_of(n_nodes: int) -> float:
@@ -302,12 +305,12 @@ class SmoothMotion:
         """Newton's iterations."""
         n, tolerance = region.free.n_free, _TOLERANCE * self._extent
         energy, distortion = self._energy(points, rest, region)
-        exact, residual, last = True, math.inf, math.inf  # last: the step before, if it was an exact one
+        convex, far, residual, last = 0.0, False, math.inf, math.inf  # last: the step before, if it was an exact one
         accuracy = ROUGH  # of conjugate gradients: each step's allows the next one to be as small as an exact step's
         for done in range(_ITERATIONS):
             check_time()
             try:
-                step, slope, exact = self._step(points, rest, region, distortion, accuracy, exact=exact)
+                step, slope, convex = self._step(points, rest, region, distortion, accuracy, convex)
             except ArithmeticError:
                 return Smoothed(points, n, done, False, residual)
             residual = float(np.abs(step).max())
@@ -321,36 +324,52 @@ class SmoothMotion:
                     break
                 length *= 0.5
             else:
-                if not exact:
+                if convex == 1.0:
                     return Smoothed(points, n, done, residual < 1e3 * tolerance, residual)
-                exact = False
+                convex = 1.0
                 continue
             points, energy, distortion = trial, lower, after
+            exact = convex == 0.0
             whole = exact and length == 1.0
             shrunk = (residual / last) ** 2 if whole and last < math.inf else math.inf
             next_step = residual * max(shrunk, 0.0 if region.is_factorized else accuracy)
             if (residual < tolerance and (exact or residual < 1e-3 * tolerance)) or next_step < 1e-2 * tolerance:
                 return Smoothed(points, n, done + 1, True, residual)
             last, accuracy = (residual, min(ROUGH, shrunk)) if whole else (math.inf, ROUGH)
-            exact = length == 1.0 and -slope < 0.5 * max(energy, 1e-12)
+            if length < 1.0 or -slope >= 0.5 * max(energy, 1e-12):
+                convex, far = 1.0, True
+            else:
+                convex = 0.0 if far or convex < 16.0 * _LEAST_CONVEX or not region.is_factorized else convex / 16.0
+                far = False
         return Smoothed(points, n, _ITERATIONS, False, residual)
 
     def _step(
-        self, points: Floats, rest: Floats, region: SmoothRegion, distortion: Floats, accuracy: float, *, exact: bool
-    ) -> tuple[Floats, float, bool]:
-        """Newton's step (f, d), the slope along it, and whether the exact Hessian leads down and gave it."""
-        for kind in (True, False) if exact else (False,):
-            gradient, hessian = self.model(points, rest, region, distortion, exact=kind)
+        self, points: Floats, rest: Floats, region: SmoothRegion, distortion: Floats, accuracy: float, convex: float
+    ) -> tuple[Floats, float, float]:
+        """Newton's step (f, d), the slope along it, and the convex part of the Hessian that gave it.
+
+        ``convex`` is the part to try first. Between the Hessian and its corners' positive parts lie matrices that are
+        positive definite and hardly stiffer: a saddle is left in few steps with them.
+        """
+        gradient, hessian = self.model(points, rest, region, distortion, exact=convex == 0.0)
+        exact, positive = (hessian, None) if convex == 0.0 else (None, hessian)
+        while True:
+            if convex > 0.0:
+                if positive is None:
+                    positive = self.model(points, rest, region, distortion, exact=False)[1]
+                if convex < 1.0 and exact is None:
+                    exact = self.model(points, rest, region, distortion, exact=True)[1]
+                hessian = positive if exact is None or convex == 1.0 else exact + convex * (positive - exact)
             try:
                 step = region.solver(points, hessian, accuracy)(-gradient)
             except ArithmeticError:
-                if not kind:
+                if convex == 1.0:
                     raise
-                continue
-            slope = float(np.vdot(gradient, step))
-            if slope < 0.0:
-                break
-        return step, slope, kind
+            else:
+                slope = float(np.vdot(gradient, step))
+                if slope < 0.0 or convex == 1.0:
+                    return step, slope, convex
+            convex = min(1.0, max(_LEAST_CONVEX, 4.0 * convex)) if region.is_factorized else 1.0
 
     def _distortions(self, points: Floats, region: SmoothRegion) -> Floats:
         """f (c,) of the region's corners with local positions (l, d)."""
