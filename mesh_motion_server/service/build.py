@@ -26,11 +26,12 @@ def run(session: Session, requests: Sequence[Build]) -> list[Built]:
     reaches = [request.reach for request in requests if request.reach is not None]
     if len(reaches) == len(requests):  # a partition that sends no such cells has the session without layers
         session.require_client_evaluation()
-        needed, wall = session.needed_for_layers(min(reaches))
+        needed, wall = session.needed_for_layers(reaches)
         if needed:
             return [_asking(request, needed, wall) for request in requests]
+    warnings = _without_layers(session, [request.reach for request in requests])
     session.build()
-    settings, mesh = session.model.method.as_dict(), mesh_report(session)
+    settings, mesh = session.model.method.as_dict(), mesh_report(session, [*session.mesh_warnings(), *warnings])
     quality = {}
     if session.spec.evaluation == "server":
         quality = summary_report(session.model.summary(session.coordinates("committed")), session.mesh)
@@ -46,6 +47,19 @@ def run(session: Session, requests: Sequence[Build]) -> list[Built]:
             moving_nodes=moving,
         )
         for request, moving in zip(requests, session.mesh.moving_local, strict=True)
+    ]
+
+
+def _without_layers(session: Session, reaches: Sequence[float | None]) -> list[str]:
+    """A warning if no layer can be carried for want of what a partition sends; it may belong to an older client."""
+    spec = session.spec
+    if spec.evaluation == "server" or spec.dimension == 1 or spec.settings.to_method().correction != "smooth":
+        return []
+    found = session.upload.without_layers(reaches)
+    return [
+        f"partition {partition} has sent no {'cells near moving walls' if reaches[partition] is None else 'facets'}: "
+        "no layer of thin cells moves with its wall, in any partition; clients in Python send them"
+        for partition in found[:1]
     ]
 
 

@@ -35,7 +35,7 @@ from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.journal.replies import RequestId
 from mesh_motion_server.session.model import Model, ModelBuilder, checked_model, model_of
 from mesh_motion_server.session.motions import compute
-from mesh_motion_server.session.partitions.merging import check_boundary, merge
+from mesh_motion_server.session.partitions.merging import check_boundary, check_near, merge
 from mesh_motion_server.session.partitions.meshes import MergedMesh
 from mesh_motion_server.session.partitions.uploads import MeshUpload, Part
 from mesh_motion_server.session.position import WRITING
@@ -122,22 +122,38 @@ class Session(Answers):
         self._swap(state=state)
         return rows
 
-    def needed_for_layers(self, reach: float) -> tuple[float, Floats]:
-        """About which nodes the cells are needed before the mesh is built; 0: they are here, up to the ``reach``.
+    def needed_for_layers(self, reaches: Sequence[float]) -> tuple[float, Floats]:
+        """About which nodes the cells are needed before the mesh is built; 0: they are here, up to all ``reaches``.
+
+        Parameters
+        ----------
+        reaches : sequence of float, mesh length unit
+            Of each partition: within which distance of the moving walls it has sent the cells.
 
         Returns
         -------
         float, (f, d, d) array; mesh length unit
             Nodes within this distance of these facets of the moving walls.
+
+        Raises
+        ------
+        InvalidInput
+            If a reach was not asked for, or a node on a moving wall has none of the cells.
         """
         # imported here: no other session needs it, and it loads much
         from mesh_motion_numerics.motion.boundary_motion import reach_of_layers  # noqa: PLC0415
 
         self.admit(Operation.BUILD)
+        self.upload.check_reaches(reaches)
         mesh = merge(self.upload.meshes())
         method = self.spec.settings.to_method()
         needed, wall = reach_of_layers(mesh.points, mesh.facets, mesh.near, mesh.patches, method)
-        return (needed, wall) if needed > reach else (0.0, wall)
+        if wall is None:
+            return 0.0, np.empty((0, mesh.points.shape[1], mesh.points.shape[1]))
+        if min(reaches) > 0.0:
+            check_near(mesh, wall.nodes)
+        self.upload.reach = needed if needed > min(reaches) else 0.0
+        return self.upload.reach, wall.reference[wall.simplices]
 
     def build(self) -> None:
         """The mesh is complete: check it, make it durable.

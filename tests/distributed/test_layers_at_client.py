@@ -4,10 +4,11 @@ import signal
 
 import numpy as np
 import pytest
-from mesh_motion_client import InvalidInput, Mesh, Patch, connect
+from mesh_motion_client import InvalidInput, Mesh, Patch, connect, opened
 from mesh_motion_numerics.distributed.rank import Rank
 from mesh_motion_numerics.mesh.cells import CellTable
-from own_ranks import as_client, in_pieces, on_ranks
+from mesh_motion_protocol.messages import Build
+from own_ranks import SETTINGS, as_client, in_pieces, on_ranks
 
 from docs.studies.aerofoil_grids import o_grid, wing
 from tests.faults.server_process import ServerProcess
@@ -122,10 +123,29 @@ def test_cells_near_the_wall_travel_once_and_no_others(server, monkeypatch):
 def test_without_cells_near_the_wall_no_layer_is_carried(server, monkeypatch):
     """As from a client that sends none: what the bounds above would refuse."""
     whole = grid("quads")
-    (carried,) = on_ranks(server, [whole], in_two_steps, {})
+
+    def drive(session, part):
+        return session.mesh_report["warnings"], in_two_steps(session, part)
+
+    ((warnings, carried),) = on_ranks(server, [whole], drive, {})
+    assert warnings == []
     monkeypatch.setattr(Rank, "facets", property(lambda self: {}))
-    (alone,) = on_ranks(server, [whole], in_two_steps, {})
+    ((warnings, alone),) = on_ranks(server, [whole], drive, {})
     assert np.abs(alone[0][1] - carried[0][1]).max() > 1e-6
+    assert ["partition 0 has sent no facets: no layer" in text for text in warnings] == [True]
+
+
+def test_a_rank_that_sends_no_cells_near_walls_is_named(server, monkeypatch):
+    """As the client in C: no layer is carried for any rank, and all are warned."""
+
+    def without_reach(*, reach, partition, **rest):
+        return Build(reach=None if partition == 1 else reach, partition=partition, **rest)
+
+    monkeypatch.setattr(opened, "Build", without_reach)
+    found = on_ranks(server, in_pieces(grid("quads"), 2), lambda session, _: session.mesh_report["warnings"], {})
+    assert ["partition 1 has sent no cells near moving walls: no layer" in text for (text,) in found] == [True, True]
+    settings = SETTINGS | {"correction": "none"}  # which carries no layers
+    assert on_ranks(server, in_pieces(grid("quads"), 2), lambda s, _: s.mesh_report["warnings"], settings) == [[], []]
 
 
 @pytest.mark.parametrize("degrees", [1.0, 25.0], ids=["plain", "corrected"])

@@ -23,7 +23,7 @@ from mesh_motion_server.session.partitions.cell_order import sorted_cells
 from mesh_motion_server.session.partitions.facets import merge_facets
 from mesh_motion_server.session.partitions.meshes import CellCount, CellOrigin, MergedMesh, PartitionMesh, joined
 
-__all__ = ["canonical_order", "check_boundary", "merge"]
+__all__ = ["canonical_order", "check_boundary", "check_near", "merge"]
 
 
 #: Admitted difference of one node's coordinates between partitions, relative to the bounding box's diagonal: above
@@ -98,6 +98,20 @@ def check_boundary(mesh: MergedMesh) -> None:
     if len(pairs):
         first, other = pairs[0].tolist()
         raise _undetermined(mesh, other, f"is at the place of that with {mesh.global_ids[first]}", "merge them")
+
+
+def check_near(mesh: MergedMesh, wall: Integers) -> None:
+    """Check that the cells near moving walls that were sent are about each node (k,) of the walls.
+
+    Raises
+    ------
+    InvalidInput
+        Naming the first node that has none.
+    """
+    bare = np.setdiff1d(wall, _nodes_of(block.nodes for block in mesh.near))
+    if len(bare):
+        fault = f"is on a moving wall and in no near cell that was sent ({len(bare)} such nodes)"
+        raise _undetermined(mesh, int(bare[0]), fault, "UPLOAD the cells about it as near_cells, then send BUILD")
 
 
 def _nodes_of(rows: Iterable[Integers | Shorts]) -> Integers:

@@ -1,5 +1,6 @@
 """The mesh of a session while it comes in: parts per partition, item and name, checked on arrival and counted."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -88,6 +89,11 @@ class MeshUpload:
         What all parts may take together.
     evaluation : {"server", "client"}
         With "client" cells come as rows without columns: only their number counts.
+
+    Attributes
+    ----------
+    reach : float
+        Within which distance of the moving walls the cells were asked for, mesh length unit; 0: they were not yet.
     """
 
     def __init__(self, dimension: int, partitions: int, byte_budget: int, evaluation: str = "server") -> None:
@@ -97,6 +103,7 @@ class MeshUpload:
         self._piles = [_Pile() for _ in range(partitions)]
         self._added: list[_Added] = []
         self.nbytes = 0
+        self.reach = 0.0
 
     @property
     def count(self) -> int:
@@ -137,6 +144,29 @@ class MeshUpload:
             added = self._added.pop()
             self.nbytes -= added.nbytes
             added.pile.drop_last(added.key)
+
+    def check_reaches(self, reaches: Sequence[float]) -> None:
+        """Check that what the partitions say about cells near moving walls was asked for.
+
+        Raises
+        ------
+        InvalidInput
+            Naming the first partition whose reach is neither 0 nor :attr:`reach`.
+        """
+        for partition, reach in enumerate(reaches):
+            if reach not in (0.0, self.reach):
+                asked = f"0 or {self.reach!r}, that of BUILT" if self.reach else "0: no BUILT has had one yet"
+                raise InvalidInput(
+                    f"partition {partition}: BUILD has the reach {reach!r}, expected {asked}",
+                    code="INVALID_ARGUMENT.VALUE",
+                    hint="send BUILD with the reach of BUILT, once the cells that it needs were sent as near_cells",
+                    details={"partition": partition, "field": "reach", "value": reach},
+                )
+
+    def without_layers(self, reaches: Sequence[float | None]) -> list[int]:
+        """The partitions for want of whose facets or cells near moving walls no layer can be carried."""
+        meshes = zip(self.meshes(), reaches, strict=True)
+        return [p for p, (mesh, reach) in enumerate(meshes) if reach is None or (mesh.keeps_cells and not mesh.facets)]
 
     def meshes(self) -> list[PartitionMesh]:
         """Each partition's mesh from its parts.

@@ -27,6 +27,7 @@ from mesh_motion_numerics.interpolation.factor_source import (
 )
 from mesh_motion_numerics.interpolation.interpolation_map import FieldMap
 from mesh_motion_numerics.interpolation.support_radius import suggest_support_radius
+from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.patch_check import check_patches
 from mesh_motion_numerics.mesh.plane_rims import PlaneRims
@@ -317,7 +318,7 @@ class BoundaryMotion:
 
 def reach_of_layers(
     points: Floats, facets: Mapping[str, Integers], near: CellTable, patches: Mapping[str, Patch], method: Method
-) -> tuple[float, Floats]:
+) -> tuple[float, MovingWall | None]:
     """About which nodes the cells are needed for the layers of the moving walls.
 
     Parameters
@@ -327,18 +328,18 @@ def reach_of_layers(
 
     Returns
     -------
-    float, (f, d, d) array; mesh length unit
-        Nodes within this distance of these facets; 0 if no wall has layers, or the method carries none.
+    float, MovingWall
+        Nodes within this distance of this wall, mesh length unit; 0 if no wall has layers, or the method carries none.
     """
     wall = moving_wall(points, facets, patches) if facets and method.correction == "smooth" else None
     if wall is None:
-        return 0.0, np.empty((0, points.shape[1], points.shape[1]))
+        return 0.0, None
     if len(near):
         layered = LayeredWalls.build(points, near, patches, None, facets)
         reach = 0.0 if layered is None else layered.reach
     else:
         reach = _ON_WALL * float(np.linalg.norm(np.ptp(bounding_box(points), axis=0)))
-    return reach, wall.reference[wall.simplices]
+    return reach, wall
 
 
 def _bodies(roles: BoundaryRoles, patches: Mapping[str, Patch]) -> tuple[Body, ...]:

@@ -448,6 +448,31 @@ def test_a_rank_in_c_next_to_ranks_in_python(prefix, tmp_path, name):
         np.testing.assert_allclose(back, rows, rtol=0.0, atol=1e-8 * np.abs(weights).sum())
 
 
+@pytest.mark.parametrize("name", ["derivatives.cpp", "derivatives.f90"])
+def test_other_languages_differentiate_as_c(prefix, endpoint, tools, tmp_path, name):
+    """Bitwise: a move that is corrected, two vectors at once."""
+    compiler, standard = ("gfortran", "f2008") if name.endswith(".f90") else ("g++", "c++17")
+    tools["need"](compiler)
+    module = [tools["source"] / "fortran" / "mesh_motion.f90"] * name.endswith(".f90")
+    flags = [f"-std={standard}", "-Wall", "-Werror", f"-I{prefix}/include", f"-L{prefix}/lib", "-lmesh_motion"]
+    sources = [*module, tools["here"] / name]
+    tools["compile"]([compiler, *sources, *flags, f"-Wl,-rpath,{prefix}/lib", "-o", "program"], cwd=tmp_path)
+    printed = np.array(tools["run"]([tmp_path / "program", endpoint]).split(), dtype=float)
+    side = np.arange(13) / 12
+    x, y = (each.ravel() for each in np.meshgrid(side, side))
+    number = np.arange(13 * 13).reshape(13, 13)
+    quads = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1).reshape(-1, 4)
+    walls = np.flatnonzero((x == 1.0) | ((x > 0.0) & ((y == 0.0) | (y == 1.0))))
+    sides = {"left": Patch("moving", number[:, 0].copy()), "walls": Patch("fixed", walls)}
+    with CSession(prefix, endpoint) as session:
+        session.open(Mesh(np.stack([x, y], axis=1), {"quad": quads}, sides), {})
+        session.move(np.stack([1.2 * side * (1.0 - side), 0.0 * side], axis=1))
+        assert session.c.mm_report_integer(c_void_p(session.c.mm_moved(session.session)), b"correction.freed_nodes", 0)
+        tangents = session.tangent(np.stack([side, side**0, side**0, side * side], axis=1))
+        cotangents = session.cotangent(np.stack([x, y, x * y, x**0], axis=1))
+    np.testing.assert_array_equal(printed, np.concatenate([tangents.ravel(), cotangents.ravel()]))
+
+
 def test_after_kill_9_the_derivative_is_the_same(prefix, tmp_path):
     """The server does not know the region of the correction any more, and is sent it again."""
     mesh = as_client(*WALLS["curved"]())

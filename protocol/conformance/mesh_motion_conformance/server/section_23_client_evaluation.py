@@ -118,24 +118,116 @@ def facets_twice(stage: Stage) -> None:
 @suite("23.2")
 def cells_near_walls(stage: Stage) -> None:
     """A BUILD with `reach` builds nothing until the cells near the moving side have come."""
-    session = _with_facets(stage, _outer_facets())
-    built = answered(session.ask(Request("BUILD", session.address() | {"reach": 0.0})), "BUILT")
-    reach, wall = built.fields["reach"], built.arrays["wall"]
+    session, reach, wall = _asked_for_cells(stage)
     if not 0.0 < reach < 0.3 or wall.shape != (3, 4) or np.abs(wall[:, ::2]).max() > 0.0:
         raise Unmet("a reach within the first cells, and three edges at x = 0", f"{reach} {wall}")
-    inside = np.setdiff1d(np.arange(len(SQUARE.points)), OUTER)
-    row = np.argsort(np.concatenate([OUTER, inside]))
-    rows = {
-        "nodes": SQUARE.points[inside], "global_ids": np.asarray(inside[:, None], "<i8"),
-        "near_cells": np.asarray(row[SQUARE.triangles], "<i8"),
-    }  # fmt: skip
-    for item, each in rows.items():
-        name = "triangle" if item == "near_cells" else ""
-        upload = Request("UPLOAD", session.address() | {"item": item, "name": name}, {"rows": each})
-        answered(session.ask(upload), "UPLOADED")
+    _build_with_cells(session, reach, _NEAR)
+    session.discard()
+
+
+#: Behind the nodes of the boundary those inside; all triangles in rows of both.
+_INSIDE = np.setdiff1d(np.arange(len(SQUARE.points)), OUTER)
+_NEAR = np.asarray(np.argsort(np.concatenate([OUTER, _INSIDE]))[SQUARE.triangles], "<i8")
+
+
+def _asked_for_cells(stage: Stage) -> tuple[Session, float, NDArray[np.float64]]:
+    """A session whose nodes are all uploaded, and what BUILT asks for: the reach, and the facets of the wall."""
+    session = _with_facets(stage, _outer_facets())
+    built = answered(session.ask(Request("BUILD", session.address() | {"reach": 0.0})), "BUILT")
+    for item, rows in {"nodes": SQUARE.points[_INSIDE], "global_ids": np.asarray(_INSIDE[:, None], "<i8")}.items():
+        answered(session.ask(Request("UPLOAD", session.address() | {"item": item}, {"rows": rows})), "UPLOADED")
+    return session, built.fields["reach"], built.arrays["wall"]
+
+
+def _near_cells(session: Session, name: str, rows: NDArray[Any]) -> Message:
+    """The answer to an UPLOAD of cells near the moving side."""
+    fields = session.address() | {"item": "near_cells", "name": name}
+    return session.ask(Request("UPLOAD", fields, {"rows": rows}))
+
+
+def _build_with_cells(session: Session, reach: float, rows: NDArray[np.int64]) -> None:
+    """With these cells (m, 3) nothing is missing any more."""
+    answered(_near_cells(session, "triangle", rows), "UPLOADED")
     built = answered(session.ask(Request("BUILD", session.address() | {"reach": reach})), "BUILT")
     if built.fields.get("reach", 0.0):
         raise Unmet("a mesh that is built: its cells are not thin", show(built))
+
+
+@suite.family
+def wrong_near_cells() -> Iterator[Case]:
+    """23.2"""
+    value = "INVALID_ARGUMENT.VALUE"
+    ways = {
+        "of-3D": (value, "tetrahedron", np.zeros((2, 4), "<i8")),
+        "of-2-columns": ("INVALID_ARGUMENT.SHAPE", "triangle", _NEAR[:, :2]),
+        "as-floats": ("INVALID_ARGUMENT.DTYPE", "triangle", _NEAR.astype("<f8")),
+    }
+
+    def run(code: str, name: str, wrong: NDArray[Any]) -> Callable[[Stage], None]:
+        def broken(stage: Stage) -> None:
+            session, reach, _ = _asked_for_cells(stage)
+            refused(_near_cells(session, name, wrong), code, state="OPENING")
+            _build_with_cells(session, reach, _NEAR)
+            session.discard()
+
+        return broken
+
+    for name, way in ways.items():
+        yield Case("23.2", f"near-cells-{name}", "refused cells near a wall can be sent again", run(*way))
+
+
+@suite("23.2")
+def near_cells_of_no_node(stage: Stage) -> None:
+    """A cell near a wall with a node that was not uploaded is named."""
+    session, reach, _ = _asked_for_cells(stage)
+    answered(_near_cells(session, "triangle", np.concatenate([_NEAR[:-1], [[0, 1, 16]]])), "UPLOADED")
+    reply = refused(session.ask(Request("BUILD", session.address() | {"reach": reach})), "INVALID_ARGUMENT.MESH")
+    if "16" not in reply.fields["message"]:
+        raise Unmet("an ERROR that names the node 16", show(reply))
+    session.discard()
+
+
+@suite("23.2")
+def near_cells_are_missing(stage: Stage) -> None:
+    """A node on the moving side without a cell is named; with the missing cells the mesh is built."""
+    session, reach, _ = _asked_for_cells(stage)
+    last = np.isin(_NEAR, OUTER.index(8)).any(axis=1)
+    answered(_near_cells(session, "triangle", _NEAR[~last]), "UPLOADED")
+    build = Request("BUILD", session.address() | {"reach": reach})
+    reply = refused(session.ask(build), "INVALID_ARGUMENT.MESH", state="OPENING")
+    if reply.fields["details"].get("global_id") != 8:
+        raise Unmet("an ERROR that names the node 8", show(reply))
+    _build_with_cells(session, reach, _NEAR[last])
+    session.discard()
+
+
+@suite.family
+def wrong_reaches() -> Iterator[Case]:
+    """23.2"""
+    ways = {"negative": -1.0, "of-NaN": np.nan, "infinite": np.inf, "larger-than-asked": 0.5, "smaller": 1e-12}
+
+    def run(wrong: float) -> Callable[[Stage], None]:
+        def broken(stage: Stage) -> None:
+            session, reach, _ = _asked_for_cells(stage)
+            build = Request("BUILD", session.address() | {"reach": wrong})
+            code = "VALUE" if np.isfinite(wrong) else "NONFINITE"
+            refused(session.ask(build), f"INVALID_ARGUMENT.{code}", state="OPENING")
+            _build_with_cells(session, reach, _NEAR)
+            session.discard()
+
+        return broken
+
+    for name, wrong in ways.items():
+        yield Case("23.2", f"reach-{name}", "a reach that no BUILT asked for is refused", run(wrong))
+
+
+@suite("23.2")
+def build_without_reach(stage: Stage) -> None:
+    """A client that sends no cells near walls is warned."""
+    session = _with_facets(stage, _outer_facets())
+    built = session.do("BUILD")
+    if not any("partition 0" in warning for warning in built.fields["mesh"]["warnings"]):
+        raise Unmet("a warning that names partition 0", show(built))
     session.discard()
 
 
