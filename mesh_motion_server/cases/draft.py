@@ -42,7 +42,7 @@ def guessed_roles(mesh: MeshFile) -> dict[str, tuple[str, str]]:
             hint="name groups of boundary facets where the mesh is made (Gmsh: physical groups; SU2: markers)",
         )
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
-    roles = {name: _guess(name, mesh.points[nodes], low, high) for name, nodes in mesh.patches.items()}
+    roles = {name: _guess(name, mesh.points[nodes], mesh.points) for name, nodes in mesh.patches.items()}
     if all(role != "moving" for role, _ in roles.values()):
         fixed = [name for name, (role, _) in roles.items() if role == "fixed"] or list(roles)
         inner = {name: _inside(mesh.points[mesh.patches[name]], low, high).mean() for name in fixed}
@@ -50,9 +50,12 @@ def guessed_roles(mesh: MeshFile) -> dict[str, tuple[str, str]]:
     return roles
 
 
-def _guess(name: str, points: Floats, low: Floats, high: Floats) -> tuple[str, str]:
+def _guess(name: str, points: Floats, everywhere: Floats) -> tuple[str, str]:
+    low, high = everywhere.min(axis=0), everywhere.max(axis=0)
     if any(word in name.lower() for word in _SYMMETRY):
         return "symmetry", "by its name"
+    if everywhere.shape[1] == 3 and len(points) == len(everywhere):
+        return "symmetry", "it has every node: both sides of one layer of cells"
     if any(word in name.lower() for word in _FAR):
         return "fixed", "by its name"
     if len(points) and _inside(points, low, high).all():

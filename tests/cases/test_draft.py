@@ -90,3 +90,23 @@ def test_init_writes_next_to_the_mesh_and_replaces_nothing(make_case) -> None:
     assert f"mesh-motion play {path}" in written.output
     assert os.listdir(path.parent).count("case.toml") == 1
     assert read_case(path).content.mesh.file == "mesh.npz"
+
+
+def test_the_two_sides_of_one_layer_of_cells_are_a_symmetry(tmp_path: Path) -> None:
+    """A patch of all nodes neither moves nor pins the others."""
+    across = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (2, 0), (2, 1)], float)
+    points = np.vstack([np.column_stack([across, np.full(6, z)]) for z in (0.0, 0.1)])
+    cells = np.array([[0, 1, 2, 3], [1, 4, 5, 2]])
+    patches = {"sides": np.arange(12), "end": np.array([4, 5, 10, 11]), "wall": np.array([0, 3, 6, 9])}
+    path = tmp_path / "mesh.npz"
+    np.savez(
+        path,
+        points=points,
+        cells_hexahedron=np.hstack([cells, cells + 6]),
+        **{f"patch_{n}": p for n, p in patches.items()},
+    )
+    assert {name: role for name, (role, _) in guessed_roles(read_mesh(path)).items()} == {
+        "sides": "symmetry",
+        "end": "moving",
+        "wall": "fixed",
+    }

@@ -4,6 +4,7 @@ import base64
 import lzma
 import re
 import struct
+import tracemalloc
 import zlib
 from dataclasses import replace
 from pathlib import Path
@@ -128,10 +129,17 @@ def test_appended_data_of_vtk_itself(tmp_path: Path, compressor: str, word: int,
 
 @pytest.mark.parametrize("compressor", ["vtkZLibDataCompressor", "vtkLZMADataCompressor"])
 @pytest.mark.parametrize("place", ["binary", "base64", "raw"])
+@pytest.mark.parametrize(
+    ("points", "reason"),
+    [
+        (1 << 17, r"m\.vtu: \d+ bytes that hold 104857\d or more, expected at most"),
+        (1, r"array 'Points': it holds more than the 24 bytes of its piece's points"),
+    ],
+)
 def test_a_small_file_that_would_fill_the_memory_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compressor: str, place: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compressor: str, place: str, points: int, reason: str
 ) -> None:
-    """What a block holds counts, not what the header says of it."""
+    """What a block holds counts, not what the header says of it; no more is unpacked than the piece's points take."""
     monkeypatch.setattr("mesh_motion_server.files.packages._UNPACKED_BYTES", 1 << 20)
     block = (zlib if "ZLib" in compressor else lzma).compress(bytes(3 << 20))
     head = struct.pack("<4Q", 1, 24, 0, len(block))
@@ -141,13 +149,33 @@ def test_a_small_file_that_would_fill_the_memory_is_refused(
         outside %= place.encode(), text
     (tmp_path / "m.vtu").write_bytes(
         b'<VTKFile type="UnstructuredGrid" byte_order="LittleEndian" header_type="UInt64" compressor="%s">'
-        b'<UnstructuredGrid><Piece NumberOfPoints="1" NumberOfCells="0"><Points><DataArray type="Float64" '
+        b'<UnstructuredGrid><Piece NumberOfPoints="%d" NumberOfCells="0"><Points><DataArray type="Float64" '
         b'NumberOfComponents="3" Name="Points" format="%s" offset="0">%s</DataArray></Points></Piece>'
         b"</UnstructuredGrid>%s</VTKFile>"
-        % (compressor.encode(), b"binary" if place == "binary" else b"appended", inside, outside)
+        % (compressor.encode(), points, b"binary" if place == "binary" else b"appended", inside, outside)
     )
-    with pytest.raises(InvalidInput, match=r"m\.vtu: \d+ bytes that hold 104857\d or more, expected at most"):
+    with pytest.raises(InvalidInput, match=reason):
         read_mesh(tmp_path / "m.vtu")
+
+
+def test_a_connectivity_that_is_too_long_takes_no_eight_bytes_for_each_of_its_own(tmp_path: Path) -> None:
+    size = 1 << 24
+    block = zlib.compress(bytes(size))
+    text = base64.b64encode(struct.pack("<4Q", 1, size, 0, len(block))) + base64.b64encode(block)
+    (tmp_path / "m.vtu").write_bytes(
+        b'<VTKFile type="UnstructuredGrid" header_type="UInt64" compressor="vtkZLibDataCompressor"><UnstructuredGrid>'
+        b'<Piece NumberOfPoints="1" NumberOfCells="1"><Points><DataArray type="Float64" NumberOfComponents="3" '
+        b'format="ascii">0 0 0</DataArray></Points><Cells><DataArray type="Int8" Name="connectivity" format="binary">'
+        b'%s</DataArray><DataArray type="Int8" Name="offsets" format="ascii">3</DataArray><DataArray type="Int8" '
+        b'Name="types" format="ascii">5</DataArray></Cells></Piece></UnstructuredGrid></VTKFile>' % text
+    )
+    tracemalloc.start()
+    try:
+        with pytest.raises(InvalidInput, match=f"cells of 3 nodes, but a connectivity of {size}"):
+            read_mesh(tmp_path / "m.vtu")
+        assert tracemalloc.get_traced_memory()[1] < 4 * size
+    finally:
+        tracemalloc.stop()
 
 
 def test_appended_data_that_ends_too_soon_is_refused(tmp_path: Path) -> None:

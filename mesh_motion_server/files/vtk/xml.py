@@ -76,6 +76,8 @@ def _unstructured(values: "_Values", piece: ElementTree.Element) -> VtkGrid:
     if missing:
         raise ValueError(f"its Cells have no {min(missing)}")
     offsets = np.concatenate([[0], cells["offsets"].astype(np.int64)])
+    if cells["connectivity"].size != offsets[-1]:  # before eight bytes are taken for each
+        raise ValueError(f"cells of {offsets[-1]} nodes, but a connectivity of {cells['connectivity'].size}")
     types, nodes = (cells[name].astype(np.int64) for name in ("types", "connectivity"))
     return _grid(values, piece, _points(values, piece), types, offsets, nodes)
 
@@ -132,28 +134,33 @@ class _Values:
         found = piece.find(section)
         arrays = found.findall("DataArray") if found is not None else []
         named = [(array.get("Name", section), array) for array in arrays if array.get("type") in _TYPES]
-        return {name: self._array(name, array) for name, array in named}
+        rows = piece.get("NumberOfPoints" if section.startswith("Point") else "NumberOfCells")
+        return {name: self._array(name, array, None if name == "connectivity" else rows) for name, array in named}
 
-    def _array(self, name: str, array: ElementTree.Element) -> NDArray[np.generic]:
+    def _array(self, name: str, array: ElementTree.Element, rows: str | None) -> NDArray[np.generic]:
         dtype = np.dtype(self._order + _TYPES[array.get("type", "")])
         text = (array.text or "").strip()
+        width = int(array.get("NumberOfComponents", "1"))
         try:
             if array.get("format") == "ascii":
                 values = np.array(text.split(), dtype=dtype)
             else:
-                values = np.frombuffer(self._bytes(array, text), dtype)
-            width = int(array.get("NumberOfComponents", "1"))
+                most = most_unpacked(self._packed) if rows is None else int(rows) * max(width, 1) * dtype.itemsize
+                values = np.frombuffer(self._bytes(array, text, most), dtype)
             return values.reshape(-1, width) if width > 1 else values
         except ValueError as error:
             raise ValueError(f"array {name!r}: {error}") from None
 
-    def _bytes(self, array: ElementTree.Element, text: str) -> bytes:
+    def _bytes(self, array: ElementTree.Element, text: str, most: int) -> bytes:
         if array.get("format") != "appended":
-            return self._unpack(text.encode(), coded=True) if text else b""
-        return self._unpack(self._data[int(array.get("offset", "0")) :], coded=self._encoding == "base64")
+            return self._unpack(text.encode(), most, coded=True) if text else b""
+        return self._unpack(self._data[int(array.get("offset", "0")) :], most, coded=self._encoding == "base64")
 
-    def _unpack(self, data: bytes, *, coded: bool) -> bytes:
-        """The values after their header: the count of bytes, or the counts of blocks and of the bytes of each."""
+    def _unpack(self, data: bytes, most: int, *, coded: bool) -> bytes:
+        """The values after their header: the count of bytes, or the counts of blocks and of the bytes of each.
+
+        More than ``most`` bytes are not unpacked.
+        """
         size = self._integer.itemsize
         count = int(np.frombuffer(_taken(data, 0, size, coded=coded), self._integer)[0])
         if not self._compressor:
@@ -163,12 +170,14 @@ class _Values:
         head = size * (3 + count)
         sizes = np.frombuffer(_taken(data, 0, head, coded=coded), self._integer)[3:].tolist()
         blocks = _taken(data, 4 * -(-head // 3) if coded else head, sum(sizes), coded=coded)
-        unpacked, begin = [], 0
+        unpacked, begin, left = [], 0, most
         for length in sizes:
-            most = most_unpacked(self._packed) + 1 - self._unpacked
-            unpacked.append(_UNPACKERS[self._compressor or ""]().decompress(blocks[begin : begin + length], most))
-            begin, self._unpacked = begin + length, self._unpacked + len(unpacked[-1])
+            room = min(left, most_unpacked(self._packed) - self._unpacked) + 1
+            unpacked.append(_UNPACKERS[self._compressor or ""]().decompress(blocks[begin : begin + length], room))
+            begin, left, self._unpacked = begin + length, left - len(unpacked[-1]), self._unpacked + len(unpacked[-1])
             check_unpacked(self._path, self._packed, self._unpacked)
+            if left < 0:
+                raise ValueError(f"it holds more than the {most} bytes of its piece's points or cells")
         return b"".join(unpacked)
 
 
