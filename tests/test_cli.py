@@ -113,7 +113,7 @@ def test_wrong_usage_is_status_2(run: Run, arguments: list[str]) -> None:
 def test_keys_are_made_admitted_listed_and_revoked(run: Run, tmp_path: Path) -> None:
     server, client = str(tmp_path / "server"), str(tmp_path / "client")
     assert run("keys", "server", server)[0] == 0
-    assert "admits nobody" in run("keys", "list", server)[1]
+    assert "admits no client" in run("keys", "list", server)[1]
     assert run("keys", "client", "alice", client)[0] == 0
     status, out, _ = run("keys", "allow", f"{client}/alice.public", server, "--role", "owner", "--role", "monitor")
     assert (status, out) == (0, "alice is admitted as owner, monitor\n")

@@ -118,4 +118,4 @@ def show(folder: Folder) -> None:
     for key, entry in sorted(entries.items(), key=lambda item: item[1].name):
         say(f"{entry.name:24} {','.join(entry.roles):20} {key}")
     if not entries:
-        say(f"{folder / ALLOW_LIST} admits nobody")
+        say(f"{folder / ALLOW_LIST} admits no client")
