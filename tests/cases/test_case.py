@@ -127,7 +127,7 @@ def test_a_missing_or_binary_case_file(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="not a TOML file"):
         read_case(tmp_path / "binary.toml")
     (tmp_path / "deep.toml").write_text("a = " + "[" * 100_000)
-    with pytest.raises(InvalidInput, match="not a TOML file: maximum recursion depth exceeded"):
+    with pytest.raises(InvalidInput, match="not a TOML file: values nested too deep to be read"):
         read_case(tmp_path / "deep.toml")
     (tmp_path / "long.toml").write_text("a = 1\n" + ".".join("b" * 100_000) + " = 1")
     with pytest.raises(InvalidInput, match=r"not a TOML file: a key of more than 100 dotted parts \(at line 2\)"):

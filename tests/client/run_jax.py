@@ -6,12 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from client_square import square
 from jax.test_util import check_grads
 from mesh_motion_client import InvalidInput, connect
 from mesh_motion_client.jax import Motion
-from test_motion_function import SIDE, bulge, square
+from test_motion_function import SIDE, bulge
 
-POINTS = square().points
+POINTS = square(SIDE).points
 
 
 def objective(motion, at):
@@ -70,7 +71,7 @@ CHECKS = (
 
 if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
-    with connect() as server, server.open(square()) as session:
+    with connect() as server, server.open(square(SIDE)) as session:
         for check in CHECKS:
             check(Motion(session))
     sys.stdout.write(f"checked: {len(CHECKS)}\n")

@@ -123,7 +123,7 @@ def test_pytorch_hands_on_what_the_server_says(torch, torch_motion):
     with pytest.raises(QualityRefused, match="no valid mesh"):
         motion(torch.tensor(bulge(2.0)))
     at = torch.tensor(bulge(0.1), requires_grad=True)
-    (gradient,) = torch.autograd.grad(motion(at).square(SIDE).sum(), at, create_graph=True)
+    (gradient,) = torch.autograd.grad(motion(at).square().sum(), at, create_graph=True)
     with pytest.raises(RuntimeError, match="once_differentiable"):
         gradient.sum().backward()
 
