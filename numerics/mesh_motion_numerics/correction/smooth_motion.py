@@ -36,7 +36,7 @@ import math
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import mesh_motion_kernels as kernels
 import numpy as np
@@ -75,7 +75,8 @@ _PINNED = 1e-8  # σ below which a node keeps its plain position
 _TOLERANCE = 1e-9  # largest Newton step of a node, as a share of the mesh's extent
 _ITERATIONS = 40
 _ARMIJO, _HALVINGS = 1e-4, 40
-_LEAST_CONVEX = 1 / 64  # smallest convex part of a Hessian that is not positive definite
+_CONVEX = (0.0, 1 / 64, 1 / 16, 1 / 4, 1.0)  # parts of a Hessian, tried in turn until it is positive definite
+_ALL = len(_CONVEX) - 1
 
 
 def onset_of(n_nodes: int) -> float:
@@ -305,12 +306,12 @@ class SmoothMotion:
         """Newton's iterations."""
         n, tolerance = region.free.n_free, _TOLERANCE * self._extent
         energy, distortion = self._energy(points, rest, region)
-        convex, far, residual, last = 0.0, False, math.inf, math.inf  # last: the step before, if it was an exact one
+        part, far, residual, last = 0, False, math.inf, math.inf  # last: the step before, if it was an exact one
         accuracy = ROUGH  # of conjugate gradients: each step's allows the next one to be as small as an exact step's
         for done in range(_ITERATIONS):
             check_time()
             try:
-                step, slope, convex = self._step(points, rest, region, distortion, accuracy, convex)
+                step, slope, part = self._step(points, rest, region, distortion, accuracy, part)
             except ArithmeticError:
                 return Smoothed(points, n, done, False, residual)
             residual = float(np.abs(step).max())
@@ -324,12 +325,12 @@ class SmoothMotion:
                     break
                 length *= 0.5
             else:
-                if convex == 1.0:
+                if part == _ALL:
                     return Smoothed(points, n, done, residual < 1e3 * tolerance, residual)
-                convex = 1.0
+                part = _ALL
                 continue
             points, energy, distortion = trial, lower, after
-            exact = convex == 0.0
+            exact = part == 0
             whole = exact and length == 1.0
             shrunk = (residual / last) ** 2 if whole and last < math.inf else math.inf
             next_step = residual * max(shrunk, 0.0 if region.is_factorized else accuracy)
@@ -337,39 +338,35 @@ class SmoothMotion:
                 return Smoothed(points, n, done + 1, True, residual)
             last, accuracy = (residual, min(ROUGH, shrunk)) if whole else (math.inf, ROUGH)
             if length < 1.0 or -slope >= 0.5 * max(energy, 1e-12):
-                convex, far = 1.0, True
+                part, far = _ALL, True
             else:
-                convex = 0.0 if far or convex < 16.0 * _LEAST_CONVEX or not region.is_factorized else convex / 16.0
-                far = False
+                part, far = 0 if far or not region.is_factorized else max(0, part - 2), False
         return Smoothed(points, n, _ITERATIONS, False, residual)
 
     def _step(
-        self, points: Floats, rest: Floats, region: SmoothRegion, distortion: Floats, accuracy: float, convex: float
-    ) -> tuple[Floats, float, float]:
-        """Newton's step (f, d), the slope along it, and the convex part of the Hessian that gave it.
+        self, points: Floats, rest: Floats, region: SmoothRegion, distortion: Floats, accuracy: float, part: int
+    ) -> tuple[Floats, float, int]:
+        """Newton's step (f, d), the slope along it, and which of the convex parts gave it; ``part`` is tried first.
 
-        ``convex`` is the part to try first. Between the Hessian and its corners' positive parts lie matrices that are
-        positive definite and hardly stiffer: a saddle is left in few steps with them.
+        Between the Hessian and its corners' positive parts lie matrices that are positive definite and hardly stiffer:
+        a saddle is left in few steps with them.
         """
-        gradient, hessian = self.model(points, rest, region, distortion, exact=convex == 0.0)
-        exact, positive = (hessian, None) if convex == 0.0 else (None, hessian)
+        model = cache(lambda exact: self.model(points, rest, region, distortion, exact=exact))
         while True:
-            if convex > 0.0:
-                if positive is None:
-                    positive = self.model(points, rest, region, distortion, exact=False)[1]
-                if convex < 1.0 and exact is None:
-                    exact = self.model(points, rest, region, distortion, exact=True)[1]
-                hessian = positive if exact is None or convex == 1.0 else exact + convex * (positive - exact)
+            gradient, hessian = model(part == 0)
+            if 0 < part < _ALL:
+                exact, positive = model(True)[1], model(False)[1]
+                hessian = exact + _CONVEX[part] * (positive - exact)
             try:
                 step = region.solver(points, hessian, accuracy)(-gradient)
             except ArithmeticError:
-                if convex == 1.0:
+                if part == _ALL:
                     raise
             else:
                 slope = float(np.vdot(gradient, step))
-                if slope < 0.0 or convex == 1.0:
-                    return step, slope, convex
-            convex = min(1.0, max(_LEAST_CONVEX, 4.0 * convex)) if region.is_factorized else 1.0
+                if slope < 0.0 or part == _ALL:
+                    return step, slope, part
+            part = part + 1 if region.is_factorized else _ALL
 
     def _distortions(self, points: Floats, region: SmoothRegion) -> Floats:
         """f (c,) of the region's corners with local positions (l, d)."""
