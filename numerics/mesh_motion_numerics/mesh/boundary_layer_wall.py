@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -29,6 +29,7 @@ from scipy.sparse.csgraph import connected_components
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.decomposition import nearest_rotation
 from mesh_motion_numerics.mesh.closest_point import nearest_within
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 
 __all__ = ["MovingWall", "WallPlaces", "angles_at_corners", "facet_frames", "least_rotation", "simplices_of"]
 
@@ -75,7 +76,7 @@ class MovingWall:
     simplices: Integers
 
     @classmethod
-    def build(cls, points: Floats, facets: Mapping[str, Integers], moving: Marks, prescribed: Marks) -> MovingWall:
+    def build(cls, points: Floats, facets: Mapping[str, Integers], moving: Marks, prescribed: Marks) -> Self:
         """The walls among the boundary facets of a mesh.
 
         Parameters
@@ -93,6 +94,17 @@ class MovingWall:
         moves = np.isin(body, body[moving[own].all(axis=1)])
         nodes, rows = np.unique(own[moves], return_inverse=True)
         return cls(nodes, points[nodes], rows.reshape(-1, own.shape[1]))
+
+    @classmethod
+    def of_patches(cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch]) -> Self | None:
+        """Those on the boundary's ``facets`` (f, k) of a mesh (n, d); None without any, and in 1D."""
+        if points.shape[1] < 2:
+            return None
+        roles = BoundaryRoles.from_patches(patches)
+        moving, prescribed = np.zeros((2, len(points)), dtype=bool)
+        moving[roles.moving] = prescribed[roles.prescribed] = True
+        wall = cls.build(points, facets, moving, prescribed)
+        return wall if len(wall.simplices) else None
 
     @property
     def normals(self) -> Floats:

@@ -92,12 +92,11 @@ class BoundaryLayer:
         ``facets`` (f, k) of the whole boundary by type are given where the ``cells`` are those near the wall alone.
         """
         facets = boundary_facets(cells) if facets is None else facets
-        roles = BoundaryRoles.from_patches(patches)
-        moving, prescribed = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
-        moving[roles.moving] = prescribed[roles.prescribed] = True
-        wall = MovingWall.build(points, facets, moving, prescribed)
-        if not len(wall.simplices):
+        wall = MovingWall.of_patches(points, facets, patches)
+        if wall is None:
             return None
+        prescribed = np.zeros(len(points), dtype=bool)
+        prescribed[BoundaryRoles.from_patches(patches).prescribed] = True
         tied = layer_nodes(points, cells, facets, patches, wall, thickness)
         empty = np.empty(0, dtype=np.int64)
         full = cls(points, cells, prescribed, wall, tied, sliding, Shield(empty, empty))

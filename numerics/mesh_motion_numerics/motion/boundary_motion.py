@@ -36,7 +36,7 @@ from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles, Patch,
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.body_paths import Body, Way, straight_way, ways
 from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
-from mesh_motion_numerics.motion.layered_walls import LayeredWalls, moving_wall
+from mesh_motion_numerics.motion.layered_walls import LayeredWalls
 from mesh_motion_numerics.motion.method_check import check_method
 from mesh_motion_numerics.motion.motion_found import Motion
 from mesh_motion_numerics.motion.motion_slope import PlainSlope, plain_slope, why_no_slope
@@ -331,7 +331,7 @@ def reach_of_layers(
     float, MovingWall
         Nodes within this distance of this wall, mesh length unit; 0 if no wall has layers, or the method carries none.
     """
-    wall = moving_wall(points, facets, patches) if facets and method.correction == "smooth" else None
+    wall = MovingWall.of_patches(points, facets, patches) if facets and method.correction == "smooth" else None
     if wall is None:
         return 0.0, None
     if len(near):

@@ -19,11 +19,11 @@ from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.boundary_layer_nodes import furthest
 from mesh_motion_numerics.mesh.boundary_layer_wall import MovingWall
 from mesh_motion_numerics.mesh.cells import CellBlock, CellTable
-from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
+from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
 
-__all__ = ["LayeredWalls", "moving_wall"]
+__all__ = ["LayeredWalls"]
 
 
 #: Least ratio of the edges along the wall to the height of a thin cell.
@@ -77,7 +77,7 @@ class LayeredWalls:
         ``facets`` (f, k) of the whole boundary by type are given where the ``cells`` are those near the walls alone.
         """
         facets = boundary_facets(cells) if facets is None else facets
-        wall = moving_wall(points, facets, patches)
+        wall = MovingWall.of_patches(points, facets, patches)
         if wall is None:
             return None
         on_wall = np.zeros(len(points), dtype=bool)
@@ -141,17 +141,6 @@ class LayeredWalls:
         feet = self.wall.nodes[self.rows]
         own, along = (np.percentile(of[feet], _HEIGHT, method="nearest") for of in (height, self.along))
         return float(min(own, along))
-
-
-def moving_wall(points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch]) -> MovingWall | None:
-    """The moving walls on the ``facets`` (f, k) of the boundary of a mesh (n, d); None without any, and in 1D."""
-    if points.shape[1] < 2:
-        return None
-    roles = BoundaryRoles.from_patches(patches)
-    moving, prescribed = np.zeros((2, len(points)), dtype=bool)
-    moving[roles.moving] = prescribed[roles.prescribed] = True
-    wall = MovingWall.build(points, facets, moving, prescribed)
-    return wall if len(wall.simplices) else None
 
 
 def _edges(block: CellBlock) -> Integers:
