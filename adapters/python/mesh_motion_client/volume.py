@@ -23,11 +23,7 @@ Ints = NDArray[np.int64]
 
 
 class Volume:
-    """The nodes and cells of a partition, as a rank holds them.
-
-    Attributes
-    ----------
-    """
+    """The nodes and cells of a partition, as a rank holds them."""
 
     def __init__(self, mesh: Mesh) -> None:
         try:

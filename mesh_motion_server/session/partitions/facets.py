@@ -37,9 +37,9 @@ def merge_facets(
     patches = ((name, patch.role) for one in partitions for name, patch in sorted(one.patches.items()))
     needing = next(((name, role) for name, role in patches if role not in ("moving", "fixed")), None)
     silent = next((number for number, one in enumerate(partitions) if one.keeps_cells and not one.facets), None)
-    if silent is not None and needing is None:
-        return {}
-    if silent is not None and needing is not None:
+    if silent is not None:
+        if needing is None:
+            return {}
         raise InvalidInput(
             f"evaluation = 'client': patch {needing[0]!r} has the role {needing[1]!r}, expected moving or fixed: "
             f"partition {silent} sent no facets of its boundary",

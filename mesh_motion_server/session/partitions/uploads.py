@@ -63,6 +63,10 @@ class _Pile:
             if key[0] == "patch":
                 del self.roles[key[1]]
 
+    def has(self, item: str) -> bool:
+        """Whether any row of an item has come."""
+        return any(len(rows) for (of, _), pieces in self.parts.items() if of == item for rows in pieces)
+
     def whole(self) -> dict[_Key, _Rows]:
         """Each item's rows, but for the cells, in one array, which takes the place of its parts."""
         for key, rows in self.parts.items():
@@ -165,8 +169,8 @@ class MeshUpload:
 
     def without_layers(self, reaches: Sequence[float | None]) -> list[int]:
         """The partitions for want of whose facets or cells near moving walls no layer can be carried."""
-        meshes = zip(self.meshes(), reaches, strict=True)
-        return [p for p, (mesh, reach) in enumerate(meshes) if reach is None or (mesh.keeps_cells and not mesh.facets)]
+        piles = enumerate(zip(self._piles, reaches, strict=True))
+        return [p for p, (pile, reach) in piles if reach is None or (pile.has("cells") and not pile.has("facets"))]
 
     def meshes(self) -> list[PartitionMesh]:
         """Each partition's mesh from its parts.
@@ -218,6 +222,19 @@ class MeshUpload:
             )
         return np.arange(count)
 
+    def _columns(self, part: Part) -> int:
+        """How many columns a part must have, whose item and name are known."""
+        match part.item:
+            case "nodes":
+                return self._dimension
+            case "cells" if self._evaluation == "client":
+                return 0
+            case "cells" | "near_cells":
+                return CELL_TYPES[part.name].n_nodes
+            case "facets":
+                return FACET_NODES[part.name]
+        return 1
+
     def _check(self, part: Part, partition: int, pile: _Pile) -> None:
         """Item, name, role, shape, type and finiteness of one part."""
         _check_names(part, self._dimension, pile.roles)
@@ -225,11 +242,7 @@ class MeshUpload:
             raise _wrong_value(
                 f"UPLOAD of {part.item}: the server has the cells, expected evaluation = 'client'", item=part.item
             )
-        of_cells = CELL_TYPES[part.name].n_nodes if part.item == "cells" and self._evaluation == "server" else 0
-        of_facets = FACET_NODES[part.name] if part.item == "facets" else 0
-        of_near = CELL_TYPES[part.name].n_nodes if part.item == "near_cells" else 0
-        columns = {"nodes": self._dimension, "cells": of_cells, "facets": of_facets, "near_cells": of_near}
-        expected = columns.get(part.item, 1)
+        expected = self._columns(part)
         if part.rows.ndim != 2 or part.rows.shape[1] != expected:
             raise InvalidInput(
                 f"UPLOAD of {_title(part)}: expected an array of shape (k, {expected}), got {part.rows.shape}",
