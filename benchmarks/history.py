@@ -21,7 +21,7 @@ from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_protocol.messages import Commit, Move
 
 from mesh_motion_server.service.dispatch import SessionHost
-from mesh_motion_server.service.telling import Teller
+from mesh_motion_server.service.recorder import Recorder
 from mesh_motion_server.session.history import History
 from mesh_motion_server.session.model import build_motion_model
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
@@ -34,7 +34,7 @@ __all__ = ["main", "measure"]
 
 #: Nodes along a side: the smallest mesh that moves, and 50 000 nodes.
 SIDES = (5, 224)
-_CALLS = ((Teller, "executed"), (History, "tell_input"))
+_CALLS = ((Recorder, "executed"), (History, "record_input"))
 _SESSIONS = {"1" * 32: 2 << 30, "2" * 32: 0}
 
 

@@ -127,7 +127,7 @@ def main() -> int:
         found = measure(Path(folder), asked.side, asked.browsers, asked.pairs)
     sys.stdout.write(
         f"{asked.side**2} nodes, {asked.browsers} browsers, {asked.pairs} pairs of blocks\n"
-        f"step, nobody looks {found['step_ms']:8.1f} ms\n"
+        f"step, page closed {found['step_ms']:8.1f} ms\n"
         f"step, watched      {found['watched_ms']:8.1f} ms\n"
         f"ratio of pairs     {found['ratio']:8.3f}\n"
         f"page's process     {found['page_share']:8.3f} of a core watched, {found['page_share_unwatched']:.3f} not\n"

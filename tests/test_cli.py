@@ -121,7 +121,7 @@ def test_keys_are_made_admitted_listed_and_revoked(run: Run, tmp_path: Path) -> 
     assert run("keys", "revoke", "alice", server)[0] == 0
     status, _, err = run("keys", "revoke", "alice", server)
     assert status == ExitStatus.INVALID
-    assert one_line(err).endswith("it names nobody")
+    assert one_line(err).endswith("it names no key")
 
 
 def test_statuses_follow_the_error_codes() -> None:

@@ -84,7 +84,7 @@ def test_json_has_what_a_program_needs(state: Path) -> None:
     [
         (["/no/such/folder", "--once"], 69, "/no/such/folder: the folder is not there (yet)"),
         (["tcp://127.0.0.1:7440", "--once"], 2, "expected the state folder of a server, not its endpoint"),
-        (["{state}", "--session", "nobody"], 4, "no session 'nobody'; there are wing"),
+        (["{state}", "--session", "absent"], 4, "no session 'absent'; there are wing"),
     ],
 )
 def test_what_cannot_be_shown_is_said(state: Path, arguments: list[str], status: int, said: str) -> None:

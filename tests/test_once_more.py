@@ -29,7 +29,7 @@ _FLAKY = {
     "end": "@pytest.fixture\ndef given():\n    yield\n    assert not first()\ndef test_flaky(given): pass",
     "crash": "def test_flaky():\n    if first(): os._exit(0)",
     "hang": "@pytest.mark.timeout(1)\ndef test_flaky():\n    if first(): time.sleep(60)",
-    "beside": "def test_flaky(): assert 'PYTEST_XDIST_WORKER' not in os.environ",
+    "next to others": "def test_flaky(): assert 'PYTEST_XDIST_WORKER' not in os.environ",
 }
 #: What is red: source, options, status.
 _RED = {
@@ -81,7 +81,7 @@ def test_a_test_that_passes_alone_is_flaky_and_the_run_not_red(tmp_path: Path, k
     assert status == 0, output
     assert re.fullmatch(rf"=+ [12] passed, {count} flaky in .*s =+", last), output
     assert (
-        len(re.findall(r"^FLAKY test_given.py::test_flaky.* - failed beside others, passed alone$", output, re.M))
+        len(re.findall(r"^FLAKY test_given.py::test_flaky.* - failed next to others, passed alone$", output, re.M))
         == count
     )
     assert "flaky: test_given.py::test_flaky" in output, "its first failure is shown"

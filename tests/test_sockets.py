@@ -89,6 +89,6 @@ def test_the_rules_see_what_they_are_for(rule, source) -> None:
 def test_a_send_that_nothing_takes_ends() -> None:
     with limited_context(0.05) as context, context.socket(zmq.DEALER) as dealer:
         with pytest.raises(zmq.Again):
-            dealer.send(b"to nobody")
+            dealer.send(b"to no peer")
         with pytest.raises(zmq.Again):
             dealer.recv()

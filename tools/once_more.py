@@ -90,7 +90,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> Genera
         terminalreporter.line(report.longreprtext)
     yield
     for test in dict.fromkeys(report.nodeid for report in flaky):
-        terminalreporter.line(f"FLAKY {test} - failed beside others, passed alone", yellow=True)
+        terminalreporter.line(f"FLAKY {test} - failed next to others, passed alone", yellow=True)
 
 
 def _unseen_faults(session: pytest.Session, stats: dict[str, list[Any]]) -> bool:

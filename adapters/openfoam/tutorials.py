@@ -62,7 +62,7 @@ class Tutorial:
     #: its conditions that decomposePar cannot copy
     conditions: dict[str, str] = field(default_factory=dict)
     #: the program that the case is coupled to
-    beside: str = ""
+    together: str = ""
 
     @property
     def name(self) -> str:
@@ -282,7 +282,7 @@ CASES = (
             "blockMesh",
             "snappyHexMesh -overwrite",
         ),
-        inside="steady", beside="lumpedPointMovement -scale 5 -removeLock -slave ../files/response.txt",
+        inside="steady", together="lumpedPointMovement -scale 5 -removeLock -slave ../files/response.txt",
     ),
     Tutorial(
         "mesh/moveDynamicMesh/SnakeRiverCanyon", 10, 1.0,
@@ -324,12 +324,12 @@ class Runner:
         return done.stdout
 
     @contextlib.contextmanager
-    def beside(self, command: str) -> Iterator[None]:
+    def together(self, command: str) -> Iterator[None]:
         """A program that runs until the block ends; none where there is no command."""
         if not command:
             yield
             return
-        with (self.case / "log.beside").open("w") as log:
+        with (self.case / "log.together").open("w") as log:
             other = subprocess.Popen(command.split(), cwd=self.case, env=self.environment, stdout=log, stderr=log)
             try:
                 yield
@@ -435,7 +435,7 @@ def play(tutorial: Tutorial, mesh: Path, folder: Path, ranks: int, patches: str)
                 runner.run(f"foamDictionary {part}/pointDisplacement -entry {entry} -set {shlex.quote(condition)}")
         began, error = time.monotonic(), ""
         try:
-            with runner.beside(tutorial.beside):
+            with runner.together(tutorial.together):
                 runner.run(tutorial.application, ranks)
         except SetupError as failure:
             error = str(failure)

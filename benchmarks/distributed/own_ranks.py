@@ -57,8 +57,8 @@ def _rank(endpoint: str, file: Path, rank: int, ranks: int, evaluation: str, thr
     with connect(endpoint) as server:
         began = time.perf_counter()
         if rank == 0:
-            told = lambda credentials: [line.put(credentials) for line in lines[1:ranks]]  # noqa: E731
-            options = {"partitions": ranks, "evaluation": evaluation, "announce": told}
+            announce = lambda credentials: [line.put(credentials) for line in lines[1:ranks]]  # noqa: E731
+            options = {"partitions": ranks, "evaluation": evaluation, "announce": announce}
             session = server.open(mesh, _settings(threshold), **options)
         else:
             session = server.join(lines[rank].get(), mesh, partition=rank)
@@ -73,9 +73,9 @@ def _rank(endpoint: str, file: Path, rank: int, ranks: int, evaluation: str, thr
                 work.append(time.process_time() - begun)
                 used.append(BYTES - before)
             memory = session.status().report["peak_memory_bytes"]
-        told = {"opened": opened, "step": min(steps[1:]), "work": min(work[1:]), "memory": memory}
-        told |= {"freed": moved.correction["freed_nodes"], "reached": moved.quality["corrected"]["size_skew"]["min"]}
-        lines[-1].put(told | {name: used[-1][name] for name in ("sent", "received", "told")})
+        row = {"opened": opened, "step": min(steps[1:]), "work": min(work[1:]), "memory": memory}
+        row |= {"freed": moved.correction["freed_nodes"], "reached": moved.quality["corrected"]["size_skew"]["min"]}
+        lines[-1].put(row | {name: used[-1][name] for name in ("sent", "received", "corrected")})
 
 
 def _on_ranks(files: Sequence[Path], evaluation: str, threshold: float) -> list[dict[str, float]]:
@@ -141,7 +141,7 @@ def measured(mesh: MeshFile, ranks: int, volume: str, threshold: float = 0.0) ->
     with tempfile.TemporaryDirectory(prefix="mesh-motion-partitions-") as folder:
         files = write_partitions(Path(folder), mesh, ranks)
         found = _on_workers(files, threshold) if volume == "dask" else _on_ranks(files, volume, threshold)
-    sums = {name: sum(one[name] for one in found) for name in ("sent", "received", "told")}
+    sums = {name: sum(one[name] for one in found) for name in ("sent", "received", "corrected")}
     most = {name: max(one[name] for one in found) for name in ("step", "work", "opened", "memory")}
     return sums | most | {name: found[0][name] for name in ("freed", "reached")}
 
@@ -165,7 +165,7 @@ def main() -> None:
     arguments = parser.parse_args()
     os.environ["MESH_MOTION_THREADS"] = "1"
     mesh = load(arguments.mesh, arguments.meshes)
-    more = " told | freed | reached |" if arguments.corrected else ""
+    more = " corrected | freed | reached |" if arguments.corrected else ""
     titles = "| mesh | volume | ranks | sent | received | step, ms | rank's work, ms | opening, s | session's memory |"
     print(f"{titles}{more}\n|---|---|{'---:|' * (titles.count('|') - 3 + more.count('|'))}")
     volumes = ("client", "dask") if arguments.dask else ("client",)
@@ -175,7 +175,7 @@ def main() -> None:
         print(
             f"| {arguments.mesh} | {volume} | {ranks} | {sent} | {received} | {1000 * row['step']:.0f} | "
             f"{1000 * row['work']:.0f} | {row['opened']:.1f} | {memory} |"
-            + (f" {row['told']:.0f} | {row['freed']:.0f} | {row['reached']:.3f} |" if more else ""),
+            + (f" {row['corrected']:.0f} | {row['freed']:.0f} | {row['reached']:.3f} |" if more else ""),
             flush=True,
         )
 

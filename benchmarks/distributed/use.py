@@ -23,7 +23,7 @@ def count_bytes() -> None:
 
     def counted_encode(message: Any) -> Any:
         frames = encode(message)
-        BYTES["told"] += len(message.nodes) if isinstance(message, Correct) else 0
+        BYTES["corrected"] += len(message.nodes) if isinstance(message, Correct) else 0
         BYTES["sent"] += sum(memoryview(frame).nbytes for frame in frames)
         return frames
 
@@ -36,7 +36,7 @@ def count_bytes() -> None:
 
 def spent() -> dict[str, float]:
     """What a worker has used so far."""
-    return {"work": time.process_time(), **{name: BYTES[name] for name in ("sent", "received", "told")}}
+    return {"work": time.process_time(), **{name: BYTES[name] for name in ("sent", "received", "corrected")}}
 
 
 async def peak_memory() -> int:

@@ -41,14 +41,14 @@ def motion(points: np.ndarray, step: int) -> np.ndarray:
     return 0.04 * step * np.stack([np.sin(3.0 * points[:, 1]), points[:, 0] - 0.5, np.cos(3.0 * points[:, 0])], axis=1)
 
 
-def solve(session: Session, mesh: Mesh, tell: Callable[[str], object]) -> np.ndarray:
+def solve(session: Session, mesh: Mesh, report: Callable[[str], object]) -> np.ndarray:
     """Move, and commit: what a solver does between its own steps."""
     for step in range(1, STEPS + 1):
         moved = session.move(motion(mesh.points[session.moving_nodes], step))
         committed = session.commit()
         quality = moved.quality["corrected"]
-        told = f"step {step}: {quality['cells']} cells, minimum {quality['metric']['min']:.3f}"
-        tell(f"{told}, {moved.correction['freed_nodes']} nodes freed, digest {committed.digest.hex()[:8]}")
+        line = f"step {step}: {quality['cells']} cells, minimum {quality['metric']['min']:.3f}"
+        report(f"{line}, {moved.correction['freed_nodes']} nodes freed, digest {committed.digest.hex()[:8]}")
     return session.points()
 
 

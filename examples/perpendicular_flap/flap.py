@@ -22,7 +22,7 @@ HERE = Path(__file__).resolve().parent
 ADAPTER = HERE.parents[1] / "adapters" / "openfoam"
 
 
-def tell(row: Row, windows: int) -> None:
+def report(row: Row, windows: int) -> None:
     """A line of progress."""
     sys.stdout.write(
         f"window {row.window:4d}/{windows}  t = {row.time:6.3f} s  tip {row.x:+.5f} m  {row.iterations:2d} iterations  "
@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> list[Row]:
         OpenFoam(out / "fluid", environment=environment(ADAPTER) | server) as fluid,
     ):
         coupling = Coupling(fluid, solid, ACCELERATIONS[options.acceleration](), settings, out)
-        return coupling.run(lambda row: tell(row, options.windows))
+        return coupling.run(lambda row: report(row, options.windows))
 
 
 def arguments(given: list[str] | None = None) -> argparse.Namespace:

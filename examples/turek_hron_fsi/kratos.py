@@ -107,10 +107,10 @@ def run(options: argparse.Namespace) -> History:
         raise RunFailed(missing)
     mesh = prepare(options.out, (options.elements, 2), options.coarsest)
     sys.stdout.write(f"{len(mesh.points)} nodes, {len(mesh.triangles)} triangles\n")
-    return compute(options.out, kratos_case(options.dt), MOTIONS[options.motion], options.end, tell)
+    return compute(options.out, kratos_case(options.dt), MOTIONS[options.motion], options.end, report)
 
 
-def tell(done: int, steps: int) -> None:
+def report(done: int, steps: int) -> None:
     """A line of progress now and then."""
     if done % 25 == 0:
         sys.stdout.write(f"step {done} of {steps}\n")

@@ -45,7 +45,7 @@ CASES = {
 }
 
 
-def tell(row: Row, windows: int) -> None:
+def report(row: Row, windows: int) -> None:
     """A line of progress."""
     sys.stdout.write(
         f"window {row.window:4d}/{windows}  t = {row.time:6.3f} s  A {1e3 * row.x:+8.3f} {1e3 * row.y:+8.3f} mm  "
@@ -81,7 +81,7 @@ def run(options: argparse.Namespace) -> list[Row]:
         Solid(out / "flag.inp", "INTERFACE", out / "solid", dimensions=2) as solid,
         OpenFoam(out / "fluid", environment=environment(ADAPTER) | server) as fluid,
     ):
-        return Coupling(fluid, solid, QuasiNewton(), settings, out).run(lambda row: tell(row, windows))
+        return Coupling(fluid, solid, QuasiNewton(), settings, out).run(lambda row: report(row, windows))
 
 
 def arguments(given: list[str] | None = None) -> argparse.Namespace:

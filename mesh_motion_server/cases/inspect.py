@@ -8,7 +8,7 @@ from mesh_motion_client import Keys, connect
 from mesh_motion_protocol.errors import InvalidInput
 from rich.console import RenderableType
 
-from mesh_motion_server.cases.story import tell_step
+from mesh_motion_server.cases.story import story_of_step
 from mesh_motion_server.session.inspection import Inspection, inspect_session, is_session_folder
 from mesh_motion_server.session.spec import SPEC
 from mesh_motion_server.watch.observation.steps import HistoryDigest, digest_of_history
@@ -87,7 +87,7 @@ def inspect_step(folder: Path, step: int) -> Found:
     """
     if not (folder / SPEC).is_file():
         raise InvalidInput(f"{folder}: not a session's folder", hint="give one of those below STATE FOLDER/sessions")
-    story = tell_step(folder, step)
+    story = story_of_step(folder, step)
     values = {"session": folder.name, "step": step, "outcome": story.outcome, "events": story.events}
     return Found(values, inert(*story.lines), [])
 

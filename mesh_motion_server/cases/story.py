@@ -9,7 +9,7 @@ from typing import Any
 from mesh_motion_server.watch.observation.fold import is_corrected
 from mesh_motion_server.watch.observation.steps import events_of_step
 
-__all__ = ["Story", "tell_step"]
+__all__ = ["Story", "story_of_step"]
 
 Event = dict[str, Any]
 
@@ -37,7 +37,7 @@ class Story:
     events: list[Event]
 
 
-def tell_step(session_folder: Path, step: int) -> Story:
+def story_of_step(session_folder: Path, step: int) -> Story:
     """The story of a recorded step.
 
     Raises
@@ -49,7 +49,7 @@ def tell_step(session_folder: Path, step: int) -> Story:
     outcome = _outcome(events, step)
     lines = [_headline(events, step, outcome), ""]
     for number, event in enumerate(events):
-        first, *rest = _told(event, _outcome(events[:number], step) == "committed")
+        first, *rest = _lines(event, _outcome(events[:number], step) == "committed")
         lines += [f"{_clock(event)}  {first}", *(f"{'':10}{line}" for line in rest)]
     return Story(step, outcome, lines, events)
 
@@ -82,24 +82,24 @@ def _headline(events: Sequence[Event], step: int, outcome: str) -> str:
     return f"step {step}, {day} (UTC): {said}, {', '.join(counted)}; {_seconds(seconds)} in the server"
 
 
-def _told(event: Event, was_committed: bool) -> list[str]:
+def _lines(event: Event, was_committed: bool) -> list[str]:
     """The text lines of an event, the first line without its time."""
-    tell: Callable[[Event], list[str]] | None = {
-        "moved": _told_move,
-        "committed": _told_commit,
-        "refused": _told_refusal,
-        "rolled_back": lambda e: [_told_roll_back(e["iteration"])],
-        "resumed": lambda e: _told_resumption(e, was_committed),
+    lines_of: Callable[[Event], list[str]] | None = {
+        "moved": _move_lines,
+        "committed": _commit_lines,
+        "refused": _refusal_lines,
+        "rolled_back": lambda e: [_roll_back_line(e["iteration"])],
+        "resumed": lambda e: _resumption_lines(e, was_committed),
         "suspended": lambda _: ["suspended: no client was connected for the lease"],
         "joined": lambda _: ["a client joined again"],
         "frozen": lambda e: [f"the session is FROZEN: {e['message']}"],
         "closed": lambda _: ["closed, and kept"],
         "failed": lambda e: [f"the session FAILED: {e['message']}"],
     }.get(event["event"])
-    return tell(event) if tell else [str(event.get("message", event["event"]))]
+    return lines_of(event) if lines_of else [str(event.get("message", event["event"]))]
 
 
-def _told_move(event: Event) -> list[str]:
+def _move_lines(event: Event) -> list[str]:
     quality, correction = event["quality"], event["correction"]
     standard, corrected, metric = quality["standard"], quality["corrected"], quality["metric"]
     changed = is_corrected(correction)
@@ -123,20 +123,20 @@ def _told_move(event: Event) -> list[str]:
     return lines + [f"warning: {warning}" for warning in event["warnings"]]
 
 
-def _told_commit(event: Event) -> list[str]:
+def _commit_lines(event: Event) -> list[str]:
     summary = event["quality"]
-    again = "; told when the session was resumed" if event.get("recovered") else ""
+    again = "; recorded when the session was resumed" if event.get("recovered") else ""
     lines = [f"committed: minimum {_value(_lowest(summary))}, {_distribution(summary)}{_inverted(summary)}{again}"]
     lines += [f"worst cells: {_cells(summary['worst'])}"] if summary.get("worst") else []
     return [*lines, f"state digest {event['digest'][:16]}…"]
 
 
-def _told_roll_back(iteration: int) -> str:
+def _roll_back_line(iteration: int) -> str:
     dropped = f"the trial of iteration {iteration} was dropped" if iteration else "there was no trial to drop"
     return f"rolled back: {dropped}"
 
 
-def _told_refusal(event: Event) -> list[str]:
+def _refusal_lines(event: Event) -> list[str]:
     lines = [f"refused: {event['request']} of step {event['step']}: {event['code']}", event["message"]]
     details = event.get("details", {})
     if details.get("worst"):
@@ -144,7 +144,7 @@ def _told_refusal(event: Event) -> list[str]:
     return lines + ([f"way out: {event['hint']}"] if event.get("hint") else [])
 
 
-def _told_resumption(event: Event, was_committed: bool) -> list[str]:
+def _resumption_lines(event: Event, was_committed: bool) -> list[str]:
     lost = ": the crash took this step back" if was_committed else ""
     return [f"resumed at step {event['step']}, epoch {event['epoch']}, by version {event['version']}{lost}"]
 

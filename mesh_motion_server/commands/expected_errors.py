@@ -19,14 +19,14 @@ def expected_errors() -> Iterator[None]:
     try:
         yield
     except MeshMotionError as error:
-        _tell(str(error), error)
+        _print(str(error), error)
         raise typer.Exit(status_of(error.code)) from None
     except KeyboardInterrupt as interrupt:
-        _tell("interrupted", interrupt)
+        _print("interrupted", interrupt)
         raise typer.Exit(ExitStatus.INTERRUPTED) from None
 
 
-def _tell(line: str, error: BaseException) -> None:
+def _print(line: str, error: BaseException) -> None:
     """Print the line and the notes of the error."""
     for text in (line, *getattr(error, "__notes__", ())):
         complain(text)

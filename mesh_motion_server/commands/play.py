@@ -20,7 +20,7 @@ from mesh_motion_server.commands.options import (
     ServerKeyOption,
     keys_of_options,
 )
-from mesh_motion_server.commands.replay import changes_of, tell_comparison
+from mesh_motion_server.commands.replay import changes_of, print_comparison
 
 if TYPE_CHECKING:
     from mesh_motion_server.cases.records import StepRecord
@@ -95,7 +95,7 @@ def play(
                 every=every,
                 progress=advance,
             )
-        tell_comparison(comparison, quiet=quiet)
+        print_comparison(comparison, quiet=quiet)
         return
     with expected_errors(), _progress(quiet) as advance:
         keys = keys_of_options(endpoint, key, server_key)

@@ -127,7 +127,7 @@ class _File:
         if form == "hdf":
             values = self._hdf5(text)
         elif form == "binary":
-            raw = self.beside(text).read_bytes()[int(item.get("Seek", "0")) :]
+            raw = self.named(text).read_bytes()[int(item.get("Seek", "0")) :]
             values = np.frombuffer(raw, dtype, count=int(np.prod(shape, dtype=np.int64)))
         elif form == "xml":
             words = text.split()
@@ -141,7 +141,7 @@ class _File:
             raise ValueError(f"an item of {values.size} numbers, but Dimensions {item.get('Dimensions')!r}")
         return values.reshape(shape)
 
-    def beside(self, name: str) -> Path:
+    def named(self, name: str) -> Path:
         """A file of numbers that this one names."""
         place = self.path.parent / name
         if not place.is_file():
@@ -150,7 +150,7 @@ class _File:
 
     def _hdf5(self, text: str) -> NDArray[Any]:
         name, _, inner = text.rpartition(":")
-        place = self.beside(name.strip())
+        place = self.named(name.strip())
         if place not in self.open_files:
             self.open_files[place] = load_h5py(place).File(place, "r", locking=False)
         data = self.open_files[place][inner.strip()]
@@ -471,11 +471,11 @@ def _copies(file: _File, items: list[ElementTree.Element], target: Path) -> dict
     for item in items:
         name = _named(item)[0]
         if name and name not in names:
-            file.beside(name)
+            file.named(name)
             names[name] = f"{target.stem}{f'_{len(names)}' if names else ''}{Path(name).suffix}"
     for name, new in names.items():
         place = target.parent / new
-        other = next((one for one in names if place.exists() and one != name and file.beside(one).samefile(place)), "")
+        other = next((one for one in names if place.exists() and one != name and file.named(one).samefile(place)), "")
         if other:
             raise InvalidInput(
                 f"{target}: the copy of {name} would replace {other}", hint="take another name or folder"

@@ -29,7 +29,7 @@ class ServiceManager:
         environment.pop("WATCHDOG_USEC", None)
         return cls(environment.pop("NOTIFY_SOCKET", ""))
 
-    def tell(self, *states: str) -> None:
+    def notify(self, *states: str) -> None:
         """Send assignments such as ``READY=1``; errors of a manager that does not listen are ignored."""
         if not self._address:
             return

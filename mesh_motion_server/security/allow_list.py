@@ -94,9 +94,9 @@ class AllowList:
         self._look()
         if self._failure:
             raise SessionError(
-                "the server's allow-list cannot be used at present, so nobody is admitted",
+                "the server's allow-list cannot be used at present, so no key is admitted",
                 code="UNAVAILABLE",
-                hint="the server's log tells the operator why",
+                hint="the server's log says why",
             )
         return self._entries.get(key)
 
@@ -121,7 +121,7 @@ class AllowList:
             self._seen = ()
             if str(error) != self._failure:
                 self._failure = str(error)
-                _LOG.error("allow-list unusable, nobody is admitted: %s", error)
+                _LOG.error("allow-list unusable, no key is admitted: %s", error)
             return
         if entries != self._entries or self._failure:
             _LOG.info("allow-list read: %d keys", len(entries))

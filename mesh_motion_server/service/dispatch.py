@@ -25,7 +25,7 @@ from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.service.execution import Execution
 from mesh_motion_server.service.failures import failure_reply, known_error
 from mesh_motion_server.service.holders import Holders
-from mesh_motion_server.service.telling import Teller
+from mesh_motion_server.service.recorder import Recorder
 from mesh_motion_server.session.model import ModelBuilder, build_motion_model
 from mesh_motion_server.session.replay import Progress, silent
 from mesh_motion_server.session.session import Session
@@ -58,8 +58,8 @@ class SessionHost:
         self._session = session
         self._store = store
         self._holders = Holders(session)
-        self._teller = Teller(session)
-        self._execution = Execution(session, limits=limits, clock=clock, teller=self._teller)
+        self._recorder = Recorder(session)
+        self._execution = Execution(session, limits=limits, clock=clock, recorder=self._recorder)
         self._counts: Counter[str] = Counter()
         self._discard = False
         self.closed = False
@@ -118,7 +118,7 @@ class SessionHost:
             folder.release()
             raise
         host = cls(reopened, store, limits=limits, clock=clock)
-        host._teller.resumed()
+        host._recorder.resumed()
         return host
 
     # --- where it stands -------------------------------------------------------------------------------------------
@@ -203,7 +203,7 @@ class SessionHost:
         self._holders.clear()
         self._execution.forget_waiting()
         self._discard = False  # a new holder does not inherit the choice of the earlier ones, as in a new process
-        self._teller.resumed()
+        self._recorder.resumed()
         return epoch
 
     def suspend(self) -> list[Envelope]:
@@ -211,7 +211,7 @@ class SessionHost:
         closes = self._session.admit(Operation.LEASE_END) is State.CLOSED
         if not closes:
             self._session.suspend()
-            self._teller.suspended()
+            self._recorder.suspended()
         abandoned = self._execution.abandon(
             SessionError("the lease ended while the request waited", code="ABORTED", hint="JOIN again")
         )
@@ -237,7 +237,7 @@ class SessionHost:
             replies = answer(envelope)
         except Exception as error:
             refusal = failure_reply(envelope.message, known_error(error), self._session)
-            self._teller.refused(envelope.message, refusal, by_holder=self._holders.has_joined(envelope.peer))
+            self._recorder.refused(envelope.message, refusal, by_holder=self._holders.has_joined(envelope.peer))
             replies = [Envelope(envelope.peer, refusal)]
         self._counts.update(reply.message.type for reply in replies)
         return replies
@@ -264,7 +264,7 @@ class SessionHost:
             was_suspended = self._session.state is State.SUSPENDED
             reply: Message = join.answer(self._session, request)
             if was_suspended:
-                self._teller.joined()
+                self._recorder.joined()
             failpoint("request.join")
             self._holders.join(peer, request.partition)
             return [Envelope(peer, reply)]
@@ -273,7 +273,7 @@ class SessionHost:
             waiting_for, counts = self._execution.missing, dict(self._counts)
             return [Envelope(peer, status.answer(self._session, request, waiting_for, counts))]
         if isinstance(request, Close):
-            return self._close_partition(peer, request, others=self._holders.beside(request.partition))
+            return self._close_partition(peer, request, others=self._holders.others(request.partition))
         return self._execution.execute(peer, request)
 
     def _close_partition(self, peer: bytes, request: Close, *, others: int) -> list[Envelope]:
@@ -292,7 +292,7 @@ class SessionHost:
             failpoint("request.close.left")
             self._holders.clear()
             if not discard and self._session.is_built:
-                self._teller.closed()
+                self._recorder.closed()
             self._session.close(keep=not discard)
         return [*replies, Envelope(peer, reply)]
 

@@ -19,7 +19,7 @@ from mesh_motion_server.service.counting import count_executed
 from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.service.failures import failure_reply, known_error
 from mesh_motion_server.service.gathering import Arrival, Gathering
-from mesh_motion_server.service.telling import Teller
+from mesh_motion_server.service.recorder import Recorder
 from mesh_motion_server.session.journal.replies import ReplyTable
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.settings import ServerSettings
@@ -53,13 +53,15 @@ class Execution:
         The replies to its journaled commits are restored.
     clock : callable
         Monotonic seconds.
-    teller : Teller
+    recorder : Recorder
         Gets the result of each request.
     """
 
-    def __init__(self, session: Session, *, limits: ServerSettings, clock: Callable[[], float], teller: Teller) -> None:
+    def __init__(
+        self, session: Session, *, limits: ServerSettings, clock: Callable[[], float], recorder: Recorder
+    ) -> None:
         self._session = session
-        self._teller = teller
+        self._recorder = recorder
         self._timeout = limits.collective_timeout_seconds
         self._clock = clock
         holders = session.spec.partitions
@@ -163,7 +165,7 @@ class Execution:
         failpoint("request.stored")
         reply = move.of_all(replies)
         count_executed(reply, seconds)  # last: the stored reply exists already, even if counting fails
-        self._teller.executed(reply, seconds, iteration)
+        self._recorder.executed(reply, seconds, iteration)
         return [_answer_to(a, reply) for a, reply in zip(arrivals, replies, strict=True)]
 
     def _failed(self, arrivals: Sequence[Arrival], error: MeshMotionError) -> list[Envelope]:
@@ -175,9 +177,9 @@ class Execution:
             self._stored.store(arrival.request_id, made, _nbytes(made) if made else 0)
             replies.append(made or failure_reply(arrival.request, error, self._session))
         if isinstance(replies[0], Committed):
-            self._teller.executed(replies[0], 0.0, 0)
+            self._recorder.executed(replies[0], 0.0, 0)
         else:
-            self._teller.refused(arrivals[0].request, replies[0])
+            self._recorder.refused(arrivals[0].request, replies[0])
         return [Envelope(a.peer, reply) for a, reply in zip(arrivals, replies, strict=True)]
 
     def _require_idle(self, partition: int) -> None:
@@ -215,7 +217,7 @@ class Execution:
 
     def _refusal(self, peer: bytes, request: Message, error: MeshMotionError) -> Envelope:
         refusal = failure_reply(request, error, self._session)
-        self._teller.refused(request, refusal)
+        self._recorder.refused(request, refusal)
         return Envelope(peer, refusal)
 
 

@@ -18,7 +18,7 @@ class Holders:
         self._session = session
         self._peers: dict[int, bytes] = {}
 
-    def beside(self, partition: int) -> int:
+    def others(self, partition: int) -> int:
         """Number of other partitions that have a peer."""
         return len(self._peers.keys() - {partition})
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from mesh_motion_numerics.distributed.judging import Heard, Unanswered, as_plain, heard, summary_of
+from mesh_motion_numerics.distributed.judging import RankReport, Unanswered, as_plain, read_report, summary_of
 from mesh_motion_protocol.messages import Judge, Judged
 
 from mesh_motion_server.service.reports import (
@@ -21,7 +21,7 @@ from mesh_motion_server.session.state import Operation
 __all__ = ["check", "run"]
 
 
-def check(session: Session, request: Judge) -> tuple[Judge, Heard]:
+def check(session: Session, request: Judge) -> tuple[Judge, RankReport]:
     """Check the step and the state, and that the session's cells are with the client.
 
     Raises
@@ -35,10 +35,10 @@ def check(session: Session, request: Judge) -> tuple[Judge, Heard]:
     session.admit(Operation.JUDGE)
     session.require_next_step(request.step)
     number = partial(session.mesh.cell_number, request.partition)
-    return request, heard(vars(request), number, partition=request.partition)
+    return request, read_report(vars(request), number, partition=request.partition)
 
 
-def run(session: Session, reports: Sequence[tuple[Judge, Heard]]) -> list[Judged]:
+def run(session: Session, reports: Sequence[tuple[Judge, RankReport]]) -> list[Judged]:
     """Add up what the partitions send, and judge the trial; or ask for more."""
     mesh, method = session.mesh, session.model.method
     reply: dict[str, Any] = {"questions": [], "quality": {}, "reached": False, "warnings": []}

@@ -35,8 +35,8 @@ def answer(session: Session, request: Status, waiting_for: list[int], counts: di
         "upload_bytes": session.upload.nbytes,
     }
     if session.commits:
-        told = msgpack.unpackb(session.commits[-1].receipt)
-        report |= {name: told[name] for name in ("quality", "final_step") if name in told}
+        receipt = msgpack.unpackb(session.commits[-1].receipt)
+        report |= {name: receipt[name] for name in ("quality", "final_step") if name in receipt}
     return StatusReport(
         client=request.client,
         sequence=request.sequence,

@@ -21,7 +21,7 @@ __all__ = ["WRITING", "Position"]
 
 
 WRITING = (State.READY, State.TRIAL, State.SUSPENDED)
-"""States that a disk which failed unasked turns into FROZEN."""
+"""States that a disk which failed by itself turns into FROZEN."""
 
 
 class Position:

@@ -317,7 +317,7 @@ class Session(Answers):
         after = CurrentState(state, next_state)
         boundary = cache(partial(boundary_input, built.mesh, trial.input))  # for history and journal
         # first: no answered step may lack it
-        self.history.tell_input(trial.step, boundary, self.spec.dimension, next_state.level.time)
+        self.history.record_input(trial.step, boundary, self.spec.dimension, next_state.level.time)
 
         def store() -> None:
             built.keeper.commit(entry, durable, boundary)

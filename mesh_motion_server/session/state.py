@@ -94,7 +94,7 @@ _BUILT = Refusal("the mesh is already built", "open another session for another 
 _NO_TRIAL = Refusal("there is no trial to commit", "send MOVE first")
 _NOT_MOVED = Refusal("there is no trial to judge", "send MOVE first")
 _COMMITTING = Refusal("a commit is being made durable", "wait for its reply")
-_SUSPENDED = Refusal("the session is suspended: no holder was heard within the lease", "send JOIN again")
+_SUSPENDED = Refusal("the session is suspended: no message of its holder came within the lease", "send JOIN again")
 _FROZEN = Refusal(
     "the disk failed while the session was written, nothing more is written",
     "see to the disk, send CLOSE with outcome 'keep', then RESUME",

@@ -102,7 +102,7 @@ class Attendant:
             log().error("no_monitor", of=self.name, reason=f"silent for {_SECONDS:.0f} s")
             self.child.kill()
 
-    def tell(self, news: dict[str, Any]) -> None:
+    def send(self, news: dict[str, Any]) -> None:
         """Send the news of this second; if the process does not accept it, the next second sends it again."""
         if self.child is not None:
             self.child.channel.offer(news)

@@ -239,7 +239,7 @@ class Control:
 
     # --- workers -----------------------------------------------------------------------------------------------------
 
-    def heard(self, live: Live, event: dict[str, Any]) -> None:
+    def reported(self, live: Live, event: dict[str, Any]) -> None:
         """Handle a worker's report."""
         kind = event["event"]
         if kind == "born":

@@ -152,11 +152,11 @@ def lock_folder(endpoint: Endpoint) -> TextIO | None:
             f"a live server listens on {endpoint.address}", hint="stop it first, or use another path"
         ) from None
     for left in filter(Path.is_socket, folder.glob(_WORKER_FILES)):
-        _remove_unheard(left)
+        _remove_without_listener(left)
     return lock
 
 
-def _remove_unheard(file: Path) -> None:
+def _remove_without_listener(file: Path) -> None:
     """Remove the socket's file of a worker that was killed with its server; another server's worker still listens."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_NONBLOCK) as line:
         try:

@@ -34,7 +34,7 @@ from mesh_motion_server.transport.processes import limit_address_space, limit_de
 from mesh_motion_server.transport.protection import Protection, keep_secrets_out_of_core_files, user_of
 from mesh_motion_server.transport.replies import encoded, undecodable, unexpected
 from mesh_motion_server.transport.self_test import ProtectionError, check_admits, check_refuses
-from mesh_motion_server.transport.telemetry import configure, log, tell_suppressed
+from mesh_motion_server.transport.telemetry import configure, log, log_suppressed
 
 __all__ = ["Gateway", "main"]
 
@@ -109,7 +109,7 @@ class Gateway:
         if "frame" in order:
             self._send(order["peer"], [order["frame"]])
         else:
-            tell_suppressed()
+            log_suppressed()
             if resident_bytes(os.getpid()) > self._most_memory:
                 return_memory()
             taken = TALLY.take()

@@ -133,9 +133,9 @@ class GatewayLine:
         self._outbox.flush()
         self._await_room()
         if self.child.channel.pending():
-            self._hear(self.child)
+            self._receive(self.child)
 
-    def _hear(self, gateway: Child) -> None:
+    def _receive(self, gateway: Child) -> None:
         message = gateway.channel.receive()
         if message is None:
             self._ended(gateway)

@@ -63,7 +63,7 @@ class Pages:
         self._news: dict[str, Any] = {"at": time.monotonic(), "gateway_at": time.monotonic(), "missing": "starting"}
         self._metrics: dict[bool, bytes] = {}
 
-    def hear(self, news: dict[str, Any]) -> None:
+    def update(self, news: dict[str, Any]) -> None:
         """Take the supervisor's message of this second."""
         self._news, self._metrics = news, {}
 
@@ -77,8 +77,8 @@ class Pages:
         return (503 if wrong else 200), _TEXT, f"{wrong or 'ok'}\n".encode()
 
     def _stuck(self) -> str:
-        told_at = self._news["at"]
-        silences = {"supervisor": time.monotonic() - told_at, "gateway": told_at - self._news["gateway_at"]}
+        sent_at = self._news["at"]
+        silences = {"supervisor": time.monotonic() - sent_at, "gateway": sent_at - self._news["gateway_at"]}
         for name, silence in silences.items():
             if silence > self._stuck_seconds:
                 return f"{name}: silent for {silence:.0f} s"
@@ -171,15 +171,15 @@ async def _serve(channel: Channel, order: dict[str, Any]) -> int:
     channel.send({"event": "bound", "address": f"[{host}]:{port}" if ":" in host else f"{host}:{port}"})
     over = asyncio.Event()
 
-    def heard() -> None:
+    def receive() -> None:
         news = channel.receive()
         if news is None:
             over.set()
         else:
-            pages.hear(news)
+            pages.update(news)
 
     loop = asyncio.get_running_loop()
-    loop.add_reader(channel.fileno(), heard)
+    loop.add_reader(channel.fileno(), receive)
     await over.wait()
     loop.remove_reader(channel.fileno())
     server.close()

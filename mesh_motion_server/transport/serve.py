@@ -89,7 +89,7 @@ def serve(
         log().error("refused", reason=refusal.error.message, hint=refusal.error.hint)
         return refusal.status
     _announce(listening, supervisor.boot, ready_file)
-    manager.tell("READY=1", f"MAINPID={os.getpid()}")
+    manager.notify("READY=1", f"MAINPID={os.getpid()}")
     try:
         return supervisor.run(int(lifeline) if lifeline else None)
     finally:
@@ -165,7 +165,7 @@ def _allowed(text: str, *, insecure: bool, protected: bool) -> Endpoint:
             hint="give --keys (`mesh-motion keys server DIR` makes them), or listen on 127.0.0.1 or ipc and tunnel "
             "with ssh; --insecure listens there all the same",
         )
-    log().warning("insecure", endpoint=text, consequence="whoever reaches this address may open sessions")
+    log().warning("insecure", endpoint=text, consequence="all who reach this address may open sessions")
     return endpoint
 
 
@@ -178,7 +178,7 @@ def _check_watching(name: str, address: str | None, *, insecure: bool) -> None:
             f"the {name} on {address} would be read by other machines, and keys do not protect it",
             hint=f"listen on 127.0.0.1; {_INSTEAD[name]}; --insecure listens there all the same",
         )
-    log().warning("insecure", **{name: address}, consequence=f"whoever reaches this address may read the {name}")
+    log().warning("insecure", **{name: address}, consequence=f"all who reach this address may read the {name}")
 
 
 def _require_page(address: str | None) -> None:

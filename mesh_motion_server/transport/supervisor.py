@@ -133,7 +133,7 @@ class Supervisor:
         if lifeline is not None:
             self._listen(lifeline, self._lifeline_ended)
         while not self._finished():
-            self._hear()
+            self._receive()
             now = time.monotonic()
             self._control.keep_time(now)
             self._gateway.keep_time(now)
@@ -143,7 +143,7 @@ class Supervisor:
                 self._kill_workers()
         return self._stop()
 
-    def _hear(self) -> None:
+    def _receive(self) -> None:
         """Wait for events and handle them."""
         for key, _ in self._selector.select(self._patience()):
             key.data(key.fileobj)
@@ -185,7 +185,7 @@ class Supervisor:
             return
         log().info("draining", reason=reason)
         failpoint("supervisor.drain")
-        self._watch.manager.tell("STOPPING=1")
+        self._watch.manager.notify("STOPPING=1")
         self._control.draining = True
         self._watch.next_beat = time.monotonic()
         self._killed_at = time.monotonic() + self._settings.drain_seconds
@@ -303,17 +303,17 @@ class Supervisor:
                 self._selector.unregister(child.channel)
                 self._await_end(child)
                 return
-            self._heard(child, message)
+            self._reported(child, message)
 
-    def _heard(self, child: Child, message: dict[str, Any]) -> None:
+    def _reported(self, child: Child, message: dict[str, Any]) -> None:
         self._silent_ends, child.spoke = 0, True
         if child.template is not None and message["event"] == "born":
             child.pid = message["pid"]
         TALLY.add(message.pop("tally", None))
         live = self._control.registry.of(child)
         if live is not None:
-            failpoint("supervisor.heard")
-            self._control.heard(live, message)
+            failpoint("supervisor.reported")
+            self._control.reported(live, message)
 
     def _await_end(self, child: Child) -> None:
         """Wait for the end of a process whose line has ended, without blocking others."""
@@ -366,5 +366,5 @@ class Supervisor:
         self._selector.unregister(child.channel)
         return child.reap()
 
-    def _listen(self, source: Any, heard: Callable[[Any], None]) -> None:
-        self._selector.register(source, selectors.EVENT_READ, heard)
+    def _listen(self, source: Any, receive: Callable[[Any], None]) -> None:
+        self._selector.register(source, selectors.EVENT_READ, receive)

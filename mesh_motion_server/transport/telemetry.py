@@ -13,7 +13,7 @@ from mesh_motion_server.transport.log_bounds import Throttle, places_of_exceptio
 from mesh_motion_server.transport.log_stream import Unfailing
 from mesh_motion_server.transport.processes import name_process
 
-__all__ = ["configure", "log", "name_session", "tell_suppressed"]
+__all__ = ["configure", "log", "log_suppressed", "name_session"]
 
 _THROTTLE = Throttle()
 _LOGGER = logging.getLogger("mesh_motion_server.transport")
@@ -88,7 +88,7 @@ def name_session(session: str) -> None:
     _NAMES["session"] = session
 
 
-def tell_suppressed() -> None:
+def log_suppressed() -> None:
     """Log the number of omitted lines for each event since the last call; called every few seconds."""
     for event, count in _THROTTLE.take().items():
         _LOG.warning("suppressed", lines=count, of=event)

@@ -118,7 +118,7 @@ def _serve(channel: Channel, order: dict[str, Any], service: Service, signals: A
     context.set(zmq.MAX_SOCKETS, 64)
     socket = router(context, message_bytes=FRAME_BYTES, queued=_QUEUED, handshake_seconds=settings.handshake_seconds)
     try:
-        host = _host(order, hosts, stores(settings.state_folder), settings, partial(_tell_progress, channel))
+        host = _host(order, hosts, stores(settings.state_folder), settings, partial(_report_progress, channel))
     except Exception as error:
         channel.send({"event": "failed", "tally": TALLY.take()} | _failure(error))
         return 1
@@ -176,7 +176,7 @@ def _listen(
     return Endpoint.parse(endpoint).advertised_as(settings.advertised_host)
 
 
-def _tell_progress(channel: Channel, step: int) -> None:
+def _report_progress(channel: Channel, step: int) -> None:
     """Report a recomputed step, so that the supervisor goes on waiting."""
     channel.offer({"event": "recomputed", "step": step})
 

@@ -20,7 +20,7 @@ from mesh_motion_server.transport.attendant import Attendant
 from mesh_motion_server.transport.gateway_line import GatewayLine
 from mesh_motion_server.transport.processes import Child
 from mesh_motion_server.transport.registry import Live, Registry
-from mesh_motion_server.transport.telemetry import log, tell_suppressed
+from mesh_motion_server.transport.telemetry import log, log_suppressed
 
 __all__ = ["Watch"]
 
@@ -98,7 +98,7 @@ class Watch:
         """Check and report."""
         now = time.monotonic()
         self.next_beat = now + _SECONDS
-        tell_suppressed()
+        log_suppressed()
         gateway.ask(now, self._settings.stuck_seconds)
         for attendant in self.attendants:
             attendant.end_silent(now)
@@ -109,16 +109,16 @@ class Watch:
         self._log_disk(readiness)
         missing = readiness.missing()
         if not readiness.gateway_silent:
-            self.manager.tell("WATCHDOG=1", f"STATUS={len(registry.working())} sessions{missing and '; ' + missing}")
+            self.manager.notify("WATCHDOG=1", f"STATUS={len(registry.working())} sessions{missing and '; ' + missing}")
         if self.metrics.child is not None:
             gauges = [*self._gauges(registry, template, readiness.disk), ("ready", "", float(not missing))]
             news = {"at": now, "gateway_at": gateway.answered_at, "missing": missing, "gauges": gauges}
-            self.metrics.tell(news | {"totals": TALLY.values()})
+            self.metrics.send(news | {"totals": TALLY.values()})
         if self.page.child is not None:
             sessions = [[*_entry(live)] for live in registry.live.values()]
             # the latest ones; failed ones only if there is room after the working ones
             sessions = sorted(sessions, key=lambda entry: entry[1] != "dead")[-_MOST_SESSIONS:]
-            self.page.tell({"missing": missing, "sessions": sessions})
+            self.page.send({"missing": missing, "sessions": sessions})
         self._disk.ask()  # for the next time
 
     def _readiness(self, now: float, silence: float, *, draining: bool) -> Readiness:

@@ -31,7 +31,7 @@ from mesh_motion_server.transport.endpoints import connection_event
 from mesh_motion_server.transport.processes import return_memory
 from mesh_motion_server.transport.protection import Rights
 from mesh_motion_server.transport.replies import encoded, undecodable, unexpected
-from mesh_motion_server.transport.telemetry import log, tell_suppressed
+from mesh_motion_server.transport.telemetry import log, log_suppressed
 
 if TYPE_CHECKING:
     from mesh_motion_server.service.dispatch import SessionHost
@@ -224,7 +224,7 @@ class Worker:
     def _keep_time(self) -> None:
         """Handle expired collective requests, the lease, and the end of an idle process."""
         now = time.monotonic()
-        tell_suppressed()
+        log_suppressed()
         if self._host.next_deadline is not None and self._host.next_deadline <= now:
             self._send(self._host.expire(now))
         self._lease.update(now)

@@ -24,7 +24,7 @@ def test_the_sessions_of_a_server_are_listed(make_case, server: Server) -> None:
 
 def test_no_server_at_the_endpoint(tmp_path: Path) -> None:
     with pytest.raises(Unavailable, match="no server answers"):
-        list_sessions(f"ipc://{tmp_path}/nobody", 0.2)
+        list_sessions(f"ipc://{tmp_path}/no-server", 0.2)
 
 
 def test_stored_sessions_are_judged(make_case, tmp_path: Path) -> None:

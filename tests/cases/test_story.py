@@ -9,7 +9,7 @@ from histories import lowest_quality, made_up_events, put_events, resumed_at, wr
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.cases.inspect import inspect_folder, inspect_step
-from mesh_motion_server.cases.story import tell_step
+from mesh_motion_server.cases.story import story_of_step
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.watch.observation.steps import digest_of_history
 from tests.faults.driver import make_driver
@@ -25,11 +25,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def text_of(folder: Path, step: int) -> str:
-    return "\n".join(tell_step(folder, step).lines)
+    return "\n".join(story_of_step(folder, step).lines)
 
 
 def test_a_step_that_needed_no_correction(folder: Path) -> None:
-    story = tell_step(folder, 3)
+    story = story_of_step(folder, 3)
     assert story.outcome == "committed"
     assert [event["event"] for event in story.events] == ["moved", "moved", "committed"]
     text = "\n".join(story.lines)
@@ -64,7 +64,7 @@ def test_a_correction_that_did_not_get_there(tmp_path: Path) -> None:
 
 
 def test_refusals_and_roll_backs_come_in_their_order(folder: Path) -> None:
-    story, text = tell_step(folder, 97), text_of(folder, 97)
+    story, text = story_of_step(folder, 97), text_of(folder, 97)
     assert [event["event"] for event in story.events][:3] == ["moved", "rolled_back", "refused"]
     assert "3 iterations, 1 roll-back, 1 refusal;" in story.lines[0]
     assert "refused: MOVE of step 97: FAILED_PRECONDITION.QUALITY" in text
@@ -84,7 +84,7 @@ def test_a_step_that_is_made_again_has_both_lives(tmp_path: Path) -> None:
     events = list(made_up_events(6))
     again = [event for event in events if event.get("step") in (5, 6)]
     put_events(tmp_path, [*events, resumed_at(4), *again])
-    story = tell_step(tmp_path, 6)
+    story = story_of_step(tmp_path, 6)
     life = ["moved", "moved", "committed"]
     assert [event["event"] for event in story.events] == [*life, "resumed", *life]
     assert story.outcome == "committed"
@@ -97,17 +97,17 @@ def test_a_step_that_is_being_made_again_is_open(tmp_path: Path) -> None:
     events = list(made_up_events(6))
     again = next(event for event in events if event.get("step") == 5)
     put_events(tmp_path, [*events, resumed_at(4), again])
-    story = tell_step(tmp_path, 5)
+    story = story_of_step(tmp_path, 5)
     assert story.outcome == "open"
     assert story.lines[0].startswith("step 5, 2026-09-21 (UTC): not committed, 3 iterations, 1 resumption")
 
 
 def test_a_step_that_a_crash_took_is_lost(tmp_path: Path) -> None:
     put_events(tmp_path, [*made_up_events(12), resumed_at(4)])
-    story = tell_step(tmp_path, 9)
+    story = story_of_step(tmp_path, 9)
     assert story.outcome == "lost"
     assert story.lines[0].startswith("step 9, 2026-09-21 (UTC): committed, and lost in a crash, 2 iterations")
-    assert tell_step(tmp_path, 4).outcome == "committed"
+    assert story_of_step(tmp_path, 4).outcome == "committed"
     assert digest_of_history(tmp_path).recorded == "steps 1 to 4"
 
 
@@ -118,9 +118,9 @@ def test_a_history_that_begins_late_has_no_step_before(torn: bool, tmp_path: Pat
         segment = tmp_path / "history" / "events-00000003.jsonl"
         segment.write_bytes(segment.read_bytes()[900:-100])
     with pytest.raises(InvalidInput, match="step 1 is not recorded; recorded are steps 8 to 1") as caught:
-        tell_step(tmp_path, 1)
+        story_of_step(tmp_path, 1)
     assert "the oldest go first" in caught.value.hint
-    story = tell_step(tmp_path, 8)
+    story = story_of_step(tmp_path, 8)
     assert {event["step"] for event in story.events} == {8}
     assert story.outcome == "committed"
 
@@ -128,7 +128,7 @@ def test_a_history_that_begins_late_has_no_step_before(torn: bool, tmp_path: Pat
 def test_a_history_that_had_ended_for_a_while_names_its_gap(tmp_path: Path) -> None:
     put_events(tmp_path, (event for event in made_up_events(12) if event.get("step", 0) not in (5, 6, 7, 9)))
     with pytest.raises(InvalidInput, match="step 6 is not recorded; recorded are steps 1 to 4, 8, 10 to 12") as caught:
-        tell_step(tmp_path, 6)
+        story_of_step(tmp_path, 6)
     assert "had ended for a while" in caught.value.hint
 
 
@@ -136,14 +136,14 @@ def test_a_history_without_a_committed_step_says_so(tmp_path: Path) -> None:
     put_events(tmp_path, (event for event in made_up_events(1) if event["event"] != "committed"))
     assert digest_of_history(tmp_path).recorded == "no committed step"
     with pytest.raises(InvalidInput, match="step 2 is not recorded; recorded are no committed step"):
-        tell_step(tmp_path, 2)
+        story_of_step(tmp_path, 2)
 
 
 def test_a_step_that_is_not_recorded_names_what_is(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=r"step 1101 is not recorded; recorded are steps 1 to 1100$"):
-        tell_step(folder, 1101)
+        story_of_step(folder, 1101)
     with pytest.raises(InvalidInput, match="no history is recorded there"):
-        tell_step(tmp_path, 1)
+        story_of_step(tmp_path, 1)
     with pytest.raises(InvalidInput, match="not a session's folder"):
         inspect_step(folder, 1)
 

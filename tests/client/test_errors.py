@@ -21,7 +21,7 @@ def test_every_code_has_a_class(code):
 
 def test_an_unknown_detail_is_its_canonical_name():
     assert type(error_from(reply("INVALID_ARGUMENT.FROM_A_LATER_VERSION"))) is errors.InvalidInput
-    assert type(error_from(reply("NEVER_HEARD"))) is errors.ServerFault
+    assert type(error_from(reply("NEVER_SEEN"))) is errors.ServerFault
 
 
 def test_the_public_names_are_sorted_and_exist():

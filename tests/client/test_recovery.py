@@ -141,7 +141,7 @@ def test_a_join_that_failed_leaves_no_connection_behind(server, session, monkeyp
 
 
 def test_a_connection_that_ends_just_before_a_request_is_sent_does_not_hang(tmp_path):
-    endpoint = f"ipc://{tmp_path}/nobody"  # never connected, so no event warns the check before the request
+    endpoint = f"ipc://{tmp_path}/no-server"  # never connected, so no event warns the check before the request
     with closing(Connection(endpoint)) as connection:
         connection._socket.disconnect(endpoint)
         wait_until(lambda: not connection._socket.poll(0, zmq.POLLOUT), "ZeroMQ gave the connection up")

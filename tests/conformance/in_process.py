@@ -156,11 +156,11 @@ class InProcessServer:
                 child.worker._report()
                 if child.worker._over or child.its_host.closed:
                     child.end()
-            self.tell()
+            self.report()
             self.control.keep_time(time.monotonic())
             self.workers = [child for child in self.workers if child.worker]
 
-    def tell(self):
+    def report(self):
         """The supervisor takes the workers' reports."""
         while self.later:
             child, event = self.later.popleft()
@@ -170,7 +170,7 @@ class InProcessServer:
             if event is None:
                 self.control.gone(live, 0)
             else:
-                self.control.heard(live, event)
+                self.control.reported(live, event)
 
     def close(self):
         self.over = True

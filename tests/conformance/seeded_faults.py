@@ -356,7 +356,7 @@ def digests_in_the_wrong_byte_order(patch):
     patch.setattr(digests, "frames_of", lambda array: frames_of(np.ascontiguousarray(array).byteswap()))
 
 
-@fault("12-FETCHED-step-beside-the-reference-mesh")
+@fault("12-FETCHED-step-with-the-reference-mesh")
 def gives_step_0_with_the_reference_mesh(patch):
     answer = fetch.answer
 
@@ -470,7 +470,7 @@ def answers_twice(patch):
     patch.setattr(Gateway, "_reply", twice)
 
 
-@fault("4-id-beside-a-wrong-type", "4-id-beside-an-unknown-field")
+@fault("4-id-with-a-wrong-type", "4-id-with-an-unknown-field")
 def forgets_the_id_of_what_it_refuses(patch):
     patch.setattr(codec, "_request_id", lambda header: (bytes(16), 0))
 

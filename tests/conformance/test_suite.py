@@ -165,7 +165,7 @@ def test_command_lists_cases(capsys):
 def test_command_without_anybody_there_says_so_at_once_and_ends_with_69(capsys, arguments):
     assert main(["--endpoint", "tcp://127.0.0.1:1", "--timeout", "600", *arguments]) == 69
     output = capsys.readouterr()
-    assert output.err == "mesh_motion_conformance: nobody listens at tcp://127.0.0.1:1\n"
+    assert output.err == "mesh_motion_conformance: no server listens at tcp://127.0.0.1:1\n"
     assert output.out == ""
 
 

@@ -175,14 +175,14 @@ def test_what_is_refused_with_the_whole_mesh_is_refused_here(server):
     with connect(server.endpoint) as client:
         for evaluation in ("server", "client"):
             with client.open(mesh, settings, evaluation=evaluation) as session:
-                told = bend(mesh.points[session.moving_nodes], 3)
+                boundary = bend(mesh.points[session.moving_nodes], 3)
                 with pytest.raises(QualityRefused) as refused:
-                    session.move(4.0 * told)
+                    session.move(4.0 * boundary)
                 refusals.append(refused.value)
                 if evaluation == "client":
                     with pytest.raises(SessionError, match="not judged, or it was refused"):
                         session.commit()
-                session.move(0.1 * told)
+                session.move(0.1 * boundary)
                 assert session.commit().step == 1
     whole_mesh, here = refusals
     assert (here.code, here.message, here.best) == (whole_mesh.code, whole_mesh.message, whole_mesh.best)
@@ -203,8 +203,8 @@ def test_a_boundary_that_crosses_itself_is_named_here_too(server, ranks, setting
         return str(refused.value)
 
     parts = pieces("quad", 20, ranks) if ranks > 1 else [whole("quad", 20)]
-    for told in on_ranks(server, parts, through_the_wall, settings):
-        assert f"no valid mesh exists: the boundary would {fault} near" in told
+    for message in on_ranks(server, parts, through_the_wall, settings):
+        assert f"no valid mesh exists: the boundary would {fault} near" in message
 
 
 @pytest.mark.parametrize(
@@ -251,12 +251,12 @@ def test_two_nodes_at_the_same_place_are_refused(server):
 def test_increments_and_faces_are_refused(server):
     mesh = whole("quad", 10)
     with connect(server.endpoint) as client, client.open(mesh, SETTINGS, evaluation="client") as session:
-        told = bend(mesh.points[session.moving_nodes], 1)
+        boundary = bend(mesh.points[session.moving_nodes], 1)
         with pytest.raises(InvalidInput, match="expected frame 'reference'"):
-            session.move(told, frame="committed")
+            session.move(boundary, frame="committed")
         with pytest.raises(InvalidInput, match="expected report ''"):
-            session.move(told, report="faces")
-        session.move({"body": told})
+            session.move(boundary, report="faces")
+        session.move({"body": boundary})
         session.rollback()
         assert (session.step, session.iteration) == (0, 0)
 

@@ -396,5 +396,5 @@ def test_no_files_no_server_and_wrong_settings(cluster, server, tmp_path):
 
 def test_the_client_needs_dask_for_its_workers_alone():
     script = "import sys, mesh_motion_client.dask_ranks; print({'dask', 'distributed', 'scipy'} & set(sys.modules))"
-    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert told.stdout == "set()\n"
+    printed = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert printed.stdout == "set()\n"

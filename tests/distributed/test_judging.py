@@ -5,7 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mesh_motion_numerics.distributed.judging import Unanswered, as_plain, first_questions, heard, summary_of, told
+from mesh_motion_numerics.distributed.judging import (
+    Unanswered,
+    as_plain,
+    first_questions,
+    read_report,
+    report_fields,
+    summary_of,
+)
 from mesh_motion_numerics.distributed.order_statistics import content
 from mesh_motion_numerics.distributed.summaries import PartialSummary, Questions
 from mesh_motion_numerics.quality.metrics import CellQuality
@@ -38,7 +45,7 @@ def fields(number: int, further: Questions = ()) -> dict[str, Any]:
     )
     questions = (*first_questions(METRIC), *further)
     answers = [content(own.metric(name), way) for name, way in questions]
-    return told(part, lambda cell: ("tetra", cell), questions, answers)
+    return report_fields(part, lambda cell: ("tetra", cell), questions, answers)
 
 
 def number_of(rank: int) -> Any:
@@ -51,7 +58,7 @@ def number_of(rank: int) -> Any:
 
 
 def listened(further: Questions = ()) -> list[Any]:
-    return [heard(fields(rank, further), number_of(rank), partition=rank) for rank in range(len(RANKS))]
+    return [read_report(fields(rank, further), number_of(rank), partition=rank) for rank in range(len(RANKS))]
 
 
 def test_the_quality_is_that_of_all_cells() -> None:
@@ -101,7 +108,7 @@ def test_a_question_is_read_as_it_was_asked() -> None:
 )
 def test_what_does_not_fit_together_is_refused(change: dict[str, Any]) -> None:
     with pytest.raises(InvalidInput, match="JUDGE of partition 0"):
-        heard(fields(0) | change, number_of(0), partition=0)
+        read_report(fields(0) | change, number_of(0), partition=0)
 
 
 def test_values_that_are_too_few_for_a_rank_are_refused() -> None:
@@ -110,16 +117,16 @@ def test_values_that_are_too_few_for_a_rank_are_refused() -> None:
         summary_of(listened(), METRIC)
     except Unanswered as unknown:
         further = unknown.questions
-    told_by = [fields(rank, further) for rank in range(len(RANKS))]
-    for one in told_by:
+    reported_by = [fields(rank, further) for rank in range(len(RANKS))]
+    for one in reported_by:
         last = len(one["questions"]) - 1
         one["bins"], one["values"] = (rows[rows[:, 0] != last] for rows in (one["bins"], one["values"]))
     with pytest.raises(InvalidInput, match="do not add up"):
-        summary_of([heard(one, number_of(rank), partition=rank) for rank, one in enumerate(told_by)], METRIC)
+        summary_of([read_report(one, number_of(rank), partition=rank) for rank, one in enumerate(reported_by)], METRIC)
 
 
 def test_a_rank_without_cells_or_metrics_is_refused() -> None:
     one = fields(1)
     one["part"] = one["part"] | {"sums": {"size": 1.0}}
     with pytest.raises(InvalidInput, match="sums and minima of"):
-        summary_of([heard(one, number_of(1), partition=0)], METRIC)
+        summary_of([read_report(one, number_of(1), partition=0)], METRIC)

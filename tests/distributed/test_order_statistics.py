@@ -51,9 +51,9 @@ def test_small_sets_take_one_round(values: list[float], machines: int, data: st.
 
 def test_what_travels_does_not_grow_with_the_values() -> None:
     for way in (WHOLE, ((-1.0, 0.5 * BINS, 1500),)):
-        told = content(RANDOM.uniform(-1, 1, 2_000_000), way)
-        assert told.bins.nbytes + told.counts.nbytes <= 6 * BINS
-        assert told.values is None or len(told.values) <= 2000
+        found = content(RANDOM.uniform(-1, 1, 2_000_000), way)
+        assert found.bins.nbytes + found.counts.nbytes <= 6 * BINS
+        assert found.values is None or len(found.values) <= 2000
 
 
 def test_counts_add_up() -> None:

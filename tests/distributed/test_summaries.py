@@ -23,10 +23,10 @@ def in_partitions(kind: str, points: np.ndarray, count: int, metric: str) -> Qua
     for part in partitions(file, count):
         cells = CellTable.from_arrays(part.cells)
         one = CountedCells(cells, cells_at_rest(part.points, cells), metric)
-        told = one.judge(points[part.global_ids])
+        found = one.judge(points[part.global_ids])
         own = [numbers[tuple(part.global_ids[cell])] for block in cells for cell in block.nodes]
         counted.append(one)
-        parts.append(replace(told, worst=tuple(replace(cell, number=own[cell.number]) for cell in told.worst)))
+        parts.append(replace(found, worst=tuple(replace(cell, number=own[cell.number]) for cell in found.worst)))
 
     def ask(questions):  # type: ignore[no-untyped-def]
         return list(zip(*(one.contents(questions) for one in counted), strict=True))

@@ -171,9 +171,9 @@ def test_displacements_that_tear_a_pair_are_refused(server):
     whole = as_client(points, cells, patches | {"pair": Patch("moving", rows)})
 
     def drive(session, part):
-        told = 0.01 * part.points[session.moving_nodes]
+        boundary = 0.01 * part.points[session.moving_nodes]
         with pytest.raises(InvalidInput, match=r"its periodic image, differ by 0\.01"):
-            session.move(told)
+            session.move(boundary)
 
     on_ranks(server, [whole], drive, {})
 

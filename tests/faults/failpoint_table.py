@@ -91,7 +91,7 @@ _TABLE = (
     ("supervisor.ordered", "a worker is asked for and has its order", _CERTAIN),
     ("supervisor.opened", "a worker has its order, the session is not in the registry", _CERTAIN),
     ("supervisor.request", "a control request has come from the gateway", _CERTAIN),
-    ("supervisor.heard", "a worker's report is not taken in", _CERTAIN),
+    ("supervisor.reported", "a worker's report is not taken in", _CERTAIN),
     ("supervisor.answer", "an OPEN or RESUME is done and not answered", _CERTAIN),
     ("supervisor.worker-ended", "a worker's end is known and not dealt with", _CERTAIN),
     ("supervisor.restart", "a session is about to get another worker", _CERTAIN),

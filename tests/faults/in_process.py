@@ -296,21 +296,21 @@ class InProcessServer:
             host = template._host(order, self._hosts, _Store(held), self._settings, silent)
         except Exception as error:
             held.end()
-            self._heard(child, {"event": "failed"} | template._failure(error))
+            self._reported(child, {"event": "failed"} | template._failure(error))
             self._gone(child, 1)
             return
-        line = Line(lambda event: self._heard(child, event))
+        line = Line(lambda event: self._reported(child, event))
         rights = Rights(self._protection, order["owner"])
         worker = _Worker(line, wire, host, self._settings, rights)  # type: ignore[arg-type]
         worker.wire, worker.line, worker.host, worker.held = wire, line, host, held
         self._children[child] = worker
         serving = {"event": "serving", "endpoint": "inproc://" + host.session, "label": host.label}
         about = {"partitions": host.partitions, "epoch": host.epoch, "state": str(host.state), "step": host.step}
-        self._heard(child, serving | about)
+        self._reported(child, serving | about)
 
     def _over(self, child: Child) -> None:
         worker = self._children.pop(child)
-        self._heard(child, {"event": "over", "closed": True})
+        self._reported(child, {"event": "over", "closed": True})
         self.ended[worker.host.session] = worker.host
         worker.held.end()
         self._gone(child, 0)
@@ -325,10 +325,10 @@ class InProcessServer:
     def _live(self, child: Child) -> Live | None:
         return self._control.registry.of(child)  # type: ignore[arg-type]
 
-    def _heard(self, child: Child, event: dict[str, Any]) -> None:
+    def _reported(self, child: Child, event: dict[str, Any]) -> None:
         live = self._live(child)
         if live is not None:
-            self._control.heard(live, event)
+            self._control.reported(live, event)
 
     def _gone(self, child: Child, code: int) -> None:
         live = self._live(child)

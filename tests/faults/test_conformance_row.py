@@ -39,7 +39,7 @@ def test_a_failure_and_a_case_that_was_left_out_are_reported() -> None:
         Outcome(Case("2", "good", "a demand", lambda stage: None), "PASS", 0.1),
         Outcome(Case("3", "bad", "a demand", lambda stage: None), "FAIL", 0.1, "PONG", "ERROR", "PING"),
         Outcome(Case("8", "FROZEN", "a demand", lambda stage: None), "SKIP", 0.0),
-        Outcome(Case("9", "odd", "a demand", lambda stage: None), "SKIP", 0.0, got="nobody is there"),
+        Outcome(Case("9", "odd", "a demand", lambda stage: None), "SKIP", 0.0, got="no server is there"),
     ]
     counted = verdict("server", outcomes)
     assert (counted["cases"], counted["passed"], counted["skipped"]) == (4, 1, ["8-FROZEN", "9-odd"])

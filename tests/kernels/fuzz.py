@@ -185,7 +185,7 @@ def fuzz(name: str, trials: int) -> str:
             except Exception as error:
                 return f"{error!r} of {shown(arguments)}"
             if any(_outside(each.around) != each.before for each in guarded):
-                return f"writes beside arrays of {shown(arguments)}"
+                return f"writes outside of arrays of {shown(arguments)}"
         for place, parameter in enumerate(expected):
             kinds = {form[place].kind for form in forms if len(form) > place} - {parameter.kind}
             for value in wrong(parameter):

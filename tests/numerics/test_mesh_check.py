@@ -123,7 +123,8 @@ def test_boundary_nodes_at_the_same_place_are_noticed(mesh, distance):
     mesh.points = np.vstack([mesh.points, [[1.0, 0.25 + distance], [1.25, 0.25], [1.25, 0.5]]])
     mesh.cells["triangle"] = np.vstack([mesh.cells["triangle"], [[25, 26, 27]]])
     assert mesh.check()[0] == (
-        "the boundary nodes 9 and 25 are at the same place; they are interpolated as one, and each moves as it is told"
+        "the boundary nodes 9 and 25 are at the same place; they are interpolated as one, "
+        "and each has its own displacement"
     )
     mesh.points[27] = mesh.points[14] + distance
     assert "the boundary nodes 9 and 25 and 1 more pair are" in mesh.check()[0]

@@ -37,7 +37,7 @@ def lint(text: str) -> list[str]:
     for family in text_string_to_metric_families(text):
         keys = {key for sample in family.samples for key in sample.labels}
         if keys & {"session", "owner", "path", "label", "peer"}:
-            wrong.append(f"{family.name}: a label tells of one session")
+            wrong.append(f"{family.name}: a label names one session")
     return wrong
 
 

@@ -25,8 +25,8 @@ def manager(tmp_path: Path) -> Iterator[socket.socket]:
 
 
 def test_no_manager_listens() -> None:
-    ServiceManager("").tell("READY=1")
-    ServiceManager("/nowhere/at/all").tell("READY=1")
+    ServiceManager("").notify("READY=1")
+    ServiceManager("/nowhere/at/all").notify("READY=1")
 
 
 def test_an_abstract_name_and_no_inheritance() -> None:
@@ -34,7 +34,7 @@ def test_an_abstract_name_and_no_inheritance() -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
         listener.bind("\0" + name)
         environment = {"NOTIFY_SOCKET": "@" + name, "WATCHDOG_USEC": "1", "WATCHDOG_PID": "2", "HOME": "/"}
-        ServiceManager.of_environment(environment).tell("READY=1", "STATUS=fine")
+        ServiceManager.of_environment(environment).notify("READY=1", "STATUS=fine")
         assert listener.recv(100) == b"READY=1\nSTATUS=fine"
     assert environment == {"HOME": "/"}
 

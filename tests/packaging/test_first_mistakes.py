@@ -196,7 +196,7 @@ LINES: dict[str, tuple[str, int, str]] = {
     "a mesh for a case": ("play mesh.npz -o out", 2, r"mesh\.npz: not a TOML file"),
     "no such folder of sessions": ("inspect nowhere", 2, r"nowhere: .*folder"),
     "a file where results go": ("play case.toml -o case.toml", 4, r"case\.toml"),
-    "nobody there": ("inspect --endpoint tcp://127.0.0.1:1 --timeout 0.2", 69, r"no server answers.*mesh-motion serve"),
+    "no server": ("inspect --endpoint tcp://127.0.0.1:1 --timeout 0.2", 69, r"no server answers.*mesh-motion serve"),
     "a path to inspect at": ("inspect --endpoint /tmp/socket --timeout 0.2", 2, r"ipc:///tmp/socket is"),
     "a port in use": ("serve --endpoint tcp://127.0.0.1:{taken} --state state", 69, r"{taken}.*in use"),
     "a path to serve at": ("serve --endpoint /tmp/socket --state state", 78, r"got '/tmp/socket'"),

@@ -135,7 +135,7 @@ def test_what_is_no_allow_list_admits_no_key(tmp_path, text, says):
     path.chmod(0o644)
     with pytest.raises(InvalidInput, match=says):
         read_entries(path)
-    with pytest.raises(SessionError, match="nobody is admitted") as error:
+    with pytest.raises(SessionError, match="no key is admitted") as error:
         AllowList(path).roles(KEY)
     assert error.value.code == "UNAVAILABLE"
 

@@ -101,7 +101,7 @@ def test_a_large_mesh_is_written_during_its_check(
     build(store).host.close()
     written = (store.root / "sessions" / SESSION / "mesh.bin").read_bytes()
     monkeypatch.setattr(store_module, "_LARGE_MESH", 0)
-    second = SessionStore(tmp_path / "beside")
+    second = SessionStore(tmp_path / "second")
     build(second).host.close()
     folder = second.root / "sessions" / SESSION
     assert (folder / "mesh.bin").read_bytes() == written

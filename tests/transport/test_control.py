@@ -49,7 +49,7 @@ class Scripted:
     def serving(self, epoch: int) -> None:
         """The newest worker serves."""
         (live,) = self.control.registry.live.values()
-        self.control.heard(live, {"event": "serving", "endpoint": "", "epoch": epoch, "state": "READY", "step": 1})
+        self.control.reported(live, {"event": "serving", "endpoint": "", "epoch": epoch, "state": "READY", "step": 1})
 
 
 def served(folder: Path) -> tuple[Scripted, Any]:
@@ -71,7 +71,7 @@ def test_a_worker_that_ended_as_it_should_says_nothing_of_the_next_one(
     assert isinstance(opened, Opened)
     for sequence in (2, 3):
         scripted.ask(Resume(client=CLIENT, sequence=sequence, session=opened.session, token=opened.token))
-    scripted.control.heard(live, {"event": "over"})
+    scripted.control.reported(live, {"event": "over"})
     if is_stored:
         monkeypatch.setattr(SessionStore, "check_token", lambda *_: SimpleNamespace(owner="", label=""))
         monkeypatch.setattr(scripted.control.registry, "owner", lambda _: "")
@@ -129,12 +129,12 @@ def test_a_socket_file_that_cannot_be_removed_ends_nothing(tmp_path: Path, monke
 def test_a_worker_that_writes_for_a_new_holder_is_given_the_time_of_a_drain(tmp_path: Path) -> None:
     """What it writes may have been answered: killing it would lose commits of level "relaxed"."""
     scripted, live = served(tmp_path)
-    scripted.control.heard(live, {"event": "reclaiming"})
+    scripted.control.reported(live, {"event": "reclaiming"})
     assert live.deadline is None
     scripted.ask(Resume(client=CLIENT, sequence=2, session=live.session, token=live.token))
     assert live.deadline is not None
     computing = live.deadline
-    scripted.control.heard(live, {"event": "reclaiming"})
+    scripted.control.reported(live, {"event": "reclaiming"})
     assert live.deadline > computing + 20
 
 
@@ -163,7 +163,7 @@ def test_of_sessions_whose_worker_fell_only_the_latest_are_remembered(
         scripted.ask(Open(client=CLIENT, sequence=number + 1, dimension=2, settings={}))
         live = list(scripted.control.registry.live.values())[-1]
         opened.append(live)
-        scripted.control.heard(live, {"event": "serving", "endpoint": "", "epoch": 1, "state": "NEW", "step": 0})
+        scripted.control.reported(live, {"event": "serving", "endpoint": "", "epoch": 1, "state": "NEW", "step": 0})
         if number:
             scripted.control.gone(live, -9)
     kept = [opened[number].session for number in (0, 3, 4, 5)]
@@ -203,9 +203,9 @@ def test_a_worker_that_computes_steps_again_is_not_given_up(tmp_path: Path, monk
     for step in range(1, 10):
         monkeypatch.setattr(time, "monotonic", lambda step=step: began + 500 * step)
         scripted.control.keep_time(time.monotonic())
-        scripted.control.heard(live, {"event": "recomputed", "step": step})
+        scripted.control.reported(live, {"event": "recomputed", "step": step})
     assert not killed
     scripted.serving(2)
     assert live.deadline is None
-    scripted.control.heard(live, {"event": "recomputed", "step": 10})  # said before it served, heard after
+    scripted.control.reported(live, {"event": "recomputed", "step": 10})  # said before it served, received after
     assert live.deadline is None

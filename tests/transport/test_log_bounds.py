@@ -9,7 +9,7 @@ from mesh_motion_protocol.messages import Hello, Ping
 
 from mesh_motion_server.transport import telemetry
 from mesh_motion_server.transport.log_bounds import Throttle, places_of_exception, shortened
-from mesh_motion_server.transport.telemetry import configure, log, tell_suppressed
+from mesh_motion_server.transport.telemetry import configure, log, log_suppressed
 from tests.faults.waiting import wait_until
 
 
@@ -86,7 +86,7 @@ def test_both_ways_to_log_give_the_same_bounded_lines(lines):
         log().debug("served")  # not bounded
         logging.getLogger("below").warning("again and again")
         log().warning("over and over")
-    tell_suppressed()
+    log_suppressed()
     logged = {line["of"]: line["lines"] for line in lines() if line["event"] == "suppressed"}
     assert sum(line["event"] == "served" for line in lines()) == 300
     assert logged == {"again and again": 200, "over and over": 200}
@@ -101,6 +101,8 @@ def test_an_attacker_does_not_fill_the_disk_with_logs(start, connect):
         wire.send(Hello, versions=[[1, 0]], agent="\x1b[31m" + "A" * 250)
         wire.send_frames(b"")
     assert wire.ask(Ping).type  # the answers to the noise come first; all of it was taken
-    wait_until(lambda: sum(line["lines"] for line in server.events("suppressed")) > 1_000, "what was left out is told")
+    wait_until(
+        lambda: sum(line["lines"] for line in server.events("suppressed")) > 1_000, "what was left out is logged"
+    )
     assert server.log_path.stat().st_size < 300_000
     assert len(server.events("refused")) < 500

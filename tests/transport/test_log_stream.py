@@ -88,4 +88,4 @@ def test_a_reader_that_has_gone(pipe: Pipe) -> None:
     reader, stream = pipe
     with open(os.devnull, "rb") as nothing:
         os.dup2(nothing.fileno(), reader)
-    Unfailing(stream).write("to nobody\n")
+    Unfailing(stream).write("to no reader\n")

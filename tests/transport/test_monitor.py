@@ -61,7 +61,7 @@ def test_a_loop_that_stands_still_is_unhealthy(start, connect):
                 status, text = get(server, "/healthz")
                 return status == 503 and text.startswith(f"{name}: silent for ")
 
-            wait_until(shows, f"the {name} is told")
+            wait_until(shows, f"the {name} is shown")
             assert get(server, "/readyz")[0] == 503
         wait_until(lambda: get(server, "/healthz")[0] == 200, "healthy again")
     assert connect(server.endpoint).ask(Ping).type == "PONG"
@@ -106,7 +106,7 @@ def test_a_monitor_that_falls_comes_back_and_no_client_notices(watched, connect,
     _, data, _ = open_session(server)
     fallen = server.children()[1]
     os.kill(fallen, signal.SIGKILL)
-    wait_until(lambda: server.events("monitor_ended"), "the log tells")
+    wait_until(lambda: server.events("monitor_ended"), "the log says so")
 
     assert get(server, "/healthz")[0] == 200  # the pages are back at the same address
     assert data.ask(Ping).type == "PONG"
@@ -133,7 +133,7 @@ def test_a_page_of_another_site_reads_nothing(watched):
             assert line.recv(100).startswith(f"HTTP/1.1 {status} ".encode()), host
 
 
-def test_slow_and_silent_connections_close_nobody_out(watched, connect):
+def test_slow_and_silent_connections_close_no_client_out(watched, connect):
     server = watched
     with contextlib.ExitStack() as lines:
         slow = [lines.enter_context(raw_connection(server)) for _ in range(3 * monitor._CONNECTIONS)]
@@ -190,7 +190,7 @@ def test_before_the_first_news_nothing_is_ready_and_then_silence_is_reported(mon
     pages = Pages({"version": "1"}, stuck_seconds=5.0)
     assert pages.answer("/readyz")[::2] == (503, b"starting\n")
     assert pages.answer("/healthz")[0] == 200
-    pages.hear({"at": 100.0, "gateway_at": 90.0, "missing": "", "totals": {"counts": [], "spreads": {}}})
+    pages.update({"at": 100.0, "gateway_at": 90.0, "missing": "", "totals": {"counts": [], "spreads": {}}})
     assert pages.answer("/healthz")[::2] == (503, b"gateway: silent for 10 s\n")
     now[0] = 106.0
     assert pages.answer("/healthz")[::2] == (503, b"supervisor: silent for 6 s\n")
@@ -201,7 +201,7 @@ def test_the_metrics_of_a_stuck_server_do_not_say_that_it_is_ready(monkeypatch):
     monkeypatch.setattr(monitor.time, "monotonic", lambda: now[0])
     pages = Pages({"version": "1"}, stuck_seconds=5.0)
     totals = {"counts": [], "spreads": {}}
-    pages.hear({"at": 100.0, "gateway_at": 100.0, "missing": "", "totals": totals, "gauges": [["ready", "", 1.0]]})
+    pages.update({"at": 100.0, "gateway_at": 100.0, "missing": "", "totals": totals, "gauges": [["ready", "", 1.0]]})
     assert b"\nmesh_motion_ready 1.0\n" in pages.answer("/metrics")[2]
     now[0] = 106.0  # and the supervisor says nothing more
     assert b"\nmesh_motion_ready 0.0\n" in pages.answer("/metrics")[2]

@@ -44,7 +44,7 @@ def test_a_crash_in_the_middle_of_a_move_hurts_one_session(server, connect, open
     crashing.send(Move, **at, step=1, frame="reference", displacement=ONES)
     control = connect(server.endpoint)
     probe = {"session": opened.session, "token": opened.token}
-    wait_until(lambda: control.ask(Probe, **probe).worker == "dead", "PROBE tells")
+    wait_until(lambda: control.ask(Probe, **probe).worker == "dead", "PROBE says so")
     assert (other.ask(Move, **other_at, step=1, frame="reference", displacement=ONES).displacement == 2).all()
 
 

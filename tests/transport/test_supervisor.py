@@ -99,7 +99,7 @@ def test_the_gateway_comes_back_on_the_same_endpoint(start, connect, open_sessio
     assert data.ask(Commit, **at, step=1).step == 1
     control = connect(server.endpoint)
     assert control.ask(Probe, session=opened.session, token=opened.token).worker == "alive"
-    wait_until(lambda: server.events("gateway_ended"), "the log tells")
+    wait_until(lambda: server.events("gateway_ended"), "the log says so")
 
 
 def test_sigterm_drains_a_server_that_has_just_said_that_it_is_ready(start):
@@ -270,7 +270,7 @@ def test_a_worker_that_is_slow_to_end_holds_no_request_up(start, connect, open_s
     assert control.ask(List).sessions[0]["session"] == opened.session
     assert alive(pid)
     wait_until(lambda: not alive(pid), "it is killed")
-    wait_until(lambda: server.events("worker_ended"), "the log tells")
+    wait_until(lambda: server.events("worker_ended"), "the log says so")
 
 
 def test_a_close_that_was_answered_while_the_supervisor_was_busy_shows_in_the_list(start, connect, open_session):

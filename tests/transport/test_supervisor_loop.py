@@ -72,7 +72,7 @@ def test_a_template_ends_after_the_sessions(scripted: Scripted) -> None:
     supervisor._listen(lifeline, supervisor._lifeline_ended)
     os.close(holder)
     scripted.theirs[0].send(msgpack.packb({"event": "warm"}))
-    supervisor._hear()
+    supervisor._receive()
     assert supervisor._control.draining
     assert killed(scripted.children[0]) == 0
     supervisor._stop()
@@ -121,7 +121,7 @@ def test_a_monitor_that_the_system_refuses_ends_nothing(scripted: Scripted) -> N
     supervisor._listen(watched.child.channel, lambda _: supervisor._attendant_spoke(watched))
     scripted.refused = 1
     scripted.theirs[0].close()
-    supervisor._hear()
+    supervisor._receive()
     assert watched.child is None
     supervisor._template = supervisor._next_template()
     supervisor._beat(time.monotonic())
@@ -136,7 +136,7 @@ def test_a_monitor_that_talks_nonsense_is_ended_and_no_other_process(scripted: S
     watched = supervisor._watch.metrics
     supervisor._attend(watched)
     scripted.theirs[0].send(msgpack.packb(nonsense))
-    supervisor._hear()
+    supervisor._receive()
     assert watched.child is scripted.children[1]
 
 
@@ -169,11 +169,11 @@ def test_a_monitor_that_hangs_while_it_starts_again_holds_no_request_up(scripted
     supervisor._beat(now)
     assert killed(hung) == 1
     scripted.theirs[-1].close()
-    supervisor._hear()
+    supervisor._receive()
     another = scripted.children[-1]
     assert watched.child is another is not hung
     scripted.theirs[-1].send(msgpack.packb({"event": "bound", "address": "127.0.0.1:9"}))
-    supervisor._hear()
+    supervisor._receive()
     watched._due = now
     supervisor._beat(now)
     assert (watched.address, killed(another)) == ("tcp://127.0.0.1:9", 0)

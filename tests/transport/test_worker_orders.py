@@ -7,7 +7,7 @@ from typing import Any
 import zmq
 
 from mesh_motion_server.settings import ServerSettings
-from mesh_motion_server.transport.template import _host, _tell_progress
+from mesh_motion_server.transport.template import _host, _report_progress
 from mesh_motion_server.transport.worker import Worker
 from tests.faults.limited_context import limited_context
 
@@ -67,5 +67,5 @@ def test_a_worker_reports_each_step_that_it_computes_again() -> None:
 
     channel: Any = SimpleNamespace(offer=events.append)
     order = {"order": "resume", "session": "s", "token": b"t"}
-    found = _host(order, Hosts, None, ServerSettings(), partial(_tell_progress, channel))
+    found = _host(order, Hosts, None, ServerSettings(), partial(_report_progress, channel))
     assert (found, events) == ("s", [{"event": "recomputed", "step": 7}])

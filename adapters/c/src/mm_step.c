@@ -26,7 +26,7 @@ static outcome check_move(mm_session *session, size_t moving, const double *disp
         return FAILED;
     }
     if (moving != session->moving_count || (session->nodes && nodes != session->nodes)) {
-        return mmi_fail(context, "INVALID_ARGUMENT.SHAPE", "mm_moving_nodes and mm_node_count tell them",
+        return mmi_fail(context, "INVALID_ARGUMENT.SHAPE", "mm_moving_nodes and mm_node_count return them",
                         "the displacement must have %zu rows and the answer %zu, got %zu and %zu",
                         session->moving_count, session->nodes, moving, nodes);
     }
@@ -142,7 +142,7 @@ static outcome check_vectors(mm_session *session, size_t vectors, size_t moving,
         return FAILED;
     }
     if (moving != session->moving_count || nodes != session->nodes) {
-        return mmi_fail(context, "INVALID_ARGUMENT.SHAPE", "mm_moving_nodes and mm_node_count tell them",
+        return mmi_fail(context, "INVALID_ARGUMENT.SHAPE", "mm_moving_nodes and mm_node_count return them",
                         "there are %zu moving nodes of %zu, got %zu of %zu", session->moving_count, session->nodes,
                         moving, nodes);
     }
@@ -288,7 +288,7 @@ mm_result mm_fetch(mm_session *session, mm_frame which, size_t nodes, double *po
         return session->context->error;
     }
     if ((nodes && !points) || (session->nodes && nodes != session->nodes)) {
-        mmi_fail(session->context, "INVALID_ARGUMENT.SHAPE", "mm_node_count tells it",
+        mmi_fail(session->context, "INVALID_ARGUMENT.SHAPE", "mm_node_count returns it",
                  "the points must have %zu rows, got %zu", session->nodes, nodes);
         return session->context->error;
     }

@@ -65,7 +65,7 @@ mm_result mm_set_boundary_velocity(mm_session *session, size_t moving, const dou
         return session->context->error;
     }
     if (moving != session->moving_count || (moving && !velocity)) {
-        mmi_fail(session->context, "INVALID_ARGUMENT.SHAPE", "mm_moving_nodes tells them",
+        mmi_fail(session->context, "INVALID_ARGUMENT.SHAPE", "mm_moving_nodes returns them",
                  "the boundary velocity must have %zu rows, got %zu", session->moving_count, velocity ? moving : 0);
         return session->context->error;
     }

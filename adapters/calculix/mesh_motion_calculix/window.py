@@ -196,7 +196,7 @@ def read_motion(path: Path, nodes: NDArray[np.int64]) -> Motion:
         blocks = _blocks(path.read_text())
         found = [np.array([blocks[name][int(node)] for node in nodes]) for name in ("displacements", "velocities")]
     except (OSError, KeyError, ValueError) as error:
-        raise RunError(f"{path} does not tell the motion of every node of the interface: {error!r}") from None
+        raise RunError(f"{path} does not have the motion of every node of the interface: {error!r}") from None
     for values in found:
         if not np.isfinite(values).all():
             node = int(nodes[np.argmin(np.isfinite(values).all(axis=1))])

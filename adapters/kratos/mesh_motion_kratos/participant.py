@@ -178,7 +178,7 @@ class Participant:
         if len(astray):
             raise PartError(
                 f"node {self._part.node_ids[astray[0]]} of a part with the role fixed is to move by {given[astray[0]]}",
-                "take the role away: its nodes are then moved as they are told",
+                "take the role away: its nodes then move with their own displacements",
             )
 
     def _open(self) -> None:

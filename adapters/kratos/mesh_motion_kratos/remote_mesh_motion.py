@@ -48,7 +48,7 @@ class RemoteStrategy:
                 restarted=bool(info[KM.IS_RESTARTED]),
                 warn=_warn,
             )
-            self._tell(1, f"session {self._participant.session.credentials.session}")
+            self._print(1, f"session {self._participant.session.credentials.session}")
         return self._participant
 
     def Initialize(self) -> None:
@@ -65,14 +65,14 @@ class RemoteStrategy:
         """Move the mesh from the last committed one, as often as the coupling asks."""
         moved = self.participant.move()
         quality = moved.quality["corrected"]["metric"]["min"]
-        self._tell(1, f"iteration {moved.iteration}: {moved.quality['metric']} {quality:.3f} at the worst cell")
+        self._print(1, f"iteration {moved.iteration}: {moved.quality['metric']} {quality:.3f} at the worst cell")
         return True
 
     def FinalizeSolutionStep(self) -> None:
         """Commit the step's last mesh."""
         committed = self.participant.commit()
         if committed is not None:
-            self._tell(1, f"step {committed.step} committed")
+            self._print(1, f"step {committed.step} committed")
 
     def SetEchoLevel(self, level: int) -> None:
         """From 1 on every move prints its quality."""
@@ -90,7 +90,7 @@ class RemoteStrategy:
         if self._participant is not None:
             self._participant.close()
 
-    def _tell(self, level: int, text: str) -> None:
+    def _print(self, level: int, text: str) -> None:
         if self._echo_level >= level:
             KM.Logger.PrintInfo(_NAME, text)
 

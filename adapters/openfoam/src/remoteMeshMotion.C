@@ -51,8 +51,8 @@ const dictionary& checked(const dictionary& dict, const dictionary& coeffs)
         if (dict.found(own) && dict.found(key))
         {
             FatalIOErrorInFunction(dict)
-                << "the entry " << key << " stands beside " << own
-                << ", where nobody reads it: move it there"
+                << "the entry " << key << " stands outside of " << own
+                << ", where it is not read: move it into " << own
                 << exit(FatalIOError);
         }
     }

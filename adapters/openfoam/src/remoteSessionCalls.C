@@ -34,19 +34,19 @@ void Foam::remoteSession::call
 )
 {
     clockTime waiting;
-    bool told = false;
+    bool warned = false;
     while (made() != MM_OK)
     {
         if (!isAway() || waiting.elapsedTime() >= patience_)
         {
             fail(doing);
         }
-        if (!told)
+        if (!warned)
         {
             Info<< "remoteMeshMotion: " << mm_error_message(context_) << nl
                 << "    waiting " << patience_ << " s for the server at "
                 << endpoint_.c_str() << endl;
-            told = true;
+            warned = true;
         }
         mm_clear_error(context_);
         sleep(1);

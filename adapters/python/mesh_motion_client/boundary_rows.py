@@ -49,7 +49,7 @@ def boundary_rows(
         raise InvalidInput(
             f"displacements must have shape {wanted}, one row a moving node, got {rows.shape}",
             code="INVALID_ARGUMENT.SHAPE",
-            hint="session.moving_nodes tells the order of the rows",
+            hint="session.moving_nodes has the order of the rows",
         )
     return rows
 

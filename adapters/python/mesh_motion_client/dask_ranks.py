@@ -337,7 +337,7 @@ class DaskSession:
             raise InvalidInput(
                 f"motion must have {len(self.moving_ids)} rows, one a moving node, got {len(rows)}",
                 code="INVALID_ARGUMENT.SHAPE",
-                hint="session.moving_ids tells the order of the rows",
+                hint="session.moving_ids has the order of the rows",
             )
         return [rows[own] for own in self._rows_of]
 

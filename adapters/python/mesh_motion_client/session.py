@@ -40,7 +40,7 @@ from mesh_motion_client.own_cells import OwnCells
 __all__ = ["Frame", "HeadroomAlong", "Report", "Scheme", "Session"]
 
 #: Settings that a description names.
-_TOLD = ("support_radius", "correction", "quality_threshold", "displacement")
+_SHOWN = ("support_radius", "correction", "quality_threshold", "displacement")
 
 #: Of computing, in seconds: about 30 years.
 _LONGEST_LIMIT = 1e9
@@ -366,7 +366,7 @@ class Session(OpenedSession):
 
     def description(self) -> list[str]:
         """Where it stands, its mesh, and its settings."""
-        settings = ", ".join(f"{name} {value}" for name, value in self.settings.items() if name in _TOLD)
+        settings = ", ".join(f"{name} {value}" for name, value in self.settings.items() if name in _SHOWN)
         state = "closed" if self._closed else f"iteration {self.iteration}" if self.iteration else "no trial"
         return [
             f"Session {self.credentials.session[:8]}: step {self.step}, {state}",

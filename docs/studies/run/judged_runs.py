@@ -151,15 +151,19 @@ def walk(run: Run, steps: list[float], choices: dict[str, Any], **last: Any) -> 
 
 
 def _here(
-    mesh: StoredMesh, targets: list[Floats], choices: dict[str, Any], noise: Floats | float = 0.0, anew: bool = False
+    mesh: StoredMesh,
+    targets: list[Floats],
+    choices: dict[str, Any],
+    noise: Floats | float = 0.0,
+    own_model: bool = False,
 ) -> Iterator[Floats]:
-    """Positions after each step; ``noise`` is added to the last one's targets, ``anew`` gives it a model of its own."""
+    """Positions after each step; ``noise`` is added to the last one's targets, with ``own_model`` a new model."""
     model, factors, points = mesh.model(**choices), FactorCache(1 << 28), mesh.points
     if choices is PLAIN:
         model = replace(model, layered=None)
     for step, there in enumerate(targets, start=1):
         last = step == len(targets)
-        if last and anew:
+        if last and own_model:
             model, factors = mesh.model(**choices), FactorCache(1 << 28)
         points = model.move(points, there + noise if last else there, factors).points
         yield points
@@ -227,7 +231,7 @@ def judged(run: Run) -> tuple[dict[str, float], dict[str, tuple[int, list[float]
         "angle / plain": angle / plain_angle,
         "noise": moved(found, DEFAULT, noise=noise) / _largest(noise),
         "plain noise": moved(plain, PLAIN, noise=noise) / _largest(noise),
-        "resumed": np.nan if run.ranks else moved(found, DEFAULT, anew=True),
+        "resumed": np.nan if run.ranks else moved(found, DEFAULT, own_model=True),
         "cost": found.seconds / plain.seconds,
     }
     lines = {f"{n} steps": (n, own.jolts) for n, (own, _) in walks.items()}

@@ -32,7 +32,7 @@ WHOLE = Turn((0.3, -0.2), 60.0, centre=(0.5, 0.5))
 
 
 def moved(mesh: StoredMesh, prescribed: Floats, controls: NDArray[np.int64], radius: float, polynomial: str) -> Floats:
-    """Nodes (n, d) after the bare interpolation of ``told`` (n, d) at the control nodes."""
+    """Nodes (n, d) after the bare interpolation of ``displacement`` (n, d) at the control nodes."""
     factorization = factorize(mesh.points[controls], support_radius=radius)
     system = WithPolynomial(factorization) if polynomial == "linear" else factorization
     interpolant = system.solve((prescribed - mesh.points)[controls])

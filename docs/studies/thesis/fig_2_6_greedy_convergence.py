@@ -39,7 +39,7 @@ def _before_the_end(history: tuple[Iterate, ...]) -> tuple[Iterate, ...]:
     return history[:-1] if history[-1].points == history[-2].points else history
 
 
-def _solved_anew(problem: ReductionProblem, found: Reduced, points: int) -> float:
+def _solved_again(problem: ReductionProblem, found: Reduced, points: int) -> float:
     """Largest error of a full solution on the first points of a choice."""
     selected = found.selected[:points]
     left = problem.displacement - problem.values(problem.level(selected, full_weights(problem, selected)))
@@ -60,8 +60,8 @@ def _compared(case: MeshMotion, most: int) -> tuple[Table, dict[str, Reduced]]:
             seconds = time.process_time() - began
         history = _before_the_end(found[name].history)
         errors: list[Cell] = [_latest(history, n).max_error / problem.largest for n in marks]
-        anew = _solved_anew(problem, found[name], most)
-        rows.append([name, *errors, anew, history[-1].solve_operations, history[-1].error_operations, 1000 * seconds])
+        again = _solved_again(problem, found[name], most)
+        rows.append([name, *errors, again, history[-1].solve_operations, history[-1].error_operations, 1000 * seconds])
     columns = ["algorithm", *(f"error at {n}" for n in marks), f"solved again at {most}"]
     columns += ["multiply-adds for weights", "φ for errors", "CPU ms"]
     caption = (
@@ -91,9 +91,9 @@ def run(quick: bool) -> Outcome:
 def _words(table: Table) -> str:
     """What the first table says."""
     rows = {row[0]: dict(zip(table.columns, row, strict=True)) for row in table.rows}
-    last, anew = table.columns[3], table.columns[4]
+    last, again = table.columns[3], table.columns[4]
     ratio = {name: rows[name][last] / rows[FULL][last] for name in rows}
-    choice = rows[ONE][anew] / rows[FULL][anew]
+    choice = rows[ONE][again] / rows[FULL][again]
     work = rows[COMBINED]["multiply-adds for weights"] / rows[FULL]["multiply-adds for weights"]
     return (
         f"On the wing the combined algorithm ends at {ratio[COMBINED]:.2g} times the full one's error, for {work:.1%} "

@@ -169,7 +169,9 @@ def _polyhedral(
     """A zone of polyhedra; cells that are not simple are divided into pieces."""
     single = [part for part in fixed if part.name == VERTEX]
     if len(single) < len(fixed) or points.shape[1] != 3:
-        raise zone.refused("NGON_n faces beside other elements, or in a plane; they are read as polyhedra of a 3D zone")
+        raise zone.refused(
+            "NGON_n faces next to other elements, or in a plane; they are read as polyhedra of a 3D zone"
+        )
     faces = join_faces(zone, points, listed)
     pieces = divide(faces.mesh, find_cells(faces.mesh))
     boundary = np.arange(faces.mesh.n_inner, faces.mesh.n_faces)

@@ -119,7 +119,7 @@ def _read_sections(data: bytes) -> _Content:
                 values.require_end(name.decode())
             end = values.end
         else:
-            if name not in _BESIDE:
+            if name not in _OTHER_SECTIONS:
                 content.notes.append(f"its section ${name.decode()} is not read")
             end = data.index(b"$End" + name, start)
         end_mark = b"$End" + name
@@ -238,7 +238,7 @@ _READERS_22 = {
     b"Elements": _read_elements_22,
 }
 #: Sections that say nothing of nodes, cells and groups.
-_BESIDE = {
+_OTHER_SECTIONS = {
     b"Comments",
     b"ElementData",
     b"ElementNodeData",

@@ -70,8 +70,8 @@ def divide(mesh: FaceMesh, found: FoundCells) -> Pieces:
         divided[new] = True
         hidden, hiding = _hidden(mesh, new, centres)
         split[hidden] = bent[hiding] = True
-        beside = np.concatenate([mesh.owner[hidden], mesh.neighbour[hidden[hidden < mesh.n_inner]]])
-        new = np.unique(beside[~divided[beside]])
+        adjacent = np.concatenate([mesh.owner[hidden], mesh.neighbour[hidden[hidden < mesh.n_inner]]])
+        new = np.unique(adjacent[~divided[adjacent]])
     for cell in np.flatnonzero(bent):
         centres[cell] = _seeing_all(mesh, int(cell), centres[cell])
     long, others = np.flatnonzero(split), np.flatnonzero(divided)

@@ -68,18 +68,18 @@ class History:
 
     # --- what is recorded ------------------------------------------------------------------------------------------
 
-    def tell(self, event: str, **values: Any) -> None:
+    def record(self, event: str, **values: Any) -> None:
         """Add an event."""
         self.attempt(lambda: self._write_event(event, values))
 
-    def tell_input(
+    def record_input(
         self, step: int, boundary: Callable[[], BoundaryInput], dimension: int, time: float | None = None
     ) -> None:
         """Record the input of the next commit, and the time of its step if it has one."""
         if not self._boundary_over:
             self.attempt(lambda: self._write_input(step, boundary, dimension, time))
 
-    def tell_outcome(self, step: int, digest: bytes) -> None:
+    def record_outcome(self, step: int, digest: bytes) -> None:
         """Record the digest of a committed state."""
         if not self._boundary_over:
             self.attempt(lambda: self._write_boundary(pack_outcome(step, digest), step + 1))

@@ -93,13 +93,13 @@ def in_senders_numbers(error: _Error, mesh: MergedMesh) -> _Error:
     Message and details name nodes by global id, which with one partition is the local index; where there are several,
     the details have the node's partition and local index too.
     """
-    told, details = copy.copy(error), dict(error.details)
-    told.message = text_in_senders_numbers(error.message, mesh)
+    translated, details = copy.copy(error), dict(error.details)
+    translated.message = text_in_senders_numbers(error.message, mesh)
     for key in _NODE_KEYS:
         if isinstance(node := details.get(key), int):
             details[key] = int(mesh.global_ids[node])
             if key == "node" and len(mesh.node_maps) > 1:
                 partition, local = mesh.locate_node(node)
                 details |= {"partition": partition, "node": local, "global_id": int(mesh.global_ids[node])}
-    told.details = details
-    return told
+    translated.details = details
+    return translated

@@ -56,7 +56,7 @@ class Followed:
             "ahead": headroom_in_words(moved.get("headroom", {})),
             "worst": self._worst(),
             "notable": list(reversed(self._notable)),
-            "told": self._counted,
+            "counted": self._counted,
             "open_refusals": self._series.open_refusals,
         }
 

@@ -109,7 +109,7 @@ def _not_recorded(session_folder: Path, step: int) -> InvalidInput:
     if next(read_events(session_folder), None) is None:
         return InvalidInput(
             f"{session_folder}: no history is recorded there",
-            hint="the server's setting history_bytes must not be 0, and its log tells whether the disk refused it",
+            hint="the server's setting history_bytes must not be 0, and its log says whether the disk refused it",
         )
     recorded = digest_of_history(session_folder)
     hint, first, last = "", min(recorded.spans, default=(0, 0))[0], max(recorded.spans, default=(0, 0))[1]

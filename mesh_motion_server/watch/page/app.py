@@ -59,7 +59,7 @@ class Page:
         self._news: dict[str, Any] = {"missing": "", "sessions": []}
         self._waiting: Counter[Executor] = Counter()
         self._trouble = ""
-        self._told: dict[str, Any] = {}
+        self._shown: dict[str, Any] = {}
         self._due = 0.0
         routes = [
             Route("/", self._index),
@@ -72,7 +72,7 @@ class Page:
         handlers: dict[Any, Any] = {MeshMotionError: _refused, HTTPException: _missing}
         self.app = Guard(Starlette(routes=routes, exception_handlers=handlers), insecure=insecure)
 
-    def hear(self, news: dict[str, Any]) -> None:
+    def update(self, news: dict[str, Any]) -> None:
         """Take the supervisor's message, sent every second."""
         self._news = news
 
@@ -102,14 +102,14 @@ class Page:
         """The list, JSON; in the thread ``lists``. It is made once a second at most, for any number of pages."""
         started = time.monotonic()
         if started >= self._due:
-            self._told = self._listed()
+            self._shown = self._listed()
             ended = time.monotonic()
             self._due = max(started + _LIST_SECONDS, ended + (ended - started) / _LIST_SHARE)
-        return as_json({"at": time.time()} | self._told)
+        return as_json({"at": time.time()} | self._shown)
 
     def _listed(self) -> dict[str, Any]:
         news = self._news
-        missing, sessions = news["missing"], self._told.get("sessions", [])
+        missing, sessions = news["missing"], self._shown.get("sessions", [])
         try:
             sessions, self._trouble = self._archive.overview(news["sessions"]), ""
         # any error: the page shows the previous list and says so, and the read is repeated

@@ -23,7 +23,7 @@ from mesh_motion_server.transport.processes import (
     limit_descriptors,
     offer_to_the_oom_killer,
 )
-from mesh_motion_server.transport.telemetry import configure, log, tell_suppressed
+from mesh_motion_server.transport.telemetry import configure, log, log_suppressed
 from mesh_motion_server.watch.page.app import Page
 from mesh_motion_server.watch.page.connections import BoundedProtocol
 
@@ -90,16 +90,16 @@ async def _serve(channel: Channel, order: dict[str, Any]) -> int:
     server = _Server(_config(page))
     channel.send({"event": "bound", "address": f"[{host}]:{port}" if ":" in host else f"{host}:{port}"})
 
-    def heard() -> None:
+    def receive() -> None:
         news = channel.receive()
         if news is not None:
-            page.hear(news)
-            tell_suppressed()
+            page.update(news)
+            log_suppressed()
             return
         asyncio.get_running_loop().remove_reader(channel.fileno())
         server.should_exit = True
 
-    asyncio.get_running_loop().add_reader(channel.fileno(), heard)
+    asyncio.get_running_loop().add_reader(channel.fileno(), receive)
     await server.serve(sockets=[listening])
     return 0
 

@@ -114,19 +114,19 @@ def _details(entry: Mapping[str, Any], details: Mapping[str, Any]) -> list[Rende
     rows += _quality(entry, details)
     rows += [inert(details["ahead"])] if details["ahead"] else []
     rows += [inert(f"worst  {_cell_words(cell)}") for cell in details["worst"]["cells"][:_WORST]]
-    for told in reversed(details["notable"][:_MESSAGES]):
-        clock = time.strftime("%H:%M:%S", time.localtime(told["at"]))
-        step = f" step {told['step']}" if told.get("step") is not None else ""
-        words = f"{clock}{step} {told['event']} {plain(_message(told))}".rstrip()
-        rows.append(inert(words, style=_KINDS.get(told["event"], "dim")))
+    for event in reversed(details["notable"][:_MESSAGES]):
+        clock = time.strftime("%H:%M:%S", time.localtime(event["at"]))
+        step = f" step {event['step']}" if event.get("step") is not None else ""
+        words = f"{clock}{step} {event['event']} {plain(_message(event))}".rstrip()
+        rows.append(inert(words, style=_KINDS.get(event["event"], "dim")))
     return rows
 
 
-def _message(told: Mapping[str, Any]) -> str:
-    request = f"{told['request']}: " if told.get("request") else ""
-    hint = f" ({told['hint']})" if told.get("hint") else ""
-    times = f", {told['times']} times" if told.get("times", 1) > 1 else ""
-    return f"{request}{told.get('message', '')}{hint}{times}"
+def _message(event: Mapping[str, Any]) -> str:
+    request = f"{event['request']}: " if event.get("request") else ""
+    hint = f" ({event['hint']})" if event.get("hint") else ""
+    times = f", {event['times']} times" if event.get("times", 1) > 1 else ""
+    return f"{request}{event.get('message', '')}{hint}{times}"
 
 
 def _quality(entry: Mapping[str, Any], details: Mapping[str, Any]) -> list[RenderableType]:

@@ -34,5 +34,5 @@ globals().update({name: found for name, found in vars(_loops).items() if not nam
 
 def __getattr__(name: str) -> Any:
     raise AttributeError(
-        f"module {__name__!r} has no attribute {name!r}: the extension is older than its callers, build it anew"
+        f"module {__name__!r} has no attribute {name!r}: the extension is older than its callers, build it again"
     )

@@ -157,7 +157,7 @@ thread_local bool inside = false;
 
 int available_threads() {
     static const int available = [] {
-        if (const char* told = std::getenv("MESH_MOTION_THREADS")) return std::max(1, std::atoi(told));
+        if (const char* value = std::getenv("MESH_MOTION_THREADS")) return std::max(1, std::atoi(value));
 #if defined(__linux__)
         cpu_set_t cores;
         if (sched_getaffinity(0, sizeof cores, &cores) == 0) return std::max(1, CPU_COUNT(&cores));

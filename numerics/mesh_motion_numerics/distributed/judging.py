@@ -21,16 +21,16 @@ from mesh_motion_numerics.mesh.cells import CELL_TYPES
 from mesh_motion_numerics.quality.quality_summary import QualitySummary, WorstCell, reported_metrics
 
 __all__ = [
-    "Heard",
+    "RankReport",
     "Unanswered",
     "as_plain",
     "first_questions",
-    "heard",
     "read_questions",
+    "read_report",
     "reading",
+    "report_fields",
     "require",
     "summary_of",
-    "told",
 ]
 
 #: Columns of a worst cell before its centre: type, local number, value, size, skew, size-skew.
@@ -47,7 +47,7 @@ class Unanswered(Exception):
 
 
 @dataclass(frozen=True, eq=False)
-class Heard:
+class RankReport:
     """What one rank reported: its part of the summary, without contents, and the contents of each bin asked for."""
 
     part: PartialSummary
@@ -72,7 +72,7 @@ def read_questions(plain: Sequence[Mapping[str, Any]]) -> Questions:
     )
 
 
-def told(
+def report_fields(
     part: PartialSummary, place: Callable[[int], tuple[str, int]], questions: Questions, answers: Sequence[BinContent]
 ) -> dict[str, Any]:
     """The fields of a JUDGE.
@@ -107,7 +107,7 @@ def told(
     }
 
 
-def heard(told: Mapping[str, Any], number: Callable[[str, int], int], *, partition: int) -> Heard:
+def read_report(fields: Mapping[str, Any], number: Callable[[str, int], int], *, partition: int) -> RankReport:
     """Read the fields of a JUDGE; ``number`` gives the number of a cell from its type and its number within that.
 
     Raises
@@ -116,7 +116,7 @@ def heard(told: Mapping[str, Any], number: Callable[[str, int], int], *, partiti
         If they do not fit together.
     """
     with reading("JUDGE", partition):
-        return _heard(told, number)
+        return _read_report(fields, number)
 
 
 @contextmanager
@@ -132,8 +132,8 @@ def reading(kind: str, partition: int) -> Iterator[None]:
         ) from error
 
 
-def _heard(told: Mapping[str, Any], number: Callable[[str, int], int]) -> Heard:
-    part, bins, values, worst = (told[name] for name in ("part", "bins", "values", "worst"))
+def _read_report(fields: Mapping[str, Any], number: Callable[[str, int], int]) -> RankReport:
+    part, bins, values, worst = (fields[name] for name in ("part", "bins", "values", "worst"))
     require(bins.ndim == 2 and bins.shape[1] == 3, "bins: expected three columns")
     require(values.ndim == 2 and values.shape[1] == 3, "values: expected three columns")
     require(worst.ndim == 2 and worst.shape[1] > _WORST_COLUMNS, "worst: expected more than six columns")
@@ -141,7 +141,7 @@ def _heard(told: Mapping[str, Any], number: Callable[[str, int], int]) -> Heard:
     require(not len(bins) or bins[:, 2].min() > 0, "bins: expected positive counts")
     answers = {
         question: _content(bins[bins[:, 0] == row], values[values[:, 0] == row])
-        for row, question in enumerate(read_questions(told["questions"]))
+        for row, question in enumerate(read_questions(fields["questions"]))
     }
     cells = int(part["cells"])
     for (name, way), one in answers.items():
@@ -151,7 +151,7 @@ def _heard(told: Mapping[str, Any], number: Callable[[str, int], int]) -> Heard:
         for kind, local, *of_cell, centre in ((*row[:_WORST_COLUMNS], row[_WORST_COLUMNS:]) for row in worst.tolist())
     )
     sums, minima = ({str(name): float(value) for name, value in part[key].items()} for key in ("sums", "minima"))
-    return Heard(PartialSummary(cells, int(part["inverted"]), sums, minima, {}, cells_worst), answers)
+    return RankReport(PartialSummary(cells, int(part["inverted"]), sums, minima, {}, cells_worst), answers)
 
 
 def require(good: bool, expected: str) -> None:
@@ -172,7 +172,7 @@ def _content(bins: NDArray[np.int64], values: NDArray[np.float64]) -> BinContent
     )
 
 
-def summary_of(ranks: Sequence[Heard], metric: str) -> QualitySummary:
+def summary_of(ranks: Sequence[RankReport], metric: str) -> QualitySummary:
     """The quality of all cells.
 
     Raises
@@ -205,6 +205,6 @@ def summary_of(ranks: Sequence[Heard], metric: str) -> QualitySummary:
         return joined(parts, metric, ask)
     except IndexError as error:
         raise InvalidInput(
-            "JUDGE: the bins that the partitions tell do not add up",
-            hint="tell of each question all values in it, and of all partitions the same trial",
+            "JUDGE: the bins that the partitions report do not add up",
+            hint="each partition reports all values of each question, and all partitions the same trial",
         ) from error

@@ -16,9 +16,9 @@ from mesh_motion_numerics.correction.free_region import cells_of_nodes, nodes_of
 from mesh_motion_numerics.correction.trial_nodes import signed
 from mesh_motion_numerics.distributed.counted_cells import CountedCells
 from mesh_motion_numerics.distributed.field import Field
-from mesh_motion_numerics.distributed.judging import first_questions, read_questions, told
+from mesh_motion_numerics.distributed.judging import first_questions, read_questions, report_fields
 from mesh_motion_numerics.distributed.order_statistics import WHOLE
-from mesh_motion_numerics.distributed.region import Extent, Region, region_told
+from mesh_motion_numerics.distributed.region import Extent, Region, region_fields
 from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.evaluation import NearOperators
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
@@ -134,7 +134,7 @@ class Rank:
             values = corner_quality(positions, self._cells, self._at_rest, quality.skew)
         else:
             values = signed(quality, extent.metric)
-        return region_told(self._points, positions, self._given, quality, values, extent, around, interior=interior)
+        return region_fields(self._points, positions, self._given, quality, values, extent, around, interior=interior)
 
     def _positions(self, field: Field) -> Floats:
         """(n, d) positions to which a field takes the nodes, except :attr:`nodes`."""
@@ -151,7 +151,7 @@ class Rank:
         self._last = last = None  # first: two of them need not fit into memory
         interpolant, prepared = field.interpolant(), None
         if isinstance(interpolant, TwoScaleInterpolant):
-            prepared = evaluation.prepare(interpolant, self._points, unasked=self.nodes)
+            prepared = evaluation.prepare(interpolant, self._points, skipped=self.nodes)
         self._last = field, interpolant, prepared
         return interpolant, prepared
 
@@ -167,7 +167,7 @@ class Rank:
             questions = (*first_questions(metric), *read_questions(further))
             unanswered = tuple(one for one in questions if one not in answers)
             answers.update(zip(unanswered, judged.contents(unanswered), strict=True))
-            return told(part, self._place, questions, [answers[one] for one in questions])
+            return report_fields(part, self._place, questions, [answers[one] for one in questions])
 
         return fields
 

@@ -18,7 +18,7 @@ from mesh_motion_numerics.distributed.judging import reading, require
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_numerics.quality.metrics import CellQuality
 
-__all__ = ["ALL", "Extent", "Region", "region_told"]
+__all__ = ["ALL", "Extent", "Region", "region_fields"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -83,7 +83,7 @@ class Region:
     extremes: tuple[float, float]
 
     @classmethod
-    def read(cls, told: Mapping[str, Any], *, partition: int) -> Self:
+    def read(cls, fields: Mapping[str, Any], *, partition: int) -> Self:
         """From the fields of a CORRECT.
 
         Raises
@@ -92,12 +92,12 @@ class Region:
             If they do not fit together.
         """
         with reading("CORRECT", partition):
-            return cls._read(told)
+            return cls._read(fields)
 
     @classmethod
-    def _read(cls, told: Mapping[str, Any]) -> Self:
-        part, nodes, corners = told["part"], told["nodes"], told["corners"].reshape(-1)
-        points, positions = (np.asarray(told[name], dtype=np.float64) for name in ("points", "positions"))
+    def _read(cls, fields: Mapping[str, Any]) -> Self:
+        part, nodes, corners = fields["part"], fields["nodes"], fields["corners"].reshape(-1)
+        points, positions = (np.asarray(fields[name], dtype=np.float64) for name in ("points", "positions"))
         require(nodes.ndim == 2 and nodes.shape[1] == 2, "nodes: expected two columns")
         require(len(points) == len(nodes) == len(positions), "expected as many points and positions as nodes")
         require(points.shape == positions.shape, "expected points and positions of one dimension")
@@ -130,7 +130,7 @@ class Region:
         }
 
 
-def region_told(
+def region_fields(
     points: Floats,
     positions: Floats,
     cells: CellTable,

@@ -58,14 +58,14 @@ def _search(layout: CentreLayout, support_radius: float) -> _Search:
 
 
 def rows_near(
-    layout: CentreLayout, support_radius: float, points: Floats, *, unasked: Integers | None = None
+    layout: CentreLayout, support_radius: float, points: Floats, *, skipped: Integers | None = None
 ) -> tuple[Integers, Floats]:
     """Rows (r,) of (n, d) points that may be closer than R to a centre, and these points (r, 3), by their places.
 
-    The ``unasked`` rows (u,) are left out.
+    The ``skipped`` rows (u,) are left out.
     """
     search = _search(layout, support_radius)
-    left_out = np.empty(0, dtype=np.int64) if unasked is None else unasked
+    left_out = np.empty(0, dtype=np.int64) if skipped is None else skipped
     found: tuple[Integers, Floats] = kernels.rows_near(
         np.ascontiguousarray(points), left_out, search.coordinates, *search.grid
     )

@@ -41,10 +41,10 @@ def prepare(
     interpolant: TwoScaleInterpolant,
     points: Floats,
     *,
-    unasked: Integers | None = None,
+    skipped: Integers | None = None,
     threads: int | None = None,
 ) -> NearOperators:
-    """The compact levels' operators at (n, d) points; at the rows ``unasked`` (r,) the operators are zero.
+    """The compact levels' operators at (n, d) points; at the rows ``skipped`` (r,) the operators are zero.
 
     It saves work if many interpolants of the same control points are evaluated at the same points.
 
@@ -56,7 +56,7 @@ def prepare(
     _check_dimension(interpolant, points)
     threads = checked_threads(threads)
     return NearOperators(
-        tuple(NearOperator.build(level, points, unasked=unasked, threads=threads) for level in interpolant.levels)
+        tuple(NearOperator.build(level, points, skipped=skipped, threads=threads) for level in interpolant.levels)
     )
 
 
@@ -74,7 +74,7 @@ def displacement(
     points : (n, d) array, mesh length unit
     prepared : NearOperators, optional
         Of :func:`prepare` for these points and for an interpolant of the same factorization. The values are bitwise the
-        same with and without, except at the rows that were ``unasked``.
+        same with and without, except at the rows that were ``skipped``.
 
     Raises
     ------

@@ -124,9 +124,9 @@ def two_scale_factorization_of(
 
 
 def prepared_for(
-    interpolant: AnyInterpolant, points: Floats, factors: FactorSource, *, unasked: Integers
+    interpolant: AnyInterpolant, points: Floats, factors: FactorSource, *, skipped: Integers
 ) -> NearOperators | None:
-    """What is prepared for an interpolant in two scales at points (n, d), except the ``unasked`` rows.
+    """What is prepared for an interpolant in two scales at points (n, d), except the ``skipped`` rows.
 
     None for any other interpolant, and without compact levels.
     """
@@ -134,9 +134,9 @@ def prepared_for(
         return None
     digest = hashlib.sha256(point_digest(points))
     digest.update(point_digest(interpolant.levels[-1].control_points))
-    digest.update(np.ascontiguousarray(unasked).data)
+    digest.update(np.ascontiguousarray(skipped).data)
     return factors.get_or_make(
-        digest.digest(), lambda: evaluation.prepare(interpolant, points, unasked=unasked), "operators"
+        digest.digest(), lambda: evaluation.prepare(interpolant, points, skipped=skipped), "operators"
     )[0]
 
 

@@ -286,7 +286,7 @@ class _Levels:
         """Each level with its operator at :attr:`distinct`, if another level takes what it leaves."""
         above = replace(self.made.weightless, levels=self.made.weightless.levels[:-1])
         nowhere = np.empty(0, dtype=np.int64)
-        here = prepared_for(above, self.distinct, self.factors, unasked=nowhere)
+        here = prepared_for(above, self.distinct, self.factors, skipped=nowhere)
         return [*zip_longest(self.made.systems, () if here is None else here.operators)]
 
 
@@ -326,7 +326,7 @@ class _TwoScales:
     def _there(self) -> tuple[NearOperator, ...]:
         """The levels' operators at the places."""
         levels = self.levels
-        found = prepared_for(levels.made.weightless, self.places, levels.factors, unasked=self.left_out)
+        found = prepared_for(levels.made.weightless, self.places, levels.factors, skipped=self.left_out)
         return () if found is None else tuple(found.operators)
 
 

@@ -33,7 +33,7 @@ _MOST_TOUCHING = 64
 #: … and so many of their places are near each other.
 _TOGETHER = 32
 #: Distance from a facet, relative to its size, at which its sides are tested: far above rounding, far below any gap.
-_BESIDE = 1e-8
+_NEAR = 1e-8
 #: Where: in the corners, at the sides and in the middle.
 _WHERE = {
     2: np.array([(0.999, 0.001), (0.5, 0.5), (0.001, 0.999)]),
@@ -118,7 +118,7 @@ def _sides(chosen: Integers, points: Floats, simplices: Integers) -> Integers:
     """(2, s, w) winding numbers of the boundary on the mesh's and on the other side of places of chosen simplices."""
     corners = points[chosen]
     normals = area_vectors(points, chosen if corners.shape[2] == 2 else np.insert(chosen, 3, -1, axis=1))
-    size = np.linalg.norm(np.ptp(corners, axis=1), axis=1) * _BESIDE
+    size = np.linalg.norm(np.ptp(corners, axis=1), axis=1) * _NEAR
     size /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)
     places = np.einsum("wk,skd->swd", _WHERE[points.shape[1]], corners)
     step = (normals * size[:, None])[:, None]

@@ -38,9 +38,9 @@ def settle(moved: Floats, base: Floats, nodes: Integers, displacement: Floats) -
     before = moved.take(nodes, axis=0)
     changed = kernels.round_differences(moved.reshape(-1), base.reshape(-1))
     elsewhere = changed - int(np.count_nonzero(moved.take(nodes, axis=0) != before))
-    told = base.take(nodes, axis=0) + displacement
-    moved[nodes] = told
-    return elsewhere == 0 and bool(np.array_equal(told, before))
+    prescribed = base.take(nodes, axis=0) + displacement
+    moved[nodes] = prescribed
+    return elsewhere == 0 and bool(np.array_equal(prescribed, before))
 
 
 def differences_of(moved: Floats, base: Floats, rows: Integers) -> Floats:

@@ -211,10 +211,12 @@ class StandardMotion:
         """One interpolation from the mesh ``points`` (n, d): the new positions and the solved stage."""
         roles = self.roles
         if self.layer is None and self.periodic is None and self.sliding is None:
-            told = roles.prescribed_positions(targets, self.reference)  # an array of all nodes costs as much as a pass
-            solved = self._solve(points, roles.prescribed, told, factors, watch)
+            positions = roles.prescribed_positions(
+                targets, self.reference
+            )  # an array of all nodes costs as much as a pass
+            solved = self._solve(points, roles.prescribed, positions, factors, watch)
             with watch.phase("displace"):
-                return self._displaced(points, roles.prescribed, told, solved.stage, factors), solved
+                return self._displaced(points, roles.prescribed, positions, solved.stage, factors), solved
         prescribed = points.copy()
         prescribed[roles.prescribed] = roles.prescribed_positions(targets, self.reference)
         if self.layer is not None:
@@ -260,12 +262,14 @@ class StandardMotion:
         controls = self._controls(nodes)
         return controls if self.periodic is None else np.unique(self.periodic.root_of(controls))
 
-    def _displaced(self, points: Floats, known: Integers, told: Floats, stage: Stage, factors: FactorSource) -> Floats:
-        """The mesh ``points`` (n, d) displaced by a stage, the nodes ``known`` (k,) at ``told`` (k, d)."""
-        prepared = prepared_for(stage.interpolant, points, factors, unasked=known)
+    def _displaced(
+        self, points: Floats, known: Integers, positions: Floats, stage: Stage, factors: FactorSource
+    ) -> Floats:
+        """The mesh ``points`` (n, d) displaced by a stage, the nodes ``known`` (k,) at ``positions`` (k, d)."""
+        prepared = prepared_for(stage.interpolant, points, factors, skipped=known)
         moved = stage.positions(points, prepared)
         numbers = known[:, None] * moved.shape[1] + np.arange(moved.shape[1])
-        moved.reshape(-1)[numbers.reshape(-1)] = told.reshape(-1)  # moved[known] = given, in a third of the time
+        moved.reshape(-1)[numbers.reshape(-1)] = positions.reshape(-1)  # moved[known] = given, in a third of the time
         return moved
 
     def _solve(
@@ -329,8 +333,8 @@ class StandardMotion:
         except QualityRefused:
             if not basis_named(self.method.basis).compact:
                 raise
-        anew = plan_for(points, controls, self.roles, self.method)
-        return two_scale_factorization_of(origin, bounding_box(points), anew, factors)
+        renewed = plan_for(points, controls, self.roles, self.method)
+        return two_scale_factorization_of(origin, bounding_box(points), renewed, factors)
 
     def _tied(self, positions: Floats) -> Floats:
         """Positions (n, d) with periodic images placed by their roots, except the moving nodes."""

@@ -209,7 +209,7 @@ def _inversion_hint(cells: CellTable, bad: Marks) -> str:
     for block, first in cells.numbered():
         if bad[first : first + len(block)].all():
             return f"all cells of type {block.type.name!r} are: their node order differs from VTK's and Gmsh's"
-    return "mesh the domain anew, or repair these cells"
+    return "mesh the domain again, or repair these cells"
 
 
 def _coincident(pairs: Integers) -> list[str]:
@@ -219,8 +219,8 @@ def _coincident(pairs: Integers) -> list[str]:
     pair, left = f"{pairs[0, 0]} and {pairs[0, 1]}", len(pairs) - 1
     more = f" and {left} more pair{'s' if left > 1 else ''}" if left else ""
     return [
-        f"the boundary nodes {pair}{more} are at the same place; they are interpolated as one, and each moves as it is "
-        "told"
+        f"the boundary nodes {pair}{more} are at the same place; they are interpolated as one, and each has its own "
+        "displacement"
     ]
 
 

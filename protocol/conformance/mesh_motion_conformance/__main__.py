@@ -35,17 +35,17 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     subject = Subject(given.endpoint, given.client, given.timeout, given.patience)
     if given.list:
-        _tell(listed(subject, given.only))
+        _print(listed(subject, given.only))
         return 0
     try:
-        outcomes = conform(subject, _tell, only=given.only, json=given.json, junit=given.junit, quiet=given.quiet)
+        outcomes = conform(subject, _print, only=given.only, json=given.json, junit=given.junit, quiet=given.quiet)
     except Unreachable as error:
         sys.stderr.write(f"mesh_motion_conformance: {error}\n")
         return _UNAVAILABLE
     return int(any(outcome.verdict == "FAIL" for outcome in outcomes))
 
 
-def _tell(line: str) -> None:
+def _print(line: str) -> None:
     sys.stdout.write(line + "\n")
     sys.stdout.flush()
 

@@ -55,6 +55,6 @@ def _wait(events: zmq.Socket[bytes], endpoint: str, deadline: float) -> None:
         if event & _NOT_ADMITTED:
             raise Unreachable(f"the server at {endpoint} asks for keys; the suite connects without")
         if event == _AGAIN and not connected:
-            raise Unreachable(f"nobody listens at {endpoint}")
+            raise Unreachable(f"no server listens at {endpoint}")
         connected = connected or event == _CONNECTED
-    raise Unreachable(f"nobody at {endpoint} answers a ZMTP greeting")
+    raise Unreachable(f"no server at {endpoint} answers a ZMTP greeting")

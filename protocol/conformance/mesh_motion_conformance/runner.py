@@ -61,7 +61,7 @@ def _outcomes(cases: Iterable[Case], stage: Stage) -> Iterator[Outcome]:
     silent = 0
     for case in cases:
         if silent >= _SILENT:
-            yield Outcome(case, "SKIP", 0.0, got=f"no reply in {silent} cases in a row: nobody is there")
+            yield Outcome(case, "SKIP", 0.0, got=f"no reply in {silent} cases in a row: no server is there")
             continue
         started = time.perf_counter()
         verdict, lines, is_silent = _verdict(case, stage)

@@ -13,19 +13,19 @@ program shapes
    call session%create(server)
    call session%points(points)
    call session%cells("quad", cells)
-   call tell()
+   call report()
    call session%global_ids(ids)
-   call tell()
+   call report()
    call server%connect("tcp://127.0.0.1:9", 0.1_real64, 0.1_real64, secret_file="/nowhere/me.secret")
-   call tell()
+   call report()
    call server%connect("tcp://127.0.0.1:9", 0.1_real64, 0.1_real64, server_key="/nowhere/server.public")
-   call tell()
+   call report()
    call session%free()
    call server%free()
 
 contains
 
-   subroutine tell()
+   subroutine report()
       print "(a)", server%error_code()
       call server%clear_error()
    end subroutine

@@ -263,10 +263,10 @@ def test_the_default_motion_is_that_of_python(prefix, endpoint, kind, count):
     ):
         session.open(mesh, {})
         for step in (10, 14):
-            told = bend(mesh.points[expected.moving_nodes], step)
-            moved = expected.move(told)
+            boundary = bend(mesh.points[expected.moving_nodes], step)
+            moved = expected.move(boundary)
             assert moved.correction["method"] == "smooth"
-            np.testing.assert_array_equal(session.move(told), moved.displacement)
+            np.testing.assert_array_equal(session.move(boundary), moved.displacement)
             expected.commit()
             session.call("commit")
         np.testing.assert_array_equal(session.points(), expected.points())
@@ -280,9 +280,9 @@ def test_one_rank_is_corrected_as_a_session_with_the_whole_mesh_is(prefix, endpo
         session.open(mesh, settings)
         most = 0
         for step in (16, 20):
-            told = bend(mesh.points[expected.moving_nodes], step)
-            moved = expected.move(told)
-            np.testing.assert_array_equal(session.move(told), moved.displacement)
+            boundary = bend(mesh.points[expected.moving_nodes], step)
+            moved = expected.move(boundary)
+            np.testing.assert_array_equal(session.move(boundary), moved.displacement)
             freed = session.c.mm_report_integer(
                 c_void_p(session.c.mm_moved(session.session)), b"correction.freed_nodes", 0
             )

@@ -214,10 +214,10 @@ def test_a_wrong_choice_is_named(make_case, further, words):
         (
             "motionSolver      ",
             "commit everyMove;\nmotionSolver      ",
-            "commit stands beside",
+            "commit stands outside of",
         ),
     ],
-    ids=["two values", "a dictionary", "a pattern", "beside the coefficients"],
+    ids=["two values", "a dictionary", "a pattern", "outside of the coefficients"],
 )
 def test_settings_without_an_effect_are_refused(make_case, was, becomes, words):
     case = make_case(steps=1)
@@ -290,7 +290,7 @@ def test_entries_without_a_dictionary_of_their_own(make_case, entry):
 def test_a_misspelt_entry_of_a_coupled_patch(make_case):
     case = make_case(steps=1)
     path = case.folder / "0/pointDisplacement"
-    coupled = 'plate { type coupledDisplacement; endpoint "ipc:///nobody"; rho 1; pReff 0; value uniform (0 0 0); }'
+    coupled = 'plate { type coupledDisplacement; endpoint "ipc:///no-server"; rho 1; pReff 0; value uniform (0 0 0); }'
     path.write_text(re.sub(r"plate\s*\{[^}]*\}", coupled, path.read_text()))
     case.run("moveDynamicMesh", expect=1)
     assert "there is no entry pReff" in case.output

@@ -189,7 +189,7 @@ def test_a_motion_that_is_refused(make_case):
 
 
 def test_a_server_that_is_not_there(make_case, tmp_path):
-    case = make_case(endpoint=f"ipc://{tmp_path}/nobody")
+    case = make_case(endpoint=f"ipc://{tmp_path}/no-server")
     case.method("", "timeout 1;")
     case.run("moveDynamicMesh", expect=1)
     assert "FOAM FATAL ERROR" in case.output

@@ -184,8 +184,8 @@ def test_events_that_a_kill_prevented_are_written_at_the_resume(
     driver.move(2)
     request = driver.request(Commit, step=2)
     with monkeypatch.context() as patch:
-        patch.setattr(History, "tell", lambda *_, **__: None)
-        patch.setattr(History, "tell_outcome", lambda *_: None)
+        patch.setattr(History, "record", lambda *_, **__: None)
+        patch.setattr(History, "record_outcome", lambda *_: None)
         (reply,) = driver.send(request)
     driver.host._session.catch_up()
     lost(driver)
@@ -232,8 +232,8 @@ def test_what_was_made_twice_counts_the_second_time(tmp_path: Path) -> None:
     for step, value in ((1, 1.0), (2, 2.0), (3, 3.0), (2, 9.0)):
         rows = np.full((2, 2), value)
         boundary = BoundaryInput("committed", rows.tobytes(), "")
-        history.tell_input(step, lambda boundary=boundary: boundary, 2)
-        history.tell_outcome(step, b"%d" % value)
+        history.record_input(step, lambda boundary=boundary: boundary, 2)
+        history.record_outcome(step, b"%d" % value)
     log = BoundaryLog(tmp_path)
     assert log.steps == 2
     assert log.read(2).rows.tolist() == [[9.0, 9.0]] * 2
@@ -278,8 +278,8 @@ def test_a_log_says_what_computed_each_step_and_where_a_life_was_cut(tmp_path: P
         if life == "two":
             assert BoundaryLog(tmp_path).steps == 2  # before anything is made again
         for step in steps:
-            history.tell_input(step, lambda life=life: BoundaryInput("committed", bytes(32), life), 2)
-            history.tell_outcome(step, b"%d" % step)
+            history.record_input(step, lambda life=life: BoundaryInput("committed", bytes(32), life), 2)
+            history.record_outcome(step, b"%d" % step)
         history.close()
     log = BoundaryLog(tmp_path)
     assert (log.steps, log.makers) == (3, [(1, "one"), (3, "two")])
@@ -291,8 +291,8 @@ def test_a_log_does_not_go_on_behind_a_life_that_was_cut(tmp_path: Path) -> None
         history = History(tmp_path, 1 << 20)
         history.take_up(taken_up, b"%d" % taken_up)
         if step:
-            history.tell_input(step, lambda: BoundaryInput("committed", bytes(32), "one"), 2)
-            history.tell_outcome(step, b"%d" % step)
+            history.record_input(step, lambda: BoundaryInput("committed", bytes(32), "one"), 2)
+            history.record_outcome(step, b"%d" % step)
         history.close()
     assert BoundaryLog(tmp_path).steps == 2
     ended = [event for event in read_events(tmp_path) if event["event"] == "boundary_ended"]
@@ -302,7 +302,7 @@ def test_a_log_does_not_go_on_behind_a_life_that_was_cut(tmp_path: Path) -> None
 def test_a_commit_that_was_lost_and_made_again_is_written(tmp_path: Path) -> None:
     history = History(tmp_path, 1 << 20)
     for event, step in (("committed", 12), ("resumed", 4)):
-        history.tell(event, step=step)
+        history.record(event, step=step)
     assert history.last_step() == (True, 4)
 
 
@@ -319,7 +319,7 @@ def test_taking_up_a_long_log_takes_no_memory(tmp_path: Path) -> None:
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    history.tell_input(10_001, lambda: BoundaryInput("committed", bytes(32), "one"), 2)
+    history.record_input(10_001, lambda: BoundaryInput("committed", bytes(32), "one"), 2)
     history.close()
     assert BoundaryLog(tmp_path).steps == 10_001
     assert peak < 100_000
@@ -398,8 +398,8 @@ def test_any_tail_of_a_boundary_log_is_read_as_far_as_it_goes(tmp_path: Path) ->
     history = History(tmp_path, 1 << 20)
     rows = np.arange(6.0).reshape(3, 2)
     for step in (1, 2):
-        history.tell_input(step, lambda: BoundaryInput("reference", rows.tobytes(), ""), 2)
-        history.tell_outcome(step, b"digest")
+        history.record_input(step, lambda: BoundaryInput("reference", rows.tobytes(), ""), 2)
+        history.record_outcome(step, b"digest")
     history.close()
     (path,) = list_segments(tmp_path / "history", "boundary")
     data = path.read_bytes()
@@ -418,7 +418,7 @@ def test_any_tail_of_a_boundary_log_is_read_as_far_as_it_goes(tmp_path: Path) ->
 
 def test_a_flipped_byte_is_found(tmp_path: Path) -> None:
     history = History(tmp_path, 1 << 20)
-    history.tell_input(1, lambda: BoundaryInput("committed", bytes(32), ""), 2)
+    history.record_input(1, lambda: BoundaryInput("committed", bytes(32), ""), 2)
     (path,) = list_segments(tmp_path / "history", "boundary")
     data = bytearray(path.read_bytes())
     data[-1] ^= 1
@@ -477,10 +477,10 @@ def test_a_refusal_behind_what_was_kept_belongs_to_its_own_step(tmp_path: Path) 
 
 def test_what_was_built_goes_where_there_is_room_for_nothing_else(tmp_path: Path) -> None:
     history = History(tmp_path, 8 << 10)  # 2 KiB of events
-    history.tell("built", patches="p" * 1500)
+    history.record("built", patches="p" * 1500)
     for step in range(9):
-        history.tell("committed", step=step, quality={}, digest="0" * 300)
-        history.tell("failed", step=step, message="m" * 900)
+        history.record("committed", step=step, quality={}, digest="0" * 300)
+        history.record("failed", step=step, message="m" * 900)
     found = [event["event"] for event in read_events(tmp_path)]
     assert "built" not in found
     assert found[-2:] == ["committed", "failed"]
@@ -529,7 +529,7 @@ def test_reading_backwards_finds_what_reading_all_finds(
 def test_the_last_step_of_a_long_history_takes_no_memory(tmp_path: Path) -> None:
     history = History(tmp_path, 1 << 30)
     for step in range(200):
-        history.tell("committed", step=step, quality={"standard": "x" * 40_000}, digest="00")
+        history.record("committed", step=step, quality={"standard": "x" * 40_000}, digest="00")
     history.close()
     tracemalloc.start()
     try:
@@ -701,12 +701,12 @@ def test_a_pause_now_and_then_costs_no_history(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(os, "write", pause)
     history = History(tmp_path, 1 << 30)
     for step in range(1, 1001):
-        history.tell("committed", step=step, quality={}, digest="00")
+        history.record("committed", step=step, quality={}, digest="00")
         now[0] += 600.0
     assert not caplog.records
     while not caplog.records and step < 2000:
         step += 1
-        history.tell("committed", step=step, quality={}, digest="00")
+        history.record("committed", step=step, quality={}, digest="00")
     assert "the disk has let steps wait for" in caplog.records[0].getMessage()
 
 
@@ -718,9 +718,9 @@ def test_many_bytes_may_take_their_time(tmp_path: Path, monkeypatch: pytest.Monk
     timer = SimpleNamespace(monotonic=lambda: next(clock) * 0.7)
     monkeypatch.setattr("mesh_motion_server.session.history.segments.time", timer)
     history = History(tmp_path, 1 << 30)
-    history.tell_input(1, lambda: BoundaryInput("committed", bytes(24 << 20), ""), 3)
+    history.record_input(1, lambda: BoundaryInput("committed", bytes(24 << 20), ""), 3)
     assert not caplog.records
-    history.tell("committed", step=1, quality={}, digest="00")
+    history.record("committed", step=1, quality={}, digest="00")
     assert "now 0.7 s" in caplog.records[0].getMessage()
 
 

@@ -77,7 +77,7 @@ def test_the_longest_silent_client_is_forgotten_first() -> None:
     table: ReplyTable[str] = ReplyTable(2, 10_000_000)
     for number in range(1024):
         table.store(ask(1, client=number.to_bytes(16)), "reply")
-    table.store(ask(2, client=bytes(16)), "the first is heard again")
+    table.store(ask(2, client=bytes(16)), "the first comes again")
     table.store(ask(1, client=b"new"), "reply")
     found = [number for number in range(1024) if table.find(ask(1, client=number.to_bytes(16))) is None]
     assert found == [1]

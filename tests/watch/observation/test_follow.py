@@ -17,10 +17,10 @@ def test_what_is_there_and_then_what_is_added(tmp_path: Path) -> None:
     assert tail.read() == []
     history = History(tmp_path, 1 << 20)
     for number in range(3):
-        history.tell("closed", step=number)
+        history.record("closed", step=number)
     assert [event["step"] for event in tail.read()] == [0, 1, 2]
     assert tail.read() == []
-    history.tell("closed", step=3)
+    history.record("closed", step=3)
     assert [event["step"] for event in tail.read()] == [3]
 
 
@@ -35,7 +35,7 @@ def test_little_at_a_time_is_everything_in_the_end(tmp_path: Path) -> None:
 
 def test_a_torn_line_is_waited_for_and_passed_over_when_it_is_ended(tmp_path: Path) -> None:
     history = History(tmp_path, 1 << 20)
-    history.tell("closed", step=1)
+    history.record("closed", step=1)
     path = tmp_path / "history" / "events-00000000.jsonl"
     whole = path.read_bytes()
     tail = EventTail(tmp_path)
@@ -47,7 +47,7 @@ def test_a_torn_line_is_waited_for_and_passed_over_when_it_is_ended(tmp_path: Pa
     path.write_bytes(path.read_bytes() + b'{"at":1.0,"eve')
     assert tail.read() == []
     history = History(tmp_path, 1 << 20)  # the next process that holds the session
-    history.tell("closed", step=3)
+    history.record("closed", step=3)
     assert [event["step"] for event in tail.read()] == [3]
 
 
@@ -56,7 +56,7 @@ def test_rotation_and_removal_while_following(tmp_path: Path) -> None:
     history, tail = History(tmp_path, 40_000), EventTail(tmp_path)
     found = []
     for step in range(600):
-        history.tell("closed", step=step, filler="x" * 50)
+        history.record("closed", step=step, filler="x" * 50)
         if step % 7 == 0 and step < 300:
             found += [event["step"] for event in tail.read()]
     assert found == list(range(295))

@@ -112,7 +112,7 @@ def test_chart_fonts_have_whole_pixels(tab: Browser, server: ServerProcess) -> N
 def test_a_server_that_is_gone_is_reported_and_its_return_too(tab: Browser, server: ServerProcess) -> None:
     show(tab, server, SHORT)
     server.stop()
-    tab.wait(lambda: "The server is gone since" in tab.text("#gone"), "the page tells")
+    tab.wait(lambda: "The server is gone since" in tab.text("#gone"), "the page says so")
     assert tab.text("#label") == "<b>flag</b>"  # what was known stays
     assert tab.text("#verdict").startswith("server gone for ")
     assert tab.texts("#sessions .badge") == ["server gone"] * 3

@@ -48,7 +48,7 @@ def test_a_session_that_is_gone_is_reported_and_not_swapped(
     show(tab, server, FLAG)
     kept = tmp_path / "kept"
     shutil.move(folder_of(server, FLAG), kept)
-    text_shown = tab.wait(lambda: tab.text("#ended"), "the page tells")
+    text_shown = tab.wait(lambda: tab.text("#ended"), "the page says so")
     assert "“flag” (22222222) was discarded" in text_shown
     assert "last step here was 2, minimum" in text_shown
     assert (tab.text("#label"), tab.text("#state")) == ("flag", "not listed")
@@ -60,7 +60,7 @@ def test_a_session_that_is_gone_is_reported_and_not_swapped(
     await_session(tab, FLAG)
     assert tab.run(SELECTED) == [FLAG]
     shutil.move(folder_of(server, FLAG), kept)
-    tab.wait(lambda: tab.text("#ended"), "the page tells again")
+    tab.wait(lambda: tab.text("#ended"), "the page says so again")
     tab.run("document.querySelector(`[data-session='${arguments[0]}'] .name`).click()", WING)
     await_session(tab, WING)
     assert (tab.text("#label"), tab.text("#ended")) == ("wing", "")
@@ -81,7 +81,7 @@ def test_a_run_that_was_begun_again_is_offered_under_its_label(tab: Browser, ser
 
 def test_a_link_to_a_session_that_is_not_there_waits_for_it(tab: Browser, server: ServerProcess) -> None:
     tab.show(f"http://{server.settings['monitor']}/#{AGAIN}")
-    text_shown = tab.wait(lambda: tab.text("#ended"), "the page tells")
+    text_shown = tab.wait(lambda: tab.text("#ended"), "the page says so")
     assert "There is no session 44444444" in text_shown
     assert tab.text("#label") == ""
     await_list(tab, "flag", "wing")
@@ -175,11 +175,11 @@ LATE = """
 const m = globalThis.monitor;
 const [late, worker] = arguments;
 m.key = '';
-m.live.hear = (told) => {
-  const sessions = told.sessions.map((one) => (one.session === late ? { ...one, step: 1, worker } : one));
-  m.hear({ ...told, sessions });
+m.live.take = (news) => {
+  const sessions = news.sessions.map((one) => (one.session === late ? { ...one, step: 1, worker } : one));
+  m.take({ ...news, sessions });
 };
-m.live.hear({ at: 0, build: {}, missing: '', sessions: m.sessions });
+m.live.take({ at: 0, build: {}, missing: '', sessions: m.sessions });
 """
 
 

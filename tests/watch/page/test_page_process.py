@@ -70,7 +70,7 @@ def test_it_is_announced_and_shows_the_list(server: ServerProcess) -> None:
 def test_what_falls_comes_back_at_the_same_address(server: ServerProcess) -> None:
     fallen = page_process(server)
     os.kill(fallen, signal.SIGKILL)
-    wait_until(lambda: server.events("monitor_ended"), "the log tells")
+    wait_until(lambda: server.events("monitor_ended"), "the log says so")
     assert get(server, "/api/sessions")[0] == 200
     assert page_process(server) != fallen
     assert server.events("monitor_ended")[0]["of"] == "monitor"

@@ -66,14 +66,14 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Any:
 def test_the_list_shows_what_folders_and_supervisor_know(tmp_path: Path) -> None:
     stored(tmp_path, 3, history=100)
     page = Page(tmp_path, BUILD)
-    page.hear({"missing": "", "sessions": [[SESSION, "alive", "TRIAL", 3, 1], ["f" * 32, "alive", "OPENING", 0, 1]]})
+    page.update({"missing": "", "sessions": [[SESSION, "alive", "TRIAL", 3, 1], ["f" * 32, "alive", "OPENING", 0, 1]]})
     asked = testclient.TestClient(page.app, base_url="http://localhost")
     new, known = asked.get("/api/sessions").json()["sessions"]
     assert (new["session"], new["built"], new["state"]) == ("f" * 32, False, "OPENING")
     assert (known["label"], known["state"], known["worker"]) == ("wing", "TRIAL", "alive")
     assert len(known["spark"]) == 32
     assert known["minimum"] == known["spark"][-1]
-    page.hear({"missing": "", "sessions": [[SESSION, "dead", "READY", 3, 1]]})
+    page.update({"missing": "", "sessions": [[SESSION, "dead", "READY", 3, 1]]})
     assert listed(page)[0]["worker"] == "dead"
 
 
@@ -81,7 +81,7 @@ def test_a_session_that_is_being_discarded_is_none_that_is_not_built_yet(tmp_pat
     """Its folder goes before its worker: for a moment it stood in the list without a label, and that stayed."""
     stored(tmp_path, 1)
     page = Page(tmp_path, BUILD)
-    page.hear({"missing": "", "sessions": [[SESSION, "alive", "READY", 1, 1], ["f" * 32, "alive", "OPENING", 0, 1]]})
+    page.update({"missing": "", "sessions": [[SESSION, "alive", "READY", 1, 1], ["f" * 32, "alive", "OPENING", 0, 1]]})
     assert [one["label"] for one in listed(page)] == ["", "wing"]
     shutil.rmtree(tmp_path / "sessions" / SESSION)
     assert [one["session"] for one in listed(page)] == ["f" * 32]
@@ -215,12 +215,12 @@ def test_a_trial_is_over_when_it_was_taken_back_or_its_worker_is_gone(tmp_path: 
     quality = {"threshold": 0.2}
     append(tmp_path, {"event": "moved", "step": 6, "iteration": 3, "quality": quality})
     page = Page(tmp_path, BUILD)
-    page.hear({"missing": "", "sessions": [[SESSION, "alive", "TRIAL", 5, 1]]})
+    page.update({"missing": "", "sessions": [[SESSION, "alive", "TRIAL", 5, 1]]})
     assert [(one["state"], one["iteration"]) for one in listed(page)] == [("TRIAL", 3)]
-    page.hear({"missing": "", "sessions": []})
+    page.update({"missing": "", "sessions": []})
     assert [(one["state"], one["worker"], one["iteration"]) for one in listed(page)] == [("READY", "none", 0)]
     append(tmp_path, {"event": "rolled_back", "step": 5, "iteration": 3})
-    page.hear({"missing": "", "sessions": [[SESSION, "alive", "READY", 5, 1]]})
+    page.update({"missing": "", "sessions": [[SESSION, "alive", "READY", 5, 1]]})
     assert [(one["state"], one["iteration"]) for one in listed(page)] == [("READY", 0)]
 
 
@@ -253,7 +253,7 @@ def test_a_session_with_a_worker_is_listed_before_many_others(tmp_path: Path, mo
     monkeypatch.setattr("mesh_motion_server.watch.observation.overview._LISTED", 2)
     page = Page(tmp_path, BUILD)
     assert [one["session"][0] for one in listed(page)] == ["3", "2"]
-    page.hear({"missing": "", "sessions": [["1" * 32, "alive", "READY", 1, 1]]})
+    page.update({"missing": "", "sessions": [["1" * 32, "alive", "READY", 1, 1]]})
     assert [(one["session"][0], one["built"], one["label"]) for one in listed(page)] == [
         ("3", True, "wing"),
         ("1", True, "wing"),

@@ -214,7 +214,7 @@ def _broken_keys() -> Iterable[tuple[str, Frames, str, str]]:
         yield f"without-{key}", _changed("PING", _without(key)), code, f"the key {key} is missing"
     yield "extra-key", _changed("PING", lambda h: h.update(x=1)), code, "exactly six keys"
     version = "UNIMPLEMENTED.VERSION"
-    yield "without-v", _changed("PING", lambda h: h.pop("v")), version, "v tells the version"
+    yield "without-v", _changed("PING", lambda h: h.pop("v")), version, "v is the version"
     yield "version-2", _changed("PING", lambda h: h.update(v=2)), version, "another major version"
     yield "version-true", _changed("PING", lambda h: h.update(v=True)), version, "true is not 1"
     yield "unknown-type", _changed("PING", lambda h: h.update(type="PUNG")), "UNIMPLEMENTED.MESSAGE", "no such type"
@@ -238,7 +238,7 @@ def _broken_fields() -> Iterable[tuple[str, Frames, str, str]]:
         "move-without-frame",
         _changed("MOVE", lambda h: h["fields"].pop("frame")),
         header,
-        "totals and increments are told apart",
+        "totals and increments are distinguished",
     )
     yield "field-unknown", _field("MOVE", "stepp", 1), header, "requests have no unknown fields"
     yield "field-text", _field("MOVE", "step", "13"), header, "step is an integer"

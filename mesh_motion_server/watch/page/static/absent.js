@@ -23,7 +23,7 @@ export class Absent {
   }
 
   /** Say that the session `chosen` is absent, once. known: its last entry in the list, if any. */
-  tell(chosen, known, sessions) {
+  explain(chosen, known, sessions) {
     if (this.said === chosen) return;
     this.said = chosen;
     const heir = known?.label && sessions.find((session) => session.label === known.label);

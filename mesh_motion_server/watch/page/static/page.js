@@ -30,13 +30,13 @@ class Page {
     this.history = new History((error) => this.failed(error));
     this.mesh = new MeshPanel();
     this.events = new Events();
-    this.live = new Live((told) => this.hear(told), (...said) => this.standing(...said));
+    this.live = new Live((news) => this.take(news), (...said) => this.standing(...said));
     addEventListener("hashchange", () => linked() && linked() !== this.chosen && this.choose(linked()));
     document.addEventListener("visibilitychange", () => !document.hidden && this.update());
     setInterval(() => this.tick(), 1000);
   }
 
-  hear({ at, build, missing, sessions }) {
+  take({ at, build, missing, sessions }) {
     this.offset = at - Date.now() / 1000;
     this.sessions = sessions;
     byId("build").textContent = `server ${build.version}, protocol ${build.protocol}`;
@@ -89,7 +89,7 @@ class Page {
   }
 
   /** One update at a time; later changes follow after it. A page in the background sends no requests. */
-  async update(anew = false) {
+  async update(again = false) {
     if (this.updating || document.hidden) {
       this.behind = true;
       return;
@@ -98,8 +98,8 @@ class Page {
     try {
       do {
         this.behind = false;
-        await this.look(anew);
-        anew = false;
+        await this.look(again);
+        again = false;
       } while (this.behind);
     } catch (error) {
       this.failed(error);
@@ -123,15 +123,15 @@ class Page {
     }, pause);
   }
 
-  async look(anew) {
+  async look(again) {
     const { session } = this;
     byId("chosen").hidden = !this.known;
     if (!session) return this.without(this.chosen);
     this.absent.leave();
     this.head(session);
     const key = `${session.session} ${session.version}`;
-    if (key === this.key && !anew) return;
-    if (!anew && this.key?.startsWith(session.session) && this.tooSoon()) return;
+    if (key === this.key && !again) return;
+    if (!again && this.key?.startsWith(session.session) && this.tooSoon()) return;
     const detail = await (await ask(`api/sessions/${session.session}`)).json();
     if (session.session !== this.chosen) return (this.behind = true);
     this.detail = detail;
@@ -141,7 +141,7 @@ class Page {
     const threshold = session.threshold ?? detail.built.settings?.quality_threshold ?? null;
     showWorst(detail.worst, threshold);
     showFaces(detail.faces, detail.ahead, detail.moved.step);
-    this.events.show(session.session, detail.notable, detail.told);
+    this.events.show(session.session, detail.notable, detail.counted);
     this.mesh.follow(session);
     const { read } = detail;
     byId("reading").hidden = read === 1;
@@ -157,7 +157,7 @@ class Page {
   without(chosen) {
     if (!chosen) return;
     const known = this.known && this.detailed === chosen ? { ...this.known, step: this.stepOf(this.known, this.detail), minimum: this.detail.actual.min ?? null } : this.known;
-    this.absent.tell(chosen, known, this.sessions);
+    this.absent.explain(chosen, known, this.sessions);
     byId("trouble").hidden = true;
     this.key = ""; // it may come back
     this.mesh.leave();

@@ -42,8 +42,8 @@ export function showFaces(faces, ahead, step) {
   if (!after) return;
   byId("faces-of").textContent = [`step ${step}`, ahead].filter(Boolean).join("; ");
   const heads = ["as uploaded", "now"];
-  const row = ([name, key, told]) =>
-    element("tr", {}, element("th", { scope: "row", text: name }), element("td", { text: told(before?.[key]) }), element("td", { text: told(after[key]) }));
+  const row = ([name, key, shown]) =>
+    element("tr", {}, element("th", { scope: "row", text: name }), element("td", { text: shown(before?.[key]) }), element("td", { text: shown(after[key]) }));
   byId("faces").replaceChildren(
     element("thead", {}, element("tr", {}, element("td"), ...heads.map((text) => element("th", { scope: "col", text })))),
     element("tbody", {}, ...FACES.map(row)),

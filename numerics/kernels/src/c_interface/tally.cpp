@@ -91,8 +91,8 @@ struct mesh_motion_tally {
         }
         const bool alike = !inside.empty() && *std::min_element(inside.begin(), inside.end()) ==
                                                   *std::max_element(inside.begin(), inside.end());
-        const bool is_told = static_cast<Index>(inside.size()) <= few || alike || way.size() >= deepest;
-        return is_told ? std::optional(std::move(inside)) : std::nullopt;
+        const bool is_answered = static_cast<Index>(inside.size()) <= few || alike || way.size() >= deepest;
+        return is_answered ? std::optional(std::move(inside)) : std::nullopt;
     }
 };
 
@@ -140,24 +140,24 @@ int mesh_motion_tally_judge(mesh_motion_tally* tally, int64_t n, const double* p
     return answered([&] {
         auto& own = given(tally, "tally");
         const auto& cells = *own.cells;
-        auto& told = given(part, "part");
+        auto& into = given(part, "part");
         own.points = cells.points(n, points);
         const Blocks blocks = cells.blocks();
         auto [extents, counts, worst, inverted] =
             counted_cells(own.points, blocks, view_of(own.sizes), own.rest(), own.metric, MESH_MOTION_WORST, bins,
                           {own.places.data(), {own.kinds, cells.count}});
-        told = {};
-        told.cells = cells.count, told.inverted = inverted, told.metrics = own.kinds;
+        into = {};
+        into.cells = cells.count, into.inverted = inverted, into.metrics = own.kinds;
         for (Index k = 0; k < own.kinds; ++k) {
-            told.names[k] = metrics[k < 3 ? k : own.metric].name;
-            told.sums[k] = extents.view()(k, 0), told.minima[k] = extents.view()(k, 1);
+            into.names[k] = metrics[k < 3 ? k : own.metric].name;
+            into.sums[k] = extents.view()(k, 0), into.minima[k] = extents.view()(k, 1);
         }
-        told.worst_cells = static_cast<Index>(worst.values.size());
+        into.worst_cells = static_cast<Index>(worst.values.size());
         const Cells judged(own.points, blocks, view_of(own.sizes), own.rest());
-        for (Index s = 0; s < told.worst_cells; ++s) {
+        for (Index s = 0; s < into.worst_cells; ++s) {
             const Index cell = worst.values[s];
             const auto [type, number, nodes] = cells.at(cell);
-            double size, skew, relative, *row = told.worst[s];
+            double size, skew, relative, *row = into.worst[s];
             bool is_inverted;
             judged.judge(cell, cell + 1, &size, &skew, judged.has_rest() ? &relative : nullptr, &is_inverted);
             row[0] = static_cast<double>(type - cell_types), row[1] = static_cast<double>(number);

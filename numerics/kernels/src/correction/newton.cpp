@@ -289,14 +289,14 @@ Owned<std::int32_t, 1> node_aggregates(Vector<const Index> row_starts, Vector<co
                 found[j] = count;
                 members.push_back(j);
             });
-        std::int32_t beside = -1;
+        std::int32_t adjacent = -1;
         for (Index i : members)
             for_neighbours(i, [&](Index j) {
                 if (found[j] < 0) seeds.push_back(j);
-                if (found[j] >= 0 && found[j] != count) beside = found[j];
+                if (found[j] >= 0 && found[j] != count) adjacent = found[j];
             });
-        if (static_cast<Index>(members.size()) < size / 4 && beside >= 0)
-            for (Index i : members) found[i] = beside;  // what was left between others
+        if (static_cast<Index>(members.size()) < size / 4 && adjacent >= 0)
+            for (Index i : members) found[i] = adjacent;  // what was left between others
         else
             ++count;
     };

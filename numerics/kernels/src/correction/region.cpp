@@ -175,8 +175,8 @@ void assemble_corners(Vector<const Index> starts, Vector<const std::int32_t> ent
                 if (std::none_of(&entries[starts[i]], &entries[starts[i]] + (starts[i + 1] - starts[i]),
                                  [&](auto entry) { return weights[entry / (d + 1)] >= least_weight; }))
                     continue;
-                const Cube<double> anew = hessian.rows(row_starts[i], row_starts[i + 1]);
-                std::fill(anew.begin(), anew.end(), 0.0);
+                const Cube<double> fresh = hessian.rows(row_starts[i], row_starts[i + 1]);
+                std::fill(fresh.begin(), fresh.end(), 0.0);
                 for (Index e = starts[i]; e < starts[i + 1]; ++e) {
                     if (e + ahead < entries.size()) prefetch(block(entries[e + ahead]));
                     double row[(d + 1) * d * d];

@@ -160,7 +160,7 @@ class NearCell {
 
 }  // namespace
 
-std::pair<Owned<Index, 1>, Owned<double, 2>> rows_near(Matrix<const double> points, Vector<const Index> unasked,
+std::pair<Owned<Index, 1>, Owned<double, 2>> rows_near(Matrix<const double> points, Vector<const Index> skipped,
                                                        Matrix<const double> centres, Vector<const double> origin,
                                                        double inverse_side, Vector<const Index> shape,
                                                        Vector<const Index> starts, Vector<const Index> keys,
@@ -172,8 +172,8 @@ std::pair<Owned<Index, 1>, Owned<double, 2>> rows_near(Matrix<const double> poin
             "points, centres: expected no more than numbers of 32 bits");
     const auto reached = search.reached();
     std::vector<char> asked(n, 1);
-    for (Index i : unasked) {
-        require(0 <= i && i < n, "unasked: expected rows of points");
+    for (Index i : skipped) {
+        require(0 <= i && i < n, "skipped: expected rows of points");
         asked[i] = 0;
     }
     struct Found {

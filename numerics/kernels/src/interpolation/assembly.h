@@ -15,7 +15,7 @@ void fill_block(int code, Matrix<const double> rows, Matrix<const double> column
 /// without the rows (u,) that the caller excludes.
 ///
 /// The last seven arguments as of count_near.
-std::pair<Owned<Index, 1>, Owned<double, 2>> rows_near(Matrix<const double> points, Vector<const Index> unasked,
+std::pair<Owned<Index, 1>, Owned<double, 2>> rows_near(Matrix<const double> points, Vector<const Index> skipped,
                                                        Matrix<const double> centres, Vector<const double> origin,
                                                        double inverse_side, Vector<const Index> shape,
                                                        Vector<const Index> starts, Vector<const Index> keys,

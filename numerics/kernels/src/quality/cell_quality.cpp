@@ -90,11 +90,11 @@ template <class Type>
 
 /// Size, skew and Σ sign α (0 of what is no number) of a cell from Σ α, Σ f and Σ sign α of its n corners.
 template <int n>
-[[gnu::always_inline]] inline void judge_cell(double extent, double terms, double told, double& size, double& skew,
+[[gnu::always_inline]] inline void judge_cell(double extent, double terms, double reference, double& size, double& skew,
                                               double& signs) {
     // min(|τ|, 1/|τ|) with the sign of τ, by one division
-    const bool smaller = std::abs(extent) <= std::abs(told);
-    const double ratio = (smaller ? extent : told) / (smaller ? told : extent);
+    const bool smaller = std::abs(extent) <= std::abs(reference);
+    const double ratio = (smaller ? extent : reference) / (smaller ? reference : extent);
     const double shape = std::abs(signs) == n ? n / terms : 0.0;
     // a number minus itself is 0 and a NaN or an infinity is not: positions that are no numbers are the worst
     const bool valid = (extent - extent == 0.0) & (terms == terms) & (ratio == ratio);
@@ -384,8 +384,8 @@ constexpr double margin = 1.0 + 1e-9;  // of a comparison of sixth powers whose 
 constexpr double tiny = 1e-280;        // products below may have lost digits
 
 /// Whether the sixth power of a tetrahedron's size-skew is above the bound, for each of the ratios of its size.
-[[gnu::always_inline]] inline bool surely_above(double det, double q, double told, double bound) {
-    const double own = det * det * det, reference = told * told * told, cube = q * q * q;
+[[gnu::always_inline]] inline bool surely_above(double det, double q, double whole, double bound) {
+    const double own = det * det * det, reference = whole * whole * whole, cube = q * q * q;
     const double t2 = det * (1.0 / Tetra::ideal) * (det * (1.0 / Tetra::ideal));
     const double above = 729.0 * t2 * t2, least = bound * cube * cube;
     const bool grown = above * reference > least * own, shrunk = above * own > least * reference;
@@ -476,15 +476,15 @@ Index Cells::mark_near(Index first, Index last, Metric metric, double limit, Ind
         const auto mark = [&](auto is_relative, const double* rest) {
             for (Index s = 0; s < count; ++s) {
                 const Corner<3> corner(jacobians, s);
-                const double det = corner.determinant(), told = reference[s], q = weighted_trace<Tetra>(corner);
+                const double det = corner.determinant(), whole = reference[s], q = weighted_trace<Tetra>(corner);
                 double own = bound;
                 bool above = true;
                 if constexpr (is_relative) {
                     const double squared = rest[s] * rest[s];
                     own *= squared * squared * squared;
-                    above = (det > square * told) & (told > square * det);
+                    above = (det > square * whole) & (whole > square * det);
                 }
-                marks[s] = !(above & surely_above(det, q, told, own));
+                marks[s] = !(above & surely_above(det, q, whole, own));
             }
         };
         if (relative)
@@ -551,15 +551,15 @@ void chosen_quality(Matrix<const double> points, Matrix<const Node> nodes, Vecto
     with_cell_type(points.shape(1), nodes.shape(1), [&]<class Type>(Type) {
         for_ranges(chosen.size(), judged_at_once, [&](Index begin, Index end) {
             for_chunks(begin, end, [&](Index first, Index count) {
-                double told[chunk];
+                double before[chunk];
                 for (Index s = 0; s < count; ++s) {
-                    told[s] = reference[chosen[first + s]];
+                    before[s] = reference[chosen[first + s]];
                     require_below(nodes[chosen[first + s]], points.shape(0), "nodes: expected numbers of points");
                 }
                 const Node* rows = nodes.data();
                 const Index* numbers = chosen.data() + first;
                 const auto cell = [=](Index s) { return rows + numbers[s] * Type::nodes; };
-                judge_chunk<Type>(from_points<Type>(points, count, cell), count, told, &size[first], &skew[first],
+                judge_chunk<Type>(from_points<Type>(points, count, cell), count, before, &size[first], &skew[first],
                                   &inverted[first]);
             });
         });

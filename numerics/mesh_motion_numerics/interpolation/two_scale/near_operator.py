@@ -37,11 +37,11 @@ class NearOperator:
 
     @classmethod
     def build(
-        cls, level: Interpolant, points: Floats, *, unasked: Integers | None = None, threads: int | None = None
+        cls, level: Interpolant, points: Floats, *, skipped: Integers | None = None, threads: int | None = None
     ) -> NearOperator:
-        """The operator of a compact level, whatever its weights, at points (n, d) but for the rows ``unasked`` (u,)."""
+        """The operator of a compact level, whatever its weights, at points (n, d) but for the rows ``skipped`` (u,)."""
         with limited_to(threads):
-            rows, near = rows_near(level.layout, level.support_radius, points, unasked=unasked)
+            rows, near = rows_near(level.layout, level.support_radius, points, skipped=skipped)
             return cls(rows, sparse_rows(level.layout, level.basis, level.support_radius, near))
 
     @property

@@ -145,7 +145,7 @@ def oversized_frame_at_data(stage: Stage) -> None:
 
 
 @suite("2.6")
-def oversized_frame_hurts_nobody_else(stage: Stage) -> None:
+def oversized_frame_hurts_no_other_client(stage: Stage) -> None:
     """A connection that was ended so leaves the others as they are."""
     answered(stage.session("READY").ask("STATUS"), "STATUS_REPORT")
     answered(stage.ask(Request("PING")), "PONG")

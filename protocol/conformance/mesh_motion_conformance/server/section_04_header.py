@@ -128,12 +128,12 @@ def identity_in_errors() -> Iterator[Case]:
         return echoed
 
     demand = "An ERROR has the request id as far as it was readable"
-    yield Case("4", "id-beside-a-wrong-type", demand, run(_set("type", 1), True, True))
-    yield Case("4", "id-beside-a-wrong-version", demand, run(_set("v", 2), True, True))
-    yield Case("4", "id-beside-wrong-fields", demand, run(_set("fields", []), True, True))
-    yield Case("4", "id-beside-an-unknown-field", demand, run(_set("fields", {"x": 1}), True, True))
-    yield Case("4", "id-beside-a-wrong-client", demand, run(_set("client", "x"), False, True))
-    yield Case("4", "id-beside-a-wrong-sequence", demand, run(_set("sequence", "x"), True, False))
+    yield Case("4", "id-with-a-wrong-type", demand, run(_set("type", 1), True, True))
+    yield Case("4", "id-with-a-wrong-version", demand, run(_set("v", 2), True, True))
+    yield Case("4", "id-with-wrong-fields", demand, run(_set("fields", []), True, True))
+    yield Case("4", "id-with-an-unknown-field", demand, run(_set("fields", {"x": 1}), True, True))
+    yield Case("4", "id-with-a-wrong-client", demand, run(_set("client", "x"), False, True))
+    yield Case("4", "id-with-a-wrong-sequence", demand, run(_set("sequence", "x"), True, False))
     yield Case("4", "id-of-an-unreadable-header", demand, run(lambda h: pack(h)[:-3], False, False))
 
 

@@ -224,7 +224,7 @@ def fetch_shows_no_trial(stage: Stage) -> None:
 
 
 @suite.family
-def steps_told() -> Iterator[Case]:
+def steps_reported() -> Iterator[Case]:
     """Each reply that has a step has the step of its row."""
 
     def run(kind: str, state: str, offset: int, **fields: str) -> Callable[[Stage], None]:
@@ -247,4 +247,4 @@ def steps_told() -> Iterator[Case]:
     yield Case("12", "STATUS-REPORT-step", ready, run("STATUS", "TRIAL", 0))
     yield Case("12", "JOINED-step", ready, run("JOIN", "TRIAL", 0))
     yield Case("12", "FETCHED-step-of-the-committed-state", ready, run("FETCH", "READY", 0, what="committed"))
-    yield Case("12", "FETCHED-step-beside-the-reference-mesh", ready, run("FETCH", "READY", 0, what="reference"))
+    yield Case("12", "FETCHED-step-with-the-reference-mesh", ready, run("FETCH", "READY", 0, what="reference"))

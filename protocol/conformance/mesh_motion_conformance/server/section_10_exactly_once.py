@@ -293,7 +293,7 @@ def repeat_of_OPEN(stage: Stage) -> None:
 
 
 @suite.family
-def anew() -> Iterator[Case]:
+def again() -> Iterator[Case]:
     """10.7"""
 
     def run(kind: str) -> Callable[[Stage], None]:
@@ -312,7 +312,7 @@ def anew() -> Iterator[Case]:
     for kind in ("PING", "JOIN", "FETCH", "STATUS"):
         yield Case(
             "10.7",
-            f"{kind}-is-answered-anew",
+            f"{kind}-is-answered-again",
             "A repeat of a request that changes nothing is answered again",
             run(kind),
         )

@@ -230,7 +230,7 @@ def other_sessions() -> Iterator[Case]:
 
 
 @suite("11.8")
-def LIST_tells_no_secrets(stage: Stage) -> None:
+def LIST_shows_no_secrets(stage: Stage) -> None:
     """LISTED holds no token."""
     session = stage.session("READY")
     listed = answered(stage.ask(Request("LIST")), "LISTED")

@@ -114,7 +114,7 @@ def _stay(session: Session) -> None:
 
 _CASES: tuple[tuple[str, str, str, Play], ...] = (
     ("21.2", "durable-step", "durable_step is the step; with relaxed it reaches it in the end", _durable_step),
-    ("21.2", "stored-reply", "A repeated COMMIT gets the reply with the durable_step first told", _stored_reply),
+    ("21.2", "stored-reply", "A repeated COMMIT gets the reply with the durable_step first given", _stored_reply),
     ("21.3", "CLOSE-and-RESUME", "CLOSE makes every committed step durable", _after(_close)),
     ("21.3", "RESUME-of-a-living-session", "RESUME makes every committed step durable", _after(_stay)),
     ("21.5", "step-after-the-next", "A later step than the next is refused by its own code where steps may be lost",

@@ -321,7 +321,7 @@ def further_bins_are_asked_for(stage: Stage) -> None:
 
 
 @suite("23.6")
-def quality_is_told(stage: Stage) -> None:
+def quality_is_reported(stage: Stage) -> None:
     """JUDGED has the quality once all is known."""
     session = stage.judging()
     judged = answered(session.ask("JUDGE"), "JUDGED")

@@ -20,7 +20,7 @@ from mesh_motion_server.session.replay import maker
 from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import State
 
-__all__ = ["Teller"]
+__all__ = ["Recorder"]
 
 #: How many refusals of one code in a row are recorded, with nothing executed in between; others are only counted.
 _MOST_REFUSALS = 100
@@ -28,7 +28,7 @@ _MOST_REFUSALS = 100
 _TROUBLE = {State.FAILED: "failed", State.FROZEN: "frozen"}
 
 
-class Teller:
+class Recorder:
     """Records in the history what was answered."""
 
     def __init__(self, session: Session) -> None:
@@ -65,15 +65,15 @@ class Teller:
         """Record the end of the lease."""
         self._trouble("the disk failed when the lease ended")
         if self._session.state is State.SUSPENDED:
-            self._tell("suspended", step=self._session.step)
+            self._record("suspended", step=self._session.step)
 
     def joined(self) -> None:
         """Record that a client has joined again."""
-        self._tell("joined", step=self._session.step)
+        self._record("joined", step=self._session.step)
 
     def closed(self) -> None:
         """Record that the session was closed and kept."""
-        self._tell("closed", step=self._session.step)
+        self._record("closed", step=self._session.step)
 
     # --- inside ----------------------------------------------------------------------------------------------------
 
@@ -83,17 +83,17 @@ class Teller:
             if reply.coefficients is not None:
                 self._unjudged = moved  # reported once the client has judged it
             else:
-                self._tell("moved", **moved)
+                self._record("moved", **moved)
         elif isinstance(reply, Judged):
             if reply.quality and not reply.region and self._unjudged:
                 judged = {"quality": reply.quality, "warnings": reply.warnings}
                 done = {"correction": reply.correction} if reply.correction else {}
-                self._tell("moved", **self._unjudged | judged | done)
+                self._record("moved", **self._unjudged | judged | done)
                 self._unjudged = {}
         elif isinstance(reply, Committed):
             self._committed(self._session.commits[-1], seconds_total=seconds)
         elif isinstance(reply, RolledBack):
-            self._tell("rolled_back", step=reply.step + 1, iteration=iteration)
+            self._record("rolled_back", step=reply.step + 1, iteration=iteration)
         elif isinstance(reply, Built):
             self._built(reply.mesh, reply.settings, quality=reply.quality, seconds_total=seconds)
 
@@ -102,14 +102,14 @@ class Teller:
         if by_holder and self._refusals[reply.code] <= _MOST_REFUSALS:
             step = getattr(request, "step", self._session.step + 1)
             refusal = {name: getattr(reply, name) for name in ("code", "message", "hint", "details")}
-            self._history.tell("refused", request=request.type, step=step, **refusal)
+            self._history.record("refused", request=request.type, step=step, **refusal)
         self._trouble(reply.message)
 
     def _trouble(self, message: str) -> None:
         """Record FAILED or FROZEN once."""
         state = self._session.state
         if state in _TROUBLE and state is not self._recorded_trouble:
-            self._tell(_TROUBLE[state], step=self._session.step, message=message)
+            self._record(_TROUBLE[state], step=self._session.step, message=message)
         self._recorded_trouble = state
 
     def _resumed(self) -> None:
@@ -122,21 +122,21 @@ class Teller:
             if entry.step > step:
                 self._committed(entry, seconds_total=0.0, recovered=True)
         self._history.take_up(session.step, session.commits[-1].digest if session.step else b"")
-        self._tell("resumed", step=session.step, epoch=session.epoch, version=__version__, maker=maker())
+        self._record("resumed", step=session.step, epoch=session.epoch, version=__version__, maker=maker())
 
-    def _tell(self, event: str, **values: Any) -> None:
+    def _record(self, event: str, **values: Any) -> None:
         untold = sum(max(0, count - _MOST_REFUSALS) for count in self._refusals.values())
         self._refusals.clear()
-        self._history.tell(event, **values, **({"untold": untold} if untold else {}))
+        self._history.record(event, **values, **({"untold": untold} if untold else {}))
 
     def _committed(self, entry: Commit, **further: Any) -> None:
-        self._history.tell_outcome(entry.step, entry.digest)
-        told = msgpack.unpackb(entry.receipt)
-        further |= {name: told[name] for name in ("final_step",) if name in told}
-        self._tell("committed", step=entry.step, quality=told["quality"], digest=entry.digest.hex(), **further)
+        self._history.record_outcome(entry.step, entry.digest)
+        receipt = msgpack.unpackb(entry.receipt)
+        further |= {name: receipt[name] for name in ("final_step",) if name in receipt}
+        self._record("committed", step=entry.step, quality=receipt["quality"], digest=entry.digest.hex(), **further)
 
     def _built(self, mesh: dict[str, Any], settings: dict[str, Any], **further: Any) -> None:
-        self._tell("built", **mesh, settings=settings, version=__version__, maker=maker(), **further)
+        self._record("built", **mesh, settings=settings, version=__version__, maker=maker(), **further)
 
 
 def _motion(moved: Moved) -> dict[str, Any]:
