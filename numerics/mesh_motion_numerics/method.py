@@ -93,10 +93,7 @@ _COMPACT = (
 )  # fmt: skip
 _DEFINITE = ("imqb", "iqb", "gauss")
 _CORRECTIONS = ("imposed-gradient", "explicit", "enrichment", "optimised")
-_REDUCTIONS = (
-    "greedy", "one-point", "greedy-combined", "error-peaks", "incremental-lu", "recurrence-cholesky",
-    "grouped-circular", "multilevel-subspace", "multi-step", "multiscale", "grid-clustering",
-)  # fmt: skip
+_REDUCTIONS = ("greedy", "grouped-circular")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,10 +216,9 @@ class Method:
         _REDUCTION,
         "Which boundary nodes the interpolation starts from: all, or a choice that leaves at the others an error of at "
         "most a thousandth of the largest displacement; a near-surface correction makes them exact (thesis §2.2).",
-        'Tens of thousands of boundary nodes: `"greedy"` (a full solution a point), `"one-point"`, '
-        '`"greedy-combined"`, `"error-peaks"`, `"incremental-lu"`, `"recurrence-cholesky"`, `"grouped-circular"`; in '
-        'levels `"multilevel-subspace"`, `"multi-step"`, `"multiscale"`, `"grid-clustering"` '
-        "([all compared](thesis.md#point-reduction-groups-levels-and-grids)).",
+        'Tens of thousands of boundary nodes: `"greedy"` takes the node of the largest error, `"grouped-circular"` '
+        "that of one group of nodes after the other, which is up to ten times as fast and takes some more nodes "
+        "([others compared](thesis.md#point-reduction-groups-levels-and-grids)).",
         choices=("none", *_REDUCTIONS),
         needs={name: {"basis": (*_COMPACT, *_DEFINITE)} for name in _REDUCTIONS},
     )

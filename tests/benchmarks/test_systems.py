@@ -20,7 +20,7 @@ from benchmarks.peers.report import markdown
 from benchmarks.peers.systems import SYSTEMS, PythonSystem, System
 from benchmarks.peers.task import Task, step_file
 
-LONG = ("ours-iterated", "ours-served", "ours-multiscale", "ours-one-scale", "ours-multi-step")
+LONG = ("ours-iterated", "ours-served", "ours-one-scale")
 
 
 def marks(name: str, system: System) -> list[pytest.MarkDecorator]:

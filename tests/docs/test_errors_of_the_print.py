@@ -3,7 +3,6 @@
 Only what no other test shows; the page names a test or a study for each of its rows.
 """
 
-import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
 from mesh_motion_numerics.correction.enrichment.functions import values as enrichment_values
@@ -12,9 +11,11 @@ from mesh_motion_numerics.interpolation.interpolant import factorize
 from mesh_motion_numerics.interpolation.kernels import BASES, values
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_numerics.quality.metrics import cell_quality, reference_sizes
+from mesh_motion_numerics.reduction import ReductionProblem
 
 from docs.studies.thesis._decompositions import polar, rotation_angle
 from docs.studies.thesis._linear_polynomial import WithPolynomial
+from docs.studies.thesis._point_reduction.one_point import _Corrections
 
 CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float)
 
@@ -46,11 +47,11 @@ def test_a_one_point_correction_takes_away_the_error_at_boundary_nodes() -> None
     """f_max of (2.8) is an error and f of (2.10) a displacement: what is added to one is taken off the other."""
     points = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.9, 0, 0]])
     error = np.array([[0.1], [0.5], [0.2]])
-    size, basis = np.abs(error[:, 0]), BASES["wendland-c2"]
-    kernels.subtract_function(basis.code, points, 1, 1.0, error[1] / 1.0, error, size)
-    assert error[1, 0] == 0.0
-    phi = values(basis, np.array([0.3, 0.6]))
-    np.testing.assert_allclose(error[[0, 2], 0], [0.1, 0.2] - 0.5 * phi, rtol=1e-14)
+    corrections = _Corrections(ReductionProblem(points, error))
+    corrections._correct(1)
+    assert corrections.error[1, 0] == 0.0
+    phi = values(BASES["wendland-c2"], np.array([0.3, 0.6]))
+    np.testing.assert_allclose(corrections.error[[0, 2], 0], [0.1, 0.2] - 0.5 * phi, rtol=1e-14)
 
 
 def test_an_undeformed_cell_has_size_1() -> None:

@@ -22,7 +22,7 @@ import moves
 #: Where loops are called with what they are for: moves, and tests of what moves seldom do.
 _CASES = ("2D sparse", "2D corrected", "2D maximum", "2D reduced", "3D mixed", "3D two scales")
 _TESTS = (
-    "factorizations/test_iterative.py", "reduction/test_farthest_first.py", "reduction/test_algorithms.py",
+    "factorizations/test_iterative.py",
     "../distributed/test_counted_cells.py", "../distributed/test_field.py",
     "../session/partitions/test_cell_order.py", "../docs/studies/test_sampled_prediction.py",
     "../docs/studies/volume_reduction/test_background_grid.py",

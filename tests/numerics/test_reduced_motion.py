@@ -27,10 +27,6 @@ def turned(model: MotionModel, degrees: float = 15.0, shift: tuple[float, float]
     return (model.points[model.roles.moving] - 0.5) @ rotation(degrees).T + 0.5 + shift
 
 
-#: Their levels have radii of their own: another field, and all nodes.
-LEVELS = ("multi-step", "multiscale")
-
-
 @pytest.mark.parametrize("reduction", REDUCTIONS)
 @pytest.mark.parametrize("displacement", ["relative", "absolute", "reanchored"])
 @pytest.mark.parametrize("outer", ["fixed", "slip"])
@@ -45,11 +41,10 @@ def test_the_boundary_is_exact_and_the_mesh_that_of_the_full_interpolation(
     assert np.array_equal(motion.points[model.roles.fixed], model.points[model.roles.fixed])
     assert np.isin(motion.control_points, model.roles.all).all()
     assert np.array_equal(expected.control_points, model.roles.all)
-    if reduction not in LEVELS:
-        assert 0 < len(motion.control_points) < len(model.roles.all)
-        largest = np.linalg.norm(targets - model.points[model.roles.moving], axis=1).max()
-        assert np.abs(motion.points - expected.points).max() < 0.05 * largest
-        assert motion.standard.metric.min > 0.9 * expected.standard.metric.min > 0.0
+    assert 0 < len(motion.control_points) < len(model.roles.all)
+    largest = np.linalg.norm(targets - model.points[model.roles.moving], axis=1).max()
+    assert np.abs(motion.points - expected.points).max() < 0.05 * largest
+    assert motion.standard.metric.min > 0.9 * expected.standard.metric.min > 0.0
 
 
 def test_sliding_nodes_stay_on_their_surface() -> None:
@@ -72,7 +67,7 @@ def test_a_mesh_carried_as_a_whole_is_reproduced(reduction: str) -> None:
 @pytest.mark.parametrize("correction", ["optimised", "enrichment", "explicit"])
 def test_corrections_work_on_a_reduced_motion(correction: str) -> None:
     model = model_of(
-        reduction="error-peaks",
+        reduction="grouped-circular",
         correction_target="threshold",
         correction=correction,
         quality_threshold=0.3,

@@ -30,7 +30,4 @@ class Settings(TypedDict, total=False):
     allow_invalid: bool
     max_enrichment_points: int
     enrichment_radius: float | None
-    reduction: Literal[
-        "none", "greedy", "one-point", "greedy-combined", "error-peaks", "incremental-lu", "recurrence-cholesky",
-        "grouped-circular", "multilevel-subspace", "multi-step", "multiscale", "grid-clustering",
-    ]  # fmt: skip
+    reduction: Literal["none", "greedy", "grouped-circular"]

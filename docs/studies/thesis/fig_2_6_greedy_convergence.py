@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 from mesh_motion_numerics.blas import one_blas_thread
-from mesh_motion_numerics.reduction import Iterate, Reduced, ReductionProblem, greedy, greedy_combined
+from mesh_motion_numerics.reduction import Iterate, Reduced, ReductionProblem
 from mesh_motion_numerics.reduction.full_solve import full_weights
-from mesh_motion_numerics.reduction.one_point import corrected_reduction
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._boundary_motions import MeshMotion, block, wing
+from docs.studies.thesis._point_reduction import greedy, greedy_combined
+from docs.studies.thesis._point_reduction.one_point import corrected_reduction
 
 FULL, ONE, COMBINED = "full point", "one point", "one point, a full solution every 10"
 #: The thesis' algorithms; "one point" without the full solutions that this implementation checks it with.
@@ -121,8 +122,8 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_numerics.reduction.greedy.reduce",
-        "mesh_motion_numerics.reduction.one_point.reduce",
-        "mesh_motion_numerics.reduction.greedy_combined.reduce",
+        "docs.studies.thesis._point_reduction.greedy.reduce",
+        "docs.studies.thesis._point_reduction.one_point.reduce",
+        "docs.studies.thesis._point_reduction.greedy_combined.reduce",
     ),
 )

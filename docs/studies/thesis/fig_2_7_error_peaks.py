@@ -6,14 +6,15 @@ from typing import Any
 
 import numpy as np
 from mesh_motion_numerics.blas import one_blas_thread
-from mesh_motion_numerics.reduction import Reduced, ReductionProblem, error_peaks
+from mesh_motion_numerics.reduction import Reduced, ReductionProblem
 from mesh_motion_numerics.reduction.full_solve import full_weights
-from mesh_motion_numerics.reduction.peaks import error_peaks as peaks_of
-from mesh_motion_numerics.reduction.peaks import nearest_neighbours
 from mesh_motion_numerics.reduction.progress import lengths
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._boundary_motions import MeshMotion, layered, wing
+from docs.studies.thesis._point_reduction import error_peaks
+from docs.studies.thesis._point_reduction.peaks import error_peaks as peaks_of
+from docs.studies.thesis._point_reduction.peaks import nearest_neighbours
 
 SHARES = (1.0, 0.9, 0.7, 0.5, 0.3, 0.1, 0.0)
 
@@ -112,7 +113,7 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_numerics.reduction.error_peaks.reduce",
-        "mesh_motion_numerics.reduction.peaks.error_peaks",
+        "docs.studies.thesis._point_reduction.error_peaks.reduce",
+        "docs.studies.thesis._point_reduction.peaks.error_peaks",
     ),
 )

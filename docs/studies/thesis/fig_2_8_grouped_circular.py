@@ -9,16 +9,11 @@ from functools import partial
 from typing import Any
 
 from mesh_motion_numerics.blas import one_blas_thread
-from mesh_motion_numerics.reduction import (
-    Reduced,
-    ReductionProblem,
-    greedy,
-    grouped_circular,
-    recurrence_cholesky,
-)
+from mesh_motion_numerics.reduction import Reduced, ReductionProblem, grouped_circular
 
 from docs.studies.study import Outcome, Picture, Study, Table
 from docs.studies.thesis._boundary_motions import surface_problem
+from docs.studies.thesis._point_reduction import greedy, recurrence_cholesky
 
 #: m of the grouped algorithm.
 GROUPS = (8, 32, 128)
@@ -135,7 +130,7 @@ STUDY = Study(
     claims=claims,
     functions=(
         "mesh_motion_numerics.reduction.grouped_circular.reduce",
-        "mesh_motion_numerics.reduction.greedy.reduce",
+        "docs.studies.thesis._point_reduction.greedy.reduce",
         "mesh_motion_numerics.reduction.growing_set.GrowingSet",
     ),
 )

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from mesh_motion_numerics.arrays import Integers
 from mesh_motion_numerics.blas import one_blas_thread
-from mesh_motion_numerics.reduction import REDUCTIONS, Level, Reduced, ReductionProblem, multiscale
-from mesh_motion_numerics.reduction.farthest_first import farthest_first
+from mesh_motion_numerics.reduction import Level, Reduced, ReductionProblem
 from mesh_motion_numerics.reduction.grouped_circular import default_groups
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._boundary_motions import MeshMotion, block, layered, surface_problem, wing
+from docs.studies.thesis._point_reduction import REDUCTIONS, multiscale
+from docs.studies.thesis._point_reduction.farthest_first import farthest_first
 
 TOLERANCE = 1e-3
 GEOMETRIC = "multiscale, base farthest first"
@@ -182,7 +183,7 @@ STUDY = Study(
     run=run,
     claims=claims,
     functions=(
-        "mesh_motion_numerics.reduction.REDUCTIONS",
+        "docs.studies.thesis._point_reduction.REDUCTIONS",
         "mesh_motion_numerics.reduction.near_surface.near_surface_radius",
     ),
 )

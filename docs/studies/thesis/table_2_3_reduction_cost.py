@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from mesh_motion_numerics.reduction import REDUCTIONS, Reduced, ReductionProblem
-from mesh_motion_numerics.reduction.greedy_combined import FULL_EVERY
-from mesh_motion_numerics.reduction.multilevel_subspace import POINTS_PER_LEVEL
+from mesh_motion_numerics.reduction import Reduced, ReductionProblem
 
 from docs.studies.study import Cell, Outcome, Picture, Study, Table
 from docs.studies.thesis._boundary_motions import surface_problem
+from docs.studies.thesis._point_reduction import REDUCTIONS
+from docs.studies.thesis._point_reduction.greedy_combined import FULL_EVERY
+from docs.studies.thesis._point_reduction.multilevel_subspace import POINTS_PER_LEVEL
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ STUDY = Study(
     claims=claims,
     functions=(
         "mesh_motion_numerics.reduction.full_solve.full_operations",
-        "mesh_motion_numerics.reduction.incremental_lu.GrowingLU",
-        "mesh_motion_numerics.reduction.recurrence_cholesky.reduce",
+        "docs.studies.thesis._point_reduction.incremental_lu.GrowingLU",
+        "docs.studies.thesis._point_reduction.recurrence_cholesky.reduce",
     ),
 )

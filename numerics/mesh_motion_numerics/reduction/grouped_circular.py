@@ -19,7 +19,7 @@ from mesh_motion_numerics.reduction.growing_set import GrowingSet
 from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
 from mesh_motion_numerics.reduction.progress import Progress, lengths
 
-__all__ = ["default_groups", "reduce", "select"]
+__all__ = ["default_groups", "greedy", "reduce", "select"]
 
 #: Fewest nodes of a group …
 _MIN_GROUP = 32
@@ -30,6 +30,16 @@ _MAX_GROUPS = 32
 def default_groups(n_points: int) -> int:
     """m for this number of boundary nodes."""
     return max(1, min(_MAX_GROUPS, n_points // _MIN_GROUP))
+
+
+def greedy(problem: ReductionProblem) -> Reduced:
+    """Add the node of the largest error of all until the tolerance is met (thesis §2.2.2, "full point").
+
+    References
+    ----------
+    T. C. S. Rendall, C. B. Allen, J. Comput. Phys. 228 (2009) 6231–6249.
+    """
+    return reduce(problem, groups=1)
 
 
 def reduce(problem: ReductionProblem, *, groups: int = 0) -> Reduced:

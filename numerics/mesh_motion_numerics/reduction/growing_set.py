@@ -6,13 +6,15 @@ only gains a term, and no substitution is ever repeated.
 """
 
 import numpy as np
+from mesh_motion_protocol.errors import QualityRefused
 
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.reduction.lost_pivot import LOST, singular
 from mesh_motion_numerics.reduction.problem import ReductionProblem
 
-__all__ = ["GrowingSet"]
+__all__ = ["LOST", "GrowingSet", "singular"]
 
+LOST = 64 * float(np.finfo(float).eps)
+"""A pivot this small against φ(0) carries no correct digit: its point is numerically equal to a selected one."""
 
 _FIRST_CAPACITY = 64
 
@@ -71,3 +73,12 @@ class GrowingSet:
         if size > room:
             self._inverse = np.pad(self._inverse, (0, room))
             self._weights = np.pad(self._weights, ((0, room), (0, 0)))
+
+
+def singular() -> QualityRefused:
+    """The error for a point whose pivot is only rounding."""
+    return QualityRefused(
+        "the interpolation matrix of the selected control points is singular to working precision",
+        code="FAILED_PRECONDITION",
+        hint="take a smaller support radius or a less smooth basis",
+    )

@@ -1,19 +1,16 @@
-"""What the reductions share: the loop of the greedy ones, errors so far, counted cost, and whether to go on."""
+"""What the reductions share: errors so far, counted cost, and whether to go on."""
 
-from collections.abc import Callable
-
-import mesh_motion_kernels as kernels
 import numpy as np
 
-from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.reduction.problem import Iterate, Reduced, ReductionProblem
+from mesh_motion_numerics.arrays import Floats
+from mesh_motion_numerics.reduction.problem import Iterate, ReductionProblem
 
-__all__ = ["Progress", "greedily", "lengths"]
+__all__ = ["Progress", "lengths"]
 
 
 def lengths(vectors: Floats) -> Floats:
     """(n,) Euclidean lengths of (n, k) vectors."""
-    return np.asarray(kernels.lengths(np.ascontiguousarray(vectors)))
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", vectors, vectors)))
 
 
 class Progress:
@@ -40,31 +37,3 @@ class Progress:
         rms = float(np.sqrt(np.dot(size, size) / len(size)))
         self.history.append(Iterate(points, largest, rms, self._solve, self._error))
         return largest <= self._problem.allowed_error or points >= self._problem.limit
-
-
-def greedily(
-    problem: ReductionProblem,
-    solve: Callable[[Integers], tuple[Floats, float]],
-    choose: Callable[[Floats, int], Integers],
-) -> Reduced:
-    """Select nodes and interpolate from them until the tolerance is met.
-
-    Parameters
-    ----------
-    solve : callable
-        Selected nodes (nc,) → their weights (nc, k), and the multiply-adds for them.
-    choose : callable
-        Length (nb,) of the error at each node, −1 at selected ones, and how many nodes may be added → nodes to add.
-    """
-    progress = Progress(problem)
-    selected = np.array([problem.start], dtype=np.int64)
-    while True:
-        weights, operations = solve(selected)
-        level = problem.level(selected, weights)
-        error = problem.displacement - problem.values(level)
-        progress.count(solve=operations, error=float(problem.n_points) * len(selected))
-        if progress.record(len(selected), error):
-            return Reduced((level,), selected, error, tuple(progress.history))
-        size = lengths(error)
-        size[selected] = -1.0  # the error there is only rounding
-        selected = np.append(selected, choose(size, problem.limit - len(selected)))

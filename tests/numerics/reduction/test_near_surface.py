@@ -51,7 +51,7 @@ def test_thin_layers_survive_the_correction_and_not_the_setting_of_nodes() -> No
     moved = np.zeros((240, 2))
     moved[:120, 1] = 0.1 + 0.15 * np.sin(5.0 * body[:, 0]) ** 2
     of = ReductionProblem(points[boundary], moved, support_radius=6.0, tolerance=0.02)
-    reduced = REDUCTIONS["error-peaks"](of)
+    reduced = REDUCTIONS["grouped-circular"](of)
     assert len(reduced.selected) < 60
 
     def worst(displacement: np.ndarray) -> float:

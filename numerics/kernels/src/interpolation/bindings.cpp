@@ -4,7 +4,6 @@
 #include "interpolation/basis.h"
 #include "interpolation/cell_lists.h"
 #include "interpolation/expansion.h"
-#include "interpolation/reduction.h"
 #include "interpolation/sparse.h"
 #include "interpolation/summation.h"
 
@@ -44,12 +43,6 @@ void bind_interpolation(nanobind::module_& m) {
     bind(m, "sparse_inverse_rows", sparse_inverse_rows);
     bind(m, "expand", expand);
     bind(m, "sum_remainders", sum_remainders);
-    bind(m, "lengths", lengths);
-    bind(m, "add_multiple", add_multiple);
-    bind(m, "subtract_function", subtract_function);
-    bind(m, "farthest_first", farthest_first);
-    bind(m, "forward_substitute", forward_substitute);
-    bind(m, "back_substitute", back_substitute);
 }
 
 }  // namespace mesh_motion

@@ -14,13 +14,13 @@ References
 M. M. Selim, R. P. Koomullil, the thesis' [41]; described in thesis §2.2.3.
 """
 
-import mesh_motion_kernels as kernels
 import numpy as np
-
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.reduction.lost_pivot import LOST, singular
+from mesh_motion_numerics.reduction.growing_set import LOST, singular
 from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_numerics.reduction.progress import greedily
+from scipy.linalg import solve_triangular
+
+from docs.studies.thesis._point_reduction.greedily import greedily
 
 __all__ = ["GrowingLU", "reduce"]
 
@@ -66,8 +66,8 @@ class GrowingLU:
         n, column = self.order, np.ascontiguousarray(column)
         if n == len(self._forward):
             self._enlarge()
-        u = kernels.forward_substitute(self._lower, column[:n])
-        row = kernels.forward_substitute(self._upper_transposed, column[:n])
+        u = _substituted(self._lower[:n, :n], column[:n])
+        row = _substituted(self._upper_transposed[:n, :n], column[:n])
         pivot = column[n] - row @ u
         if not pivot > LOST * abs(column[n]):
             raise singular()
@@ -83,7 +83,8 @@ class GrowingLU:
 
     def weights(self) -> Floats:
         """(n, k) solution γ."""
-        return np.asarray(kernels.back_substitute(self._upper_transposed, self._forward[: self.order]))
+        n = self.order
+        return np.asarray(solve_triangular(self._upper_transposed[:n, :n], self._forward[:n], trans=1, lower=True))
 
     def operations(self) -> float:
         """Multiply-adds of the last border and its solution: three substitutions, one of them k times."""
@@ -97,3 +98,8 @@ class GrowingLU:
         lower[:n, :n], upper[:n, :n] = self._lower, self._upper_transposed
         self._lower, self._upper_transposed = lower, upper
         self._forward = np.concatenate([self._forward, np.zeros_like(self._forward)])
+
+
+def _substituted(lower: Floats, right: Floats) -> Floats:
+    """(n,) x of a lower triangle (n, n): L x = right."""
+    return np.asarray(solve_triangular(lower, right, lower=True)) if len(right) else right

@@ -22,16 +22,16 @@ H. Fang, C. Gong, C. Yu et al., the thesis' [18]; described in thesis §2.2.3. S
 for kernel spaces", J. Approx. Theory 161 (2009) 645–655: the columns of V.
 """
 
-import mesh_motion_kernels as kernels
 import numpy as np
-from mesh_motion_protocol.errors import InvalidInput
-
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.interpolation.kernels import values
-from mesh_motion_numerics.reduction.growing_columns import GrowingColumns
-from mesh_motion_numerics.reduction.lost_pivot import LOST, singular
+from mesh_motion_numerics.reduction.growing_set import LOST, singular
 from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
 from mesh_motion_numerics.reduction.progress import Progress, lengths
+from mesh_motion_protocol.errors import InvalidInput
+from scipy.linalg import solve_triangular
+
+from docs.studies.thesis._point_reduction.growing_columns import GrowingColumns
 
 __all__ = ["reduce"]
 
@@ -69,9 +69,8 @@ class _GrowingCholesky:
         """(nc, k) γ of Lᵀ γ = y."""
         n = len(self.selected)
         self.progress.count(solve=0.5 * n * n * self.error.shape[1])
-        return np.asarray(
-            kernels.back_substitute(self._columns.rows(np.array(self.selected)), np.array(self._coefficients))
-        )
+        lower = self._columns.rows(np.array(self.selected))
+        return np.asarray(solve_triangular(lower, np.array(self._coefficients), trans=1, lower=True))
 
     def foresee(self) -> list[int]:
         """The next points, if none of them comes from the nodes of smaller errors: at least the very next one."""
@@ -89,7 +88,7 @@ class _GrowingCholesky:
             if m + 1 == _AHEAD or not column[place] > 0.0:
                 break
             ahead[m] = column / np.sqrt(column[place])
-            kernels.add_multiple(error, ahead[m], -error[place] / ahead[m, place])
+            error -= np.outer(ahead[m], error[place] / ahead[m, place])
             size = lengths(error)
             size[places] = -1.0
             places.append(int(np.argmax(size)))
@@ -125,7 +124,7 @@ class _GrowingCholesky:
         column /= np.sqrt(column[node])
         column[self.selected] = 0.0  # rounding is left there
         coefficient = self.error[node] / column[node]
-        kernels.add_multiple(self.error, column, -coefficient)
+        self.error -= np.outer(column, coefficient)
         self.error[node] = 0.0
         self._coefficients.append(coefficient)
         self._columns.append(column)

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from mesh_motion_numerics.reduction.farthest_first import farthest_first
+
+from docs.studies.thesis._point_reduction.farthest_first import farthest_first
 
 POINTS = np.random.default_rng(5).random((300, 3))
 

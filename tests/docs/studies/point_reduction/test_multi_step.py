@@ -5,8 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from mesh_motion_numerics.interpolation.interpolant import factorize
-from mesh_motion_numerics.reduction.multi_step import SPACINGS, reduce
 from reduced_motions import problem
+
+from docs.studies.thesis._point_reduction.multi_step import SPACINGS, reduce
 
 OF = problem("wing", tolerance=1e-6)
 REDUCED = reduce(OF)

@@ -1,9 +1,8 @@
 """Local maxima of the error over a boundary, with neighbours taken by distance."""
 
 import numpy as np
-from scipy.spatial import cKDTree
-
 from mesh_motion_numerics.arrays import Floats, Integers
+from scipy.spatial import cKDTree
 
 __all__ = ["error_peaks", "nearest_neighbours"]
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from mesh_motion_numerics.interpolation.interpolant import factorize
 from mesh_motion_numerics.reduction import ReductionProblem
-from mesh_motion_numerics.reduction.grid_clustering import Clusters, reduce
-from mesh_motion_numerics.reduction.level_sum import LevelSum
 from reduced_motions import problem
+
+from docs.studies.thesis._point_reduction.grid_clustering import Clusters, reduce
+from docs.studies.thesis._point_reduction.level_sum import LevelSum
 
 POINTS = np.random.default_rng(3).random((400, 3))
 ALL = np.ones(400, dtype=bool)

@@ -8,8 +8,9 @@ References
 T. C. S. Rendall, C. B. Allen, J. Comput. Phys. 229 (2010) 2810–2820.
 """
 
-from mesh_motion_numerics.reduction.one_point import corrected_reduction
 from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
+
+from docs.studies.thesis._point_reduction.one_point import corrected_reduction
 
 __all__ = ["FULL_EVERY", "reduce"]
 

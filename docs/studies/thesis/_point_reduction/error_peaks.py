@@ -13,9 +13,10 @@ from functools import partial
 
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.reduction.full_solve import full_solution
-from mesh_motion_numerics.reduction.peaks import error_peaks, nearest_neighbours
 from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
-from mesh_motion_numerics.reduction.progress import greedily
+
+from docs.studies.thesis._point_reduction.greedily import greedily
+from docs.studies.thesis._point_reduction.peaks import error_peaks, nearest_neighbours
 
 __all__ = ["PEAK_SHARE", "reduce"]
 

@@ -1,10 +1,11 @@
 """Peaks of the error, and the algorithm that takes them all (thesis Fig 2.7)."""
 
 import numpy as np
-from mesh_motion_numerics.reduction import REDUCTIONS
-from mesh_motion_numerics.reduction.error_peaks import reduce
-from mesh_motion_numerics.reduction.peaks import error_peaks, nearest_neighbours
 from reduced_motions import problem
+
+from docs.studies.thesis._point_reduction import REDUCTIONS
+from docs.studies.thesis._point_reduction.error_peaks import reduce
+from docs.studies.thesis._point_reduction.peaks import error_peaks, nearest_neighbours
 
 
 def test_peaks_of_a_wave_on_a_curve() -> None:

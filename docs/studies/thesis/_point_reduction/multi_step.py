@@ -14,10 +14,10 @@ J. Comput. Appl. Math. 73 (1996) 65–78; thesis [21].
 """
 
 import numpy as np
-
-from mesh_motion_numerics.reduction.farthest_first import farthest_first
-from mesh_motion_numerics.reduction.level_sum import LevelSum
 from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
+
+from docs.studies.thesis._point_reduction.farthest_first import farthest_first
+from docs.studies.thesis._point_reduction.level_sum import LevelSum
 
 __all__ = ["SPACINGS", "reduce"]
 

@@ -1,13 +1,14 @@
 """Factors that grow with the points equal fresh ones; what is lost in rounding or too large is refused."""
 
-import mesh_motion_kernels as kernels
 import numpy as np
 import pytest
-from mesh_motion_numerics.reduction import REDUCTIONS, ReductionProblem, recurrence_cholesky
-from mesh_motion_numerics.reduction.growing_columns import GrowingColumns
-from mesh_motion_numerics.reduction.incremental_lu import GrowingLU
+from mesh_motion_numerics.reduction import ReductionProblem
 from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 from reduced_motions import problem
+
+from docs.studies.thesis._point_reduction import REDUCTIONS, incremental_lu, recurrence_cholesky
+from docs.studies.thesis._point_reduction.growing_columns import GrowingColumns
+from docs.studies.thesis._point_reduction.incremental_lu import GrowingLU
 
 
 def matrix(nodes: np.ndarray) -> np.ndarray:
@@ -39,8 +40,8 @@ def test_bordered_factors_are_those_of_the_matrix_at_every_order() -> None:
 def test_a_wrong_row_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     """The test above would see rows that are wrong by a millionth."""
     nodes = np.random.default_rng(2).permutation(1100)[:20]
-    right_one = kernels.forward_substitute
-    monkeypatch.setattr(kernels, "forward_substitute", lambda lower, right: (1 + 1e-6) * right_one(lower, right))
+    right_one = incremental_lu._substituted
+    monkeypatch.setattr(incremental_lu, "_substituted", lambda lower, right: (1 + 1e-6) * right_one(lower, right))
     lower, upper = grown(matrix(nodes), np.zeros((20, 1))).factors()
     assert np.abs(lower @ upper - matrix(nodes)).max() > 1e-9
 
@@ -51,15 +52,6 @@ def test_nodes_that_coincide_are_refused(name: str) -> None:
     of = ReductionProblem(points, np.array([[1.0], [2.0], [0.0]]), support_radius=2.0, tolerance=0.0)
     with pytest.raises(QualityRefused, match="singular to working precision"):
         REDUCTIONS[name](of)
-
-
-def test_substitutions() -> None:
-    rng = np.random.default_rng(0)
-    lower = np.tril(rng.random((40, 40))) + 40 * np.eye(40)
-    right = rng.random((30, 2))
-    first = kernels.forward_substitute(lower, right[:, 0].copy())
-    np.testing.assert_allclose(lower[:30, :30] @ first, right[:, 0], atol=1e-14)
-    np.testing.assert_allclose(lower[:30, :30].T @ kernels.back_substitute(lower, right), right, atol=1e-14)
 
 
 def test_columns_grow_past_a_block() -> None:

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from mesh_motion_numerics.interpolation.interpolant import factorize
-from mesh_motion_numerics.reduction import REDUCTIONS, ReductionProblem
+from mesh_motion_numerics.reduction import ReductionProblem
 from mesh_motion_protocol.errors import InvalidInput
 from reduced_motions import BOUNDARIES, field_at_nodes, problem
+
+from docs.studies.thesis._point_reduction import REDUCTIONS
 
 GREEDY = ("greedy", "one-point", "greedy-combined", "error-peaks", "incremental-lu", "recurrence-cholesky")
 #: These choose exactly as the full greedy algorithm does.

@@ -13,11 +13,11 @@ grid needs none.
 """
 
 import numpy as np
-
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
-from mesh_motion_numerics.reduction.level_sum import LevelSum
 from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
 from mesh_motion_numerics.reduction.progress import lengths
+
+from docs.studies.thesis._point_reduction.level_sum import LevelSum
 
 __all__ = ["Clusters", "reduce"]
 

@@ -8,10 +8,8 @@ of Kedward's refinement points are prefixes of it.
 
 from typing import NamedTuple
 
-import mesh_motion_kernels as kernels
-
+import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.mesh.points import padded
 
 __all__ = ["FarthestFirst", "farthest_first"]
 
@@ -43,6 +41,14 @@ def farthest_first(points: Floats, given: Integers) -> FarthestFirst:
 
     Notes
     -----
-    Ties go to the lower number. O(n²) time and O(n) memory: 0.2 s for 18 000 points.
+    Ties go to the lower number. O(n²) time and O(n) memory.
     """
-    return FarthestFirst(*kernels.farthest_first(padded(points), given))
+    order, separation = np.empty(len(points), dtype=np.int64), np.empty(len(points))
+    nearest = np.full(len(points), np.inf)  # squared distances from the points taken, −1 of those
+    for rank in range(len(points)):
+        node = order[rank] = given[rank] if rank < len(given) else np.argmax(nearest)
+        separation[rank] = np.sqrt(nearest[node])
+        distance = np.sum((points - points[node]) ** 2, axis=1)
+        nearest = np.where(nearest < 0.0, -1.0, np.minimum(nearest, distance))
+        nearest[node] = -1.0
+    return FarthestFirst(order, separation)

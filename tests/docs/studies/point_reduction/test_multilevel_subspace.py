@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from mesh_motion_numerics.interpolation.interpolant import factorize
-from mesh_motion_numerics.reduction import REDUCTIONS, ReductionProblem
-from mesh_motion_numerics.reduction.multilevel_subspace import reduce
+from mesh_motion_numerics.reduction import ReductionProblem
 from reduced_motions import problem
+
+from docs.studies.thesis._point_reduction import REDUCTIONS
+from docs.studies.thesis._point_reduction.multilevel_subspace import reduce
 
 
 def test_every_level_interpolates_what_those_before_it_left() -> None:

@@ -18,11 +18,8 @@ basis functions", J. Comput. Phys. 229 (2010) 2810–2820.
 
 from collections.abc import Callable
 
-import mesh_motion_kernels as kernels
 import numpy as np
-
 from mesh_motion_numerics.interpolation.kernels import values
-from mesh_motion_numerics.mesh.points import padded
 from mesh_motion_numerics.reduction.full_solve import full_operations, full_weights
 from mesh_motion_numerics.reduction.problem import Level, Reduced, ReductionProblem
 from mesh_motion_numerics.reduction.progress import Progress, lengths
@@ -66,7 +63,6 @@ class _Corrections:
         self._worst = problem.start
         self._size = lengths(self.error)
         self._chosen = np.zeros(problem.n_points, dtype=bool)
-        self._points = padded(problem.points)
         self._at_zero = float(values(problem.row, np.zeros(1))[0])
 
     def add_point(self) -> bool:
@@ -97,7 +93,7 @@ class _Corrections:
     def _correct(self, node: int) -> None:
         """Remove the error at a node, thesis (2.8)–(2.10)."""
         problem, beta = self.problem, self.error[node] / self._at_zero
-        self._worst = kernels.subtract_function(
-            problem.row.code, self._points, node, 1.0 / problem.support_radius, beta, self.error, self._size
-        )
+        self.error -= np.outer(problem.columns(np.array([node]))[:, 0], beta)
+        self._size = lengths(self.error)
+        self._worst = int(np.argmax(self._size))
         self.progress.count(solve=float(len(beta)), error=float(problem.n_points))

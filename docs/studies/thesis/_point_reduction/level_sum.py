@@ -1,13 +1,12 @@
 """A sum of interpolants, each of the error of those before it; shared by the algorithms that work in levels."""
 
 import numpy as np
-from mesh_motion_protocol.errors import InvalidInput
-
 from mesh_motion_numerics.arrays import Integers
 from mesh_motion_numerics.interpolation.interpolant import Factorization, factorize
 from mesh_motion_numerics.reduction.full_solve import full_operations
 from mesh_motion_numerics.reduction.problem import Level, Reduced, ReductionProblem
 from mesh_motion_numerics.reduction.progress import Progress
+from mesh_motion_protocol.errors import InvalidInput
 
 __all__ = ["LevelSum"]
 

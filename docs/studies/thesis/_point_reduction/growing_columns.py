@@ -3,9 +3,8 @@
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.linalg.blas import dgemm
-
 from mesh_motion_numerics.arrays import Floats, Integers
+from scipy.linalg.blas import dgemm
 
 __all__ = ["GrowingColumns"]
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from mesh_motion_numerics.reduction.farthest_first import farthest_first
-from mesh_motion_numerics.reduction.multiscale import class_radii, greedy_base, reduce
 from reduced_motions import problem
 
+from docs.studies.thesis._point_reduction.farthest_first import farthest_first
+from docs.studies.thesis._point_reduction.multiscale import class_radii, greedy_base, reduce
 from docs.studies.thesis.section_2_2_reductions_compared import farthest_base
 
 BASE_SETS = {"greedy": greedy_base, "farthest-first": farthest_base}

@@ -19,13 +19,13 @@ thesis [44].
 """
 
 import numpy as np
-from scipy.linalg import solve_triangular
-
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.reduction.level_sum import LevelSum
-from mesh_motion_numerics.reduction.lost_pivot import LOST, singular
+from mesh_motion_numerics.reduction.growing_set import LOST, singular
 from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
 from mesh_motion_numerics.reduction.progress import lengths
+from scipy.linalg import solve_triangular
+
+from docs.studies.thesis._point_reduction.level_sum import LevelSum
 
 __all__ = ["POINTS_PER_LEVEL", "reduce"]
 

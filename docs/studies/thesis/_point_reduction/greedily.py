@@ -1,0 +1,38 @@
+"""The loop of the greedy reductions that solve again for each choice."""
+
+from collections.abc import Callable
+
+import numpy as np
+from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
+from mesh_motion_numerics.reduction.progress import Progress, lengths
+
+__all__ = ["greedily"]
+
+
+def greedily(
+    problem: ReductionProblem,
+    solve: Callable[[Integers], tuple[Floats, float]],
+    choose: Callable[[Floats, int], Integers],
+) -> Reduced:
+    """Select nodes and interpolate from them until the tolerance is met.
+
+    Parameters
+    ----------
+    solve : callable
+        Selected nodes (nc,) → their weights (nc, k), and the multiply-adds for them.
+    choose : callable
+        Length (nb,) of the error at each node, −1 at selected ones, and how many nodes may be added → nodes to add.
+    """
+    progress = Progress(problem)
+    selected = np.array([problem.start], dtype=np.int64)
+    while True:
+        weights, operations = solve(selected)
+        level = problem.level(selected, weights)
+        error = problem.displacement - problem.values(level)
+        progress.count(solve=operations, error=float(problem.n_points) * len(selected))
+        if progress.record(len(selected), error):
+            return Reduced((level,), selected, error, tuple(progress.history))
+        size = lengths(error)
+        size[selected] = -1.0  # the error there is only rounding
+        selected = np.append(selected, choose(size, problem.limit - len(selected)))
