@@ -4,7 +4,7 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.interpolation.factorizations.dense import PanelCholesky
 from mesh_motion_numerics.reduction.problem import ReductionProblem
 
-__all__ = ["full_operations", "full_solution", "full_weights"]
+__all__ = ["full_operations", "full_weights"]
 
 
 def full_weights(problem: ReductionProblem, selected: Integers) -> Floats:
@@ -25,8 +25,3 @@ def full_operations(problem: ReductionProblem, count: int) -> float:
     """Multiply-adds of that: a Cholesky factor of order ``count``, and both substitutions for k right-hand sides."""
     components = int(problem.displacement.shape[1])
     return float(count) ** 3 / 6.0 + components * float(count) ** 2
-
-
-def full_solution(problem: ReductionProblem, selected: Integers) -> tuple[Floats, float]:
-    """(nc, k) weights, and the multiply-adds for them."""
-    return full_weights(problem, selected), full_operations(problem, len(selected))

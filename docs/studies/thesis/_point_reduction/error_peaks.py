@@ -12,10 +12,9 @@ C. Li, Q. Xu, D. Xu et al., the thesis' [30]; described in thesis §2.2.3 with (
 from functools import partial
 
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.reduction.full_solve import full_solution
 from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
 
-from docs.studies.thesis._point_reduction.greedily import greedily
+from docs.studies.thesis._point_reduction.greedily import full_solution, greedily
 from docs.studies.thesis._point_reduction.peaks import error_peaks, nearest_neighbours
 
 __all__ = ["PEAK_SHARE", "reduce"]

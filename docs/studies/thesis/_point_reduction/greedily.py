@@ -4,10 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.reduction.full_solve import full_operations, full_weights
 from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
 from mesh_motion_numerics.reduction.progress import Progress, lengths
 
-__all__ = ["greedily"]
+__all__ = ["full_solution", "greedily"]
 
 
 def greedily(
@@ -36,3 +37,8 @@ def greedily(
         size = lengths(error)
         size[selected] = -1.0  # the error there is only rounding
         selected = np.append(selected, choose(size, problem.limit - len(selected)))
+
+
+def full_solution(problem: ReductionProblem, selected: Integers) -> tuple[Floats, float]:
+    """(nc, k) weights, and the multiply-adds for them."""
+    return full_weights(problem, selected), full_operations(problem, len(selected))

@@ -14,10 +14,9 @@ J. Comput. Phys. 228 (2009) 6231–6249.
 from functools import partial
 
 import numpy as np
-from mesh_motion_numerics.reduction.full_solve import full_solution
 from mesh_motion_numerics.reduction.problem import Reduced, ReductionProblem
 
-from docs.studies.thesis._point_reduction.greedily import greedily
+from docs.studies.thesis._point_reduction.greedily import full_solution, greedily
 
 __all__ = ["reduce"]
 
