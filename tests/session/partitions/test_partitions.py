@@ -89,7 +89,7 @@ def test_partitions_that_move_a_shared_node_differently_are_named() -> None:
     ids = [m.global_ids[local] for m, local in zip(meshes, mesh.moving_local, strict=True)]
     shared = int(np.intersect1d(*ids)[0])
     row = int(np.flatnonzero(ids[1] == shared)[0])
-    rows[1][row, 1] += 0.9e-7  # the mesh is 1 wide: accepted, and the larger value taken, from whomever it comes
+    rows[1][row, 1] += 0.9e-7  # the mesh is 1 wide: accepted, and the larger value of all partitions is taken
     expected = np.ones((len(mesh.moving), 2))
     expected[np.flatnonzero(mesh.global_ids[mesh.moving] == shared), 1] = rows[1][row, 1]
     np.testing.assert_array_equal(mesh.gather_moving(rows), expected)
