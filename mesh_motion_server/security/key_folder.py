@@ -130,7 +130,7 @@ def revoke(name: str, folder: Path) -> Entry:
     entries = read_list(folder)
     found = [key for key, entry in entries.items() if name in (entry.name, key)]
     if not found:
-        known = ", ".join(sorted(entry.name for entry in entries.values())) or "none"
+        known = ", ".join(sorted(entry.name for entry in entries.values())) or "no key"
         raise InvalidInput(f"{folder / ALLOW_LIST} does not name {name!r}; it names {known}")
     entry = entries.pop(found[0])
     _write(folder, entries)
