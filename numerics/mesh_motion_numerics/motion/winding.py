@@ -42,7 +42,17 @@ from mesh_motion_numerics.decomposition import nearest_rotation
 from mesh_motion_numerics.mesh.paths import fit_rigid_motion
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
 
-__all__ = ["UNWOUND", "Turns", "Winding", "WindingBody", "fitted_rotation", "winding_body", "wound", "wound_slope"]
+__all__ = [
+    "UNWOUND",
+    "Turns",
+    "Winding",
+    "WindingBody",
+    "fitted_rotation",
+    "turned_on",
+    "winding_body",
+    "wound",
+    "wound_slope",
+]
 
 UNWOUND = "the mesh can be wound no further: it goes on from the least turn to the same boundary, and nodes jump"
 """The warning of a step that could not go on from the committed mesh's turn."""
@@ -137,8 +147,7 @@ class Winding:
             old, new = fitted_rotation(rest, was), fitted_rotation(rest, targets[body.rows])
             chain = self._rotations(body, committed)
             relative = (chain[1:] * chain[:-1].inv()).as_rotvec()
-            about = chain[0].as_rotvec() + relative.sum(axis=0) + (new * old.inv()).as_rotvec()
-            axis = 2 if self.reference.shape[1] == 2 else int(np.argmax(np.abs(about)))
+            axis = _axis(chain[0].as_rotvec() + relative.sum(axis=0), old, new, rest.shape[1])
             counted = np.unwrap(np.append(0.0, _twist(chain, axis)))
             axes.append(axis)
             before.append(_nearest(_twist(old, axis), counted[-1]))
@@ -300,6 +309,22 @@ def _chain(simplices: NDArray[np.integer], first: Marks, last: Marks) -> Integer
     while (place := int(before[chain[-1]])) != source:
         chain.append(int(before[place]) if place >= c else place)
     return np.array(chain[::-1], dtype=np.int64)
+
+
+def turned_on(rest: Floats, was: Floats, now: Floats) -> tuple[float, float]:
+    """The turn of a body (b, d) at one place, and from there by the smallest change at another one, radians.
+
+    It is the least turn that leads to the first place, and about the coordinate axis that is nearest to the rotation's.
+    """
+    old, new = fitted_rotation(rest, was), fitted_rotation(rest, now)
+    axis = _axis(old.as_rotvec(), old, new, rest.shape[1])
+    before = float(_twist(old, axis))
+    return before, _nearest(_twist(new, axis), before)
+
+
+def _axis(about: Floats, old: Rotation, new: Rotation, d: int) -> int:
+    """The coordinate axis nearest to that of a rotation ``about`` (3,), and of the smallest one from old to new."""
+    return 2 if d == 2 else int(np.argmax(np.abs(about + (new * old.inv()).as_rotvec())))
 
 
 def wound(angle: float) -> float:
