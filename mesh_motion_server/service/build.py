@@ -58,7 +58,7 @@ def _without_layers(session: Session, reaches: Sequence[float | None]) -> list[s
     found = session.upload.without_layers(reaches)
     return [
         f"partition {partition} has sent no {'cells near moving walls' if reaches[partition] is None else 'facets'}: "
-        "no layer of thin cells moves with its wall, in any partition; clients in Python send them"
+        "no layer of thin cells moves with its wall, in any partition; this version's clients send them"
         for partition in found[:1]
     ]
 

@@ -129,7 +129,7 @@ class FieldSlope:
             weights = np.zeros_like(region.points)
             weights[here] = rows[there]
             np.add.at(weights, self._rows_of(given.ids), given.of_ids)
-            weights = self._smooth.transpose(weights)
+            weights, _ = self._smooth.transpose(weights)
             rows[there] = weights[here]
             places.append(region.points[inside])
             counted.append(weights[inside])

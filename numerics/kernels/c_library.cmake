@@ -5,7 +5,7 @@ option(BUILD_SHARED_LIBS "A shared library" ON)
 file(GLOB c_interface CONFIGURE_DEPENDS src/c_interface/*.cpp)
 add_library(mesh_motion_kernels ${c_interface}
   src/parallel.cpp src/interpolation/cell_lists.cpp src/interpolation/assembly.cpp src/interpolation/summation.cpp
-  src/mesh/facets.cpp src/mesh/hashed_cells.cpp
+  src/mesh/closest_point.cpp src/mesh/facets.cpp src/mesh/hashed_cells.cpp
   src/quality/cell_quality.cpp src/quality/order_statistics.cpp src/quality/summaries.cpp
   src/interpolation/sparse.cpp src/two_scale/spline.cpp)
 list(GET levels 0 narrowest)

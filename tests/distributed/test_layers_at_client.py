@@ -4,52 +4,13 @@ import signal
 
 import numpy as np
 import pytest
-from mesh_motion_client import InvalidInput, Mesh, Patch, connect, opened
+from layered_grids import beyond_the_wall, grid, pitched
+from mesh_motion_client import InvalidInput, connect, opened
 from mesh_motion_numerics.distributed.rank import Rank
-from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_protocol.messages import Build
-from own_ranks import SETTINGS, as_client, in_pieces, on_ranks
+from own_ranks import SETTINGS, in_pieces, on_ranks
 
-from docs.studies.aerofoil_grids import o_grid, wing
 from tests.faults.server_process import ServerProcess
-
-
-def grid(kind):
-    """An aerofoil with first cells of 1e-4 chords, in quads or triangles, or a wing, in a narrow domain."""
-    if kind == "wing":
-        found = wing(o_grid("blunt", around=24, layers=12, first=1e-3, far=8.0), stations=6)
-    else:
-        found = o_grid("blunt", around=32, layers=16, first=1e-4, far=8.0)
-    cells = found.cells
-    if kind == "triangles":
-        quads = cells["quad"]
-        cells = {"triangle": np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])}
-    return as_client(found.points, CellTable.from_arrays(cells), found.patches)
-
-
-def pitched(points, degrees):
-    """Displacements of points (k, d) that turn in the plane, and rise."""
-    a, shift = np.radians(degrees), np.zeros_like(points)
-    shift[:, 0] = (np.cos(a) - 1.0) * points[:, 0] - np.sin(a) * points[:, 1]
-    shift[:, 1] = np.sin(a) * points[:, 0] + (np.cos(a) - 1.0) * points[:, 1] + 0.01 * degrees
-    return shift
-
-
-def beyond_the_wall(whole):
-    """The mesh in two pieces, of which the outer one has a part of the layer, and no node of the wall."""
-    (name, cells), reached = next(iter(whole.cells.items())), np.zeros(len(whole.points), dtype=bool)
-    (wall,) = (patch.nodes for patch in whole.patches.values() if patch.role == "moving")
-    reached[wall] = True
-    for _ in range(2):
-        inner = reached[cells].any(axis=1)
-        reached[cells[inner]] = True
-    pieces = []
-    for own in (inner, ~inner):
-        nodes, rows = np.unique(cells[own], return_inverse=True)
-        found = {key: np.flatnonzero(np.isin(nodes, patch.nodes)) for key, patch in whole.patches.items()}
-        patches = {key: Patch(whole.patches[key].role, on) for key, on in found.items() if len(on)}
-        pieces.append(Mesh(whole.points[nodes], {name: rows.reshape(-1, cells.shape[1])}, patches, nodes))
-    return pieces
 
 
 def in_two_steps(session, part):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mesh_motion_numerics.mesh.closest_point import FacetSet, nearest_within
+from mesh_motion_numerics.mesh.closest_point import FacetSet, are_within, nearest_within
 
 
 def sampled(corners, points, n=60):
@@ -74,6 +74,7 @@ def test_facets_of_any_size_are_found_within_a_distance(width, d):
         near, rows = nearest_within(corners, points, distance)
         found = rows >= 0
         assert np.array_equal(found, away <= distance)
+        assert np.array_equal(are_within(corners, points, distance), found)
         assert np.isnan(near[~found]).all()
         assert np.allclose(near[found], places[found], atol=1e-12)
         assert np.allclose(np.linalg.norm(near[found] - points[found], axis=1), away[found], atol=1e-14)
@@ -84,3 +85,4 @@ def test_no_facet_is_near_where_there_is_none():
     places, facets = nearest_within(np.empty((0, 2, 2)), np.zeros((3, 2)), 1.0)
     assert np.isnan(places).all()
     assert (facets == -1).all()
+    assert not are_within(np.empty((0, 2, 2)), np.zeros((3, 2)), 1.0).any()

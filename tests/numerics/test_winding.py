@@ -12,7 +12,6 @@ from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_numerics.motion.motion_found import Motion
 from mesh_motion_numerics.motion.winding import UNWOUND, wound
-from mesh_motion_protocol.errors import QualityRefused
 
 from mesh_motion_server.session.factors import FactorCache
 
@@ -22,7 +21,8 @@ RINGS, AROUND, RATIO = 24, 48, 10.0
 
 @cache
 def model(kind: str) -> MotionModel:
-    mesh = {"triangle": lambda: stored("thesis_block"), "ring": ring}.get(kind, lambda: box_mesh(kind))()
+    made = {"triangle": lambda: stored("thesis_block"), "ring": ring, "layered": layered}
+    mesh = made.get(kind, lambda: box_mesh(kind))()
     patches = {"body": Patch("moving", mesh.body), "outer": Patch("fixed", mesh.outer)}
     return MotionModel.build(mesh.points, mesh.cells, patches, Method())
 
@@ -37,6 +37,18 @@ def ring() -> BodyMesh:
     halves = [[first, after + AROUND, after], [first, first + AROUND, after + AROUND]]
     cells = CellTable.from_arrays({"triangle": np.concatenate([np.stack(half, axis=1) for half in halves])})
     return BodyMesh(points, cells, np.arange(RINGS * AROUND, len(points)), np.arange(AROUND))
+
+
+def layered() -> BodyMesh:
+    """The same in quads, with a layer of thin cells about the body."""
+    spacing = 2e-3 * 1.35 ** np.arange(25)
+    radius, angle = np.meshgrid(1.0 + np.cumsum(np.append(0.0, spacing)), np.arange(64), indexing="ij")
+    angle = 2.0 * np.pi * angle / 64
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1).reshape(-1, 2)
+    first = np.arange(25 * 64)
+    after = first - first % 64 + (first + 1) % 64
+    cells = CellTable.from_arrays({"quad": np.stack([first, first + 64, after + 64, after], axis=1)})
+    return BodyMesh(points, cells, np.arange(25 * 64, len(points)), np.arange(64))
 
 
 def turned(model: MotionModel, degrees: float) -> np.ndarray:
@@ -124,7 +136,44 @@ def test_up_to_a_quarter_turn_nothing_is_wound_and_then_smoothly() -> None:
     assert np.abs(np.diff(found, 2)).max() < 4.0 * (angles[1] - angles[0]) ** 2
 
 
-def test_the_derivative_of_a_wound_mesh_is_refused() -> None:
-    block = model("triangle")
-    with pytest.raises(QualityRefused, match="winds the mesh is not differentiated"):
-        block.slope(gone(block, [120.0]).points, FactorCache(1 << 26))
+def bent(model: MotionModel, degrees: float, sideways: float) -> np.ndarray:
+    """The body's nodes after a turn, a shift and a bend: its turn has to be fitted."""
+    places, extent = turned(model, degrees), np.ptp(model.points, axis=0).max()
+    return places + sideways * extent * np.sin(3.0 * model.points[model.roles.moving][:, ::-1] / extent + 0.4)
+
+
+@pytest.mark.parametrize(
+    ("kind", "steps", "resists"),
+    [
+        ("ring", [80.0, 120.0], True),
+        ("ring", [80.0, 160.0, 200.0, 300.0], False),
+        ("triangle", [80.0, 120.0], True),
+        ("triangle", [-80.0, -160.0, -200.0], True),
+        ("layered", [40.0, 80.0, 120.0], True),
+        ("tetra", [60.0, 100.0], True),
+        ("hexahedron", [60.0, 110.0], True),
+    ],
+)
+def test_its_derivative_is_that_of_differences_and_its_transpose(kind: str, steps: list[float], resists: bool) -> None:
+    block, factors = model(kind), FactorCache(1 << 26)
+    moved = gone(block, steps).points
+    moved = block.move(moved, bent(block, steps[-1], 0.002 if kind == "layered" else 0.02), factors).points
+    slope, moving = block.slope(moved, factors), block.roles.moving
+    assert (block.carrying_layers.layer is not None) == (kind == "layered")
+    assert slope.winding is not None
+    assert slope.smooth is not None
+    assert (slope.smooth.region is not None) == resists
+    rest = block.points[moving]
+    v = np.cos(2.0 * rest[:, ::-1]) + 0.5 * rest
+    found = slope.tangent(v)
+
+    def difference(h: float) -> np.ndarray:
+        there, back = (block.move(moved, moved[moving] + s * h * v, factors).points for s in (1, -1))
+        return (there - back) / (2.0 * h)
+
+    exact = (4.0 * difference(1.25e-4) - difference(2.5e-4)) / 3.0
+    bound = 1e-5 if resists else 1e-8
+    assert np.abs(found - exact).max() < bound * np.abs(found).max()
+    w = np.random.default_rng(3).standard_normal(block.points.shape)
+    back = slope.cotangent(w)
+    assert abs(np.sum(w * found) - np.sum(back * v)) < 1e-12 * (np.abs(w * found).sum() + np.abs(back * v).sum())

@@ -143,20 +143,30 @@ static outcome gather_rows(mm_session *session, block *part)
     return DONE;
 }
 
+/* Add rows of 8 bytes an item, for the caller to fill; NULL after an error. */
+static void *add_rows(mm_session *session, const char *item, const char *name, size_t rows, size_t columns)
+{
+    void *data = malloc(rows * columns * 8 + 1);
+    block made = mmi_make_block(item, NULL, rows, columns, 8);
+    snprintf(made.name, sizeof made.name, "%s", name);
+    made.is_float = strcmp(item, "nodes") == 0;
+    made.data = made.owned = data;
+    if (!data) {
+        mmi_no_memory(session->context);
+    } else if (mmi_add_block(session, &made) != MM_OK) {
+        free(data);
+        data = NULL;
+    }
+    return data;
+}
+
 static outcome add_facets(mm_session *session, size_t corners)
 {
     static const char *const TYPES[] = {"vertex", "line", "triangle", "quad"};
     size_t count = mmv_count_facets(session->volume, corners);
-    int64_t *rows = malloc((count * corners + 1) * sizeof *rows);
-    block made = mmi_make_block("facets", rows, count, corners, 8);
-    snprintf(made.name, sizeof made.name, "%s", TYPES[corners - 1]);
-    made.owned = rows;
-    if (!rows) {
-        return mmi_no_memory(session->context);
-    }
-    mmv_copy_facets(session->volume, corners, rows);
-    if (!count || mmi_add_block(session, &made) != MM_OK) {
-        free(rows);
+    int64_t *rows = count ? add_rows(session, "facets", TYPES[corners - 1], count, corners) : NULL;
+    if (rows) {
+        mmv_copy_facets(session->volume, corners, rows);
     }
     return session->context->error ? FAILED : DONE;
 }
@@ -209,6 +219,53 @@ static outcome copy_array(mm_context *context, const answer *from, const char *n
         mmi_take_numbers(*to, from, array);
     }
     return DONE;
+}
+
+/* Add the uploaded nodes behind the first `had`. */
+static outcome add_nodes(mm_session *session, size_t had)
+{
+    size_t count, d = (size_t)session->dimension;
+    const int64_t *nodes = mmv_uploaded(session->volume, &count);
+    double *points = count > had ? add_rows(session, "nodes", "", count - had, d) : NULL;
+    int64_t *ids = points ? add_rows(session, "global_ids", "", count - had, 1) : NULL;
+    for (size_t i = had; ids && i < count; ++i) {
+        memcpy(points + (i - had) * d, mmv_points(session->volume) + (size_t)nodes[i] * d, d * sizeof *points);
+        ids[i - had] = mmv_id_of(session->volume, nodes[i]);
+    }
+    return session->context->error ? FAILED : DONE;
+}
+
+outcome mmi_add_near_cells(mm_session *session, const answer *built)
+{
+    const mmi_array *array = mmi_find_array(&built->reply, "wall");
+    const mesh_motion_region *region = NULL;
+    size_t had, facets, d = (size_t)session->dimension;
+    int64_t *rows = NULL;
+    double *wall = NULL;
+    if (!array || array->columns != d * d) {
+        return mmi_fail(session->context, "INTERNAL", "", "the server's wall must have %zu columns, got %zu", d * d,
+                        array ? array->columns : 0);
+    }
+    mmv_uploaded(session->volume, &had);
+    outcome how = copy_array(session->context, built, "wall", &wall, &facets);
+    if (how == DONE) {
+        int result = mmv_near(session->volume, facets, wall, session->reach, &region, &rows);
+        how = result == MESH_MOTION_OK ? add_nodes(session, had) : kernels_failed(session, result);
+    }
+    const int64_t *next = rows;
+    for (int i = 0; how == DONE && i < 7; ++i) {
+        size_t cells = (size_t)region->cells[i], corners = mmv_corners_of(region->names[i]);
+        int64_t *own = cells ? add_rows(session, "near_cells", region->names[i], cells, corners) : NULL;
+        how = session->context->error ? FAILED : DONE;
+        if (own) {
+            memcpy(own, next, cells * corners * sizeof *own);
+            next += cells * corners;
+        }
+    }
+    mesh_motion_region_free(region);
+    free(rows);
+    free(wall);
+    return how;
 }
 
 static void read_sum(const mm_report *report, size_t number, mmv_sum *sum)
@@ -692,16 +749,45 @@ outcome mmi_take_points(mm_session *session, const answer *fetched, double *poin
     return how;
 }
 
+/* Know which nodes were uploaded besides those of the boundary, in which order. */
+static outcome know_uploaded(mm_session *session, const answer *fetched)
+{
+    const mmi_array *array = mmi_find_array(&fetched->reply, "nodes");
+    size_t had;
+    mmv_uploaded(session->volume, &had);
+    if (!array || array->rows <= had) {
+        return DONE;
+    }
+    size_t count = array->rows, here = 0;
+    int64_t *ids = malloc(count * sizeof *ids), *nodes = malloc(count * sizeof *nodes);
+    int result = ids && nodes ? MESH_MOTION_OK : MESH_MOTION_OUT_OF_MEMORY;
+    if (result == MESH_MOTION_OK) {
+        mmi_take_integers(ids, fetched, array);
+        result = mmv_find(session->volume, count - had, ids + had, nodes);
+    }
+    for (size_t i = 0; result == MESH_MOTION_OK && i < count - had; ++i) {
+        if (nodes[i] >= 0) { /* else the mesh is another one, and has too few rows */
+            nodes[here++] = nodes[i];
+        }
+    }
+    result = result == MESH_MOTION_OK ? mmv_extend(session->volume, here, nodes) : result;
+    free(ids);
+    free(nodes);
+    return result == MESH_MOTION_OK ? DONE : kernels_failed(session, result);
+}
+
 outcome mmi_check_reference(mm_session *session)
 {
     size_t count, d = (size_t)session->dimension;
-    const int64_t *nodes = mmv_uploaded(session->volume, &count);
+    const int64_t *nodes;
     answer fetched = {0};
     double *rows = NULL;
     request fetch = mmi_session_request(session, "FETCH", "FETCHED");
     mmi_add_text(&fetch, "what", "reference");
     outcome how = mmi_deliver(session, &fetch, session->context->timeout, &fetched);
+    how = how == DONE ? know_uploaded(session, &fetched) : how;
     how = how == DONE ? take_uploaded(session, &fetched, "points", &rows) : how;
+    nodes = mmv_uploaded(session->volume, &count);
     for (size_t row = 0; how == DONE && row < count; ++row) {
         if (memcmp(rows + row * d, mmv_points(session->volume) + (size_t)nodes[row] * d, d * sizeof *rows) != 0) {
             how = mmi_fail(session->context, "INVALID_ARGUMENT",
@@ -854,6 +940,11 @@ static outcome not_built_in(const mm_session *session)
 }
 outcome mmi_make_volume(mm_session *session) { return session->evaluates ? not_built_in(session) : DONE; }
 outcome mmi_gather_blocks(mm_session *session) { return not_built_in(session); }
+outcome mmi_add_near_cells(mm_session *session, const answer *built)
+{
+    (void)built;
+    return not_built_in(session);
+}
 outcome mmi_check_reference(mm_session *session) { return not_built_in(session); }
 outcome mmi_take_trial(mm_session *session, const answer *moved, double *to)
 {

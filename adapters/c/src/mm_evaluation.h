@@ -12,6 +12,9 @@ outcome mmi_make_volume(mm_session *session);
 void mmi_forget_volume(mm_session *session);
 /* Replace the blocks by what is uploaded of the mesh: its boundary, and the number of cells. */
 outcome mmi_gather_blocks(mm_session *session);
+/* Add to the blocks what the next upload has, for the layers of thin cells: the cells within session->reach of the walls
+ * in BUILT, and their nodes. */
+outcome mmi_add_near_cells(mm_session *session, const answer *built);
 /* FAILED unless the mesh that the caller gave for mm_join or mm_resume is that of the session. */
 outcome mmi_check_reference(mm_session *session);
 

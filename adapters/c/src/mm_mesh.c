@@ -204,11 +204,27 @@ static outcome upload(mm_session *session)
     return how;
 }
 
-static outcome build(mm_session *session)
+static outcome upload_and_build(mm_session *session)
 {
     answer built = {0};
-    request ask_build = mmi_session_request(session, "BUILD", "BUILT");
-    outcome how = mmi_deliver(session, &ask_build, session->context->compute_timeout, &built);
+    outcome how = DONE;
+    for (int is_asked = 1; how == DONE && is_asked;) { /* for more cells near moving walls (SPEC 23.2) */
+        mmi_free_answer(&built);
+        how = upload(session);
+        if (how == DONE) {
+            request ask_build = mmi_session_request(session, "BUILD", "BUILT");
+            if (session->evaluates) {
+                mmi_add_number(&ask_build, "reach", session->reach);
+            }
+            how = mmi_deliver(session, &ask_build, session->context->compute_timeout, &built);
+        }
+        double reach = how == DONE ? mm_report_number(&built.reply.report, "reach") : 0.0;
+        is_asked = reach > 0.0;
+        if (is_asked) {
+            session->reach = reach;
+            how = mmi_add_near_cells(session, &built);
+        }
+    }
     if (how == DONE) {
         how = mmi_take_moving_nodes(session, &built);
     }
@@ -258,8 +274,7 @@ mm_result mm_build(mm_session *session)
         return context->error;
     }
     for (int attempt = 1;; ++attempt) {
-        how = upload(session);
-        how = how == DONE ? build(session) : how;
+        how = upload_and_build(session);
         /* SPEC 11.6: a session that was not built is lost with its worker, so another one is opened */
         int is_gone = context->error == MM_UNAVAILABLE || context->error == MM_NOT_FOUND;
         if (!is_gone || session->partitions > 1 || attempt == OPEN_ATTEMPTS) {

@@ -306,6 +306,7 @@ static outcome open_session(mm_session *session, double deadline)
     mmi_add_levels(&ask_open, session);
     session->may_resume = session->joined = session->has_trial = 0;
     session->part = session->part_row = 0;
+    session->reach = 0.0;
     session->step = session->durable_step = 0;
     forget_moving_nodes(session);
     outcome how = mmi_ask(context, &session->opening, &ask_open, mmi_seconds_left(deadline), &opened);

@@ -65,6 +65,7 @@ struct mm_session {
     /* evaluation = "client": */
     int evaluates;
     struct mmv_volume *volume;
+    double reach; /* of the next BUILD: within which distance of the moving walls the server has the cells */
     request accepted[MOST_ACCEPTED]; /* JUDGE and CORRECT of the trial, with arrays of their own, to be sent again */
     size_t accepted_count;
     freed trial_freed, committed_freed; /* where the last correction put nodes */

@@ -7,10 +7,10 @@
 
 struct mmv_volume {
     int dimension;
-    size_t nodes, uploaded_count;
+    size_t nodes, cell_count, uploaded_count, boundary_count; /* the first uploaded nodes; then those near walls */
     double *points, *moved; /* where the nodes are at rest, and where they were judged last */
     mesh_motion_cells *cells;
-    bool *is_uploaded, *has_cell;
+    bool *is_uploaded, *has_cell, *is_sent; /* the last: of cells */
     int64_t *uploaded;
     const mesh_motion_facets *facets; /* of the boundary */
     int64_t *ids; /* in the whole mesh; NULL: the same */
@@ -74,25 +74,32 @@ void mmv_free(mmv_volume *volume)
     free(volume->moved);
     free(volume->is_uploaded);
     free(volume->has_cell);
+    free(volume->is_sent);
     free(volume->uploaded);
     free(volume->ids);
     free(volume);
 }
 
+size_t mmv_corners_of(const char *type)
+{
+    return strcmp(type, "line") == 0         ? 2
+           : strcmp(type, "triangle") == 0   ? 3
+           : strcmp(type, "pyramid") == 0    ? 5
+           : strcmp(type, "wedge") == 0      ? 6
+           : strcmp(type, "hexahedron") == 0 ? 8
+                                             : 4;
+}
+
 int mmv_add_cells(mmv_volume *volume, const char *type, size_t cells, const void *nodes, size_t width)
 {
-    size_t corners = strcmp(type, "line") == 0         ? 2
-                     : strcmp(type, "triangle") == 0   ? 3
-                     : strcmp(type, "pyramid") == 0    ? 5
-                     : strcmp(type, "wedge") == 0      ? 6
-                     : strcmp(type, "hexahedron") == 0 ? 8
-                                                       : 4;
+    size_t corners = mmv_corners_of(type);
     for (size_t i = 0; i < cells * corners; ++i) {
         uint64_t node = (uint64_t)(width == 8 ? ((const int64_t *)nodes)[i] : ((const int32_t *)nodes)[i]);
         if (node < volume->nodes) { /* all others are refused below */
             volume->has_cell[node] = true;
         }
     }
+    volume->cell_count += cells;
     if (width == 8) {
         return mesh_motion_cells_add(volume->cells, type, (int64_t)cells, nodes);
     }
@@ -166,8 +173,10 @@ int mmv_finish(mmv_volume *volume)
     for (size_t i = 0; result == MESH_MOTION_OK && i < volume->nodes; ++i) {
         volume->uploaded_count += volume->is_uploaded[i];
     }
+    volume->boundary_count = volume->uploaded_count;
     volume->uploaded = malloc((volume->uploaded_count + 1) * sizeof *volume->uploaded);
-    if (!volume->uploaded) {
+    volume->is_sent = calloc(volume->cell_count + 1, sizeof *volume->is_sent);
+    if (!volume->uploaded || !volume->is_sent) {
         return MESH_MOTION_OUT_OF_MEMORY;
     }
     for (size_t i = 0, row = 0; result == MESH_MOTION_OK && i < volume->nodes; ++i) {
@@ -192,7 +201,7 @@ const int64_t *mmv_uploaded(const mmv_volume *volume, size_t *count)
 
 int64_t mmv_row_of(const mmv_volume *volume, int64_t node)
 {
-    size_t low = 0, high = volume->uploaded_count;
+    size_t low = 0, high = volume->boundary_count;
     while (low < high) {
         size_t middle = (low + high) / 2;
         if (volume->uploaded[middle] < node) {
@@ -233,6 +242,51 @@ void mmv_copy_facets(const mmv_volume *volume, size_t corners, int64_t *rows)
             *rows++ = mmv_row_of(volume, facet[k]);
         }
     }
+}
+
+int mmv_extend(mmv_volume *volume, size_t count, const int64_t *nodes)
+{
+    int64_t *uploaded = realloc(volume->uploaded, (volume->uploaded_count + count + 1) * sizeof *uploaded);
+    if (!uploaded) {
+        return MESH_MOTION_OUT_OF_MEMORY;
+    }
+    volume->uploaded = uploaded;
+    for (size_t i = 0; i < count; ++i) {
+        uploaded[volume->uploaded_count++] = nodes[i];
+        volume->is_uploaded[nodes[i]] = true;
+    }
+    return MESH_MOTION_OK;
+}
+
+int mmv_near(mmv_volume *volume, size_t facets, const double *wall, double reach, const mesh_motion_region **found,
+             int64_t **rows)
+{
+    int64_t n = (int64_t)volume->nodes, *row = malloc((volume->nodes + 1) * sizeof *row);
+    bool *near = malloc(volume->nodes + 1);
+    int result = row && near ? MESH_MOTION_OK : MESH_MOTION_OUT_OF_MEMORY;
+    if (result == MESH_MOTION_OK) {
+        result = mesh_motion_near_facets(volume->dimension, n, volume->points, (int64_t)facets, wall, reach, near);
+    }
+    if (result == MESH_MOTION_OK) {
+        result = mesh_motion_cells_about_create(volume->cells, n, near, volume->is_sent, found);
+    }
+    size_t added = 0;
+    for (int64_t i = 0; result == MESH_MOTION_OK && i < (*found)->nodes; ++i) {
+        if (!volume->is_uploaded[(*found)->indices[i]]) {
+            row[added++] = (*found)->indices[i];
+        }
+    }
+    result = result == MESH_MOTION_OK ? mmv_extend(volume, added, row) : result;
+    for (size_t i = 0; result == MESH_MOTION_OK && i < volume->uploaded_count; ++i) {
+        row[volume->uploaded[i]] = (int64_t)i;
+    }
+    *rows = result == MESH_MOTION_OK ? malloc(((size_t)(*found)->corners + 1) * sizeof **rows) : NULL;
+    for (int64_t i = 0; *rows && i < (*found)->corners; ++i) {
+        (*rows)[i] = row[(*found)->indices[(*found)->rows[i]]];
+    }
+    free(row);
+    free(near);
+    return result == MESH_MOTION_OK && !*rows ? MESH_MOTION_OUT_OF_MEMORY : result;
 }
 
 const double *mmv_points(const mmv_volume *volume) { return volume->points; }

@@ -15,6 +15,7 @@ typedef struct mmv_volume mmv_volume;
 /* Copies the points (nodes, dimension); NULL where there is no memory. */
 mmv_volume *mmv_new(int dimension, size_t nodes, const double *points);
 void mmv_free(mmv_volume *volume);
+size_t mmv_corners_of(const char *type);
 /* Copies what it is given; node numbers of 4 or 8 bytes. */
 int mmv_add_cells(mmv_volume *volume, const char *type, size_t cells, const void *nodes, size_t width);
 /* Copies the nodes' numbers in the whole mesh; without a call they are those here. */
@@ -22,14 +23,22 @@ int mmv_set_ids(mmv_volume *volume, const int64_t *ids);
 void mmv_add_patch(mmv_volume *volume, size_t nodes, const int64_t *indices);
 /* After the last cells and patches: finds the nodes that the server must know. */
 int mmv_finish(mmv_volume *volume);
-/* Those nodes, ascending. */
+/* Those nodes, ascending, then those of mmv_extend and mmv_near in the order of the calls. */
 const int64_t *mmv_uploaded(const mmv_volume *volume, size_t *count);
-/* Which of them a node is. */
+/* Which of the first ones a node is. */
 int64_t mmv_row_of(const mmv_volume *volume, int64_t node);
 bool mmv_is_uploaded(const mmv_volume *volume, int64_t node);
 /* The facets of the boundary with so many corners, and their corners as rows of the uploaded nodes. */
 size_t mmv_count_facets(const mmv_volume *volume, size_t corners);
 void mmv_copy_facets(const mmv_volume *volume, size_t corners, int64_t *rows);
+/* The server knows these nodes too. */
+int mmv_extend(mmv_volume *volume, size_t count, const int64_t *nodes);
+/* The cells about the nodes within a reach of a wall's facets (facets, dimension, dimension), but for those that were
+ * so before, for the caller to free: `rows` are the corners of each as rows of the uploaded nodes, of which there are
+ * more afterwards.
+ */
+int mmv_near(mmv_volume *volume, size_t facets, const double *wall, double reach, const mesh_motion_region **found,
+             int64_t **rows);
 const double *mmv_points(const mmv_volume *volume);
 /* The first node that is in no cell; -1: there is none. */
 int64_t mmv_without_cell(const mmv_volume *volume);

@@ -259,6 +259,14 @@ module mesh_motion_kernels
          type(c_ptr), value :: facets
       end subroutine
 
+      integer(c_int) function mesh_motion_near_facets(d, n, points, count, facets, distance, near) bind(c)
+         import
+         integer(c_int64_t), value :: d, n, count
+         real(c_double), intent(in) :: points(*), facets(*)
+         real(c_double), value :: distance
+         logical(c_bool), intent(out) :: near(*)
+      end function
+
       integer(c_int) function mesh_motion_tally_create(cells, n, points, metric, tally) bind(c)
          import
          type(c_ptr), value :: cells
@@ -302,6 +310,16 @@ module mesh_motion_kernels
          real(c_double), intent(in) :: points(*)
          real(c_double), value :: below
          integer(c_int64_t), intent(in) :: nodes(*)
+         type(c_ptr), intent(out) :: region
+      end function
+
+      ! region: of type mesh_motion_region, by c_f_pointer
+      integer(c_int) function mesh_motion_cells_about_create(cells, n, marked, taken, region) bind(c)
+         import
+         type(c_ptr), value :: cells
+         integer(c_int64_t), value :: n
+         logical(c_bool), intent(in) :: marked(*)
+         logical(c_bool), intent(inout) :: taken(*)
          type(c_ptr), intent(out) :: region
       end function
 

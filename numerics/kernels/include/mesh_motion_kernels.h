@@ -209,6 +209,11 @@ MESH_MOTION_API int mesh_motion_facets_create(const mesh_motion_cells *cells, co
 /* NULL is admitted. */
 MESH_MOTION_API void mesh_motion_facets_free(const mesh_motion_facets *facets);
 
+/* near (n): whether points (n, d) are within a distance of facets (count, d, d), segments in the plane and triangles in
+ * space. */
+MESH_MOTION_API int mesh_motion_near_facets(int64_t d, int64_t n, const double *points, int64_t count,
+                                            const double *facets, double distance, bool *near);
+
 /* --- the cells of a rank, judged together with those of others ---------------------------------------------------- */
 
 #define MESH_MOTION_BINS 2048
@@ -264,6 +269,10 @@ typedef struct {
 MESH_MOTION_API int mesh_motion_region_create(const mesh_motion_tally *tally, int64_t n, const double *points,
                                               const char *metric, double below, int64_t rings, int64_t around, const int64_t *nodes,
                                               const mesh_motion_region **region);
+/* The cells about nodes that are marked (n), but for those that are taken (one a cell), which these are afterwards; in
+ * `whole` is 1 where all cells of a node are taken. */
+MESH_MOTION_API int mesh_motion_cells_about_create(const mesh_motion_cells *cells, int64_t n, const bool *marked,
+                                                   bool *taken, const mesh_motion_region **region);
 /* NULL is admitted. */
 MESH_MOTION_API void mesh_motion_region_free(const mesh_motion_region *region);
 

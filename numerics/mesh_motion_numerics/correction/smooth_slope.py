@@ -3,10 +3,11 @@
 At the minimum y of E(y, y_plain) (:mod:`.smooth_motion`) the gradient by the free nodes vanishes, whatever the plain
 motion is. So (implicit function theorem) ::
 
-    H dy_free = K dp_free − H_held dp_held − PENALTY m (y − p) d(1/σ),      dσ by the chain of averages
+    H dy_free = K dp_free − H_held dp_held − PENALTY m (y − p) d(1/σ) − G do,      dσ by the chain of averages
 
 with the Hessian H of the free nodes, its coupling H_held to the nodes about them, and the penalty's matrix K(σ). The
-activation σ depends on the plain mesh, so no correction is frozen.
+activation σ depends on the plain mesh, so no correction is frozen. In a mesh that bodies wind the distortion o at which
+cells begin to resist depends on the boundary, too; G is the derivative of the gradient by it.
 """
 
 from __future__ import annotations
@@ -69,22 +70,24 @@ class SmoothSlope:
             made = replace(made, points=points)
         return made
 
-    def apply(self, plain_change: Floats) -> Floats:
-        """(n, d) dy of dy_plain (n, d)."""
+    def apply(self, plain_change: Floats, later: float = 0.0) -> Floats:
+        """(n, d) dy of dy_plain (n, d), and of a change of the distortion at which cells begin to resist."""
         if self.region is None:
             return plain_change
         free, nodes, out = self.region.free.free, self.region.free.nodes, plain_change.copy()
         held = plain_change[nodes]
         held[: len(free)] = 0.0
         right = self.region.pull(plain_change[free])[1] - self._coupled(held)[: len(free)]
-        right -= self._pull_by_activation * self._activated(plain_change)[free, None]
+        right -= self._pull_by_activation * self._activated(plain_change, later)[free, None]
+        if later != 0.0:
+            right -= later * self._gradient_by_onset
         out[free] = self._solved(right)
         return out
 
-    def transpose(self, weights: Floats) -> Floats:
-        """(n, d) what dy_plain counts for weights (n, d) of dy."""
+    def transpose(self, weights: Floats) -> tuple[Floats, float]:
+        """What dy_plain (n, d) and the change of the distortion count for weights (n, d) of dy."""
         if self.region is None:
-            return weights
+            return weights, 0.0
         free, nodes, out = self.region.free.free, self.region.free.nodes, weights.copy()
         solved = self._solved(weights[free])
         local = np.zeros((len(nodes), weights.shape[1]))
@@ -93,7 +96,8 @@ class SmoothSlope:
         out[nodes[len(free) :]] -= self._coupled(local)[len(free) :]
         activated = np.zeros(len(weights))
         activated[free] = -np.sum(self._pull_by_activation * solved, axis=1)
-        return out + self._activated_transposed(activated)
+        by_plain, later = self._activated_transposed(activated)
+        return out + by_plain, later - float(np.sum(self._gradient_by_onset * solved))
 
     # --- the minimum -------------------------------------------------------------------------------------------------
 
@@ -154,6 +158,16 @@ class SmoothSlope:
         np.subtract.at(out, nodes[:, 0], forces.sum(axis=1))
         return out
 
+    @cached_property
+    def _gradient_by_onset(self) -> Floats:
+        """(f, d) derivative of the gradient by the distortion at which cells begin to resist."""
+        region, law, active = self._required, self.motion.law, self._active
+        d = self.plain.shape[1]
+        shares = np.zeros((len(self._distortions), d + 1, d))
+        weights = region.weights[active] * law.resistance(self._distortions[active])[2]
+        shares[active] = distortion_gradient(self._local, region.free.simplices.of(active), weights, law.norm)
+        return -np.asarray(region.free.adjacency.gather(shares))
+
     # --- the activation ----------------------------------------------------------------------------------------------
 
     @cached_property
@@ -186,11 +200,11 @@ class SmoothSlope:
         for sigma in self._sigma[:RINGS]:
             yield 1.0 - sigma, 1.0 - self.motion.averages @ sigma
 
-    def _activated(self, change: Floats) -> Floats:
-        """(n,) dσ of dp (n, d)."""
+    def _activated(self, change: Floats, later: float) -> Floats:
+        """(n,) dσ of dp (n, d), and of a change of the distortion at which cells begin to resist."""
         rows, slope, gradients = self._ramp
         nodes, alike = self.motion.corners.nodes[rows], self.motion.alike
-        of_corner = slope * np.einsum("cai,cai->c", gradients, change[nodes])
+        of_corner = slope * (np.einsum("cai,cai->c", gradients, change[nodes]) - later)
         sigma = np.zeros(len(change))
         np.add.at(sigma, alike[nodes], of_corner[:, None])
         sigma *= 1.0 - self._sigma[0]
@@ -198,8 +212,8 @@ class SmoothSlope:
             sigma = sigma * calm_about + calm * (self.motion.averages @ sigma)
         return np.asarray(sigma[alike])
 
-    def _activated_transposed(self, weights: Floats) -> Floats:
-        """(n, d) what dp counts for weights (n,) of dσ."""
+    def _activated_transposed(self, weights: Floats) -> tuple[Floats, float]:
+        """What dp (n, d) and the change of the distortion count for weights (n,) of dσ."""
         rows, slope, gradients = self._ramp
         nodes, alike = self.motion.corners.nodes[rows], self.motion.alike
         sigma: Floats = np.bincount(alike, weights=weights, minlength=len(weights)).astype(np.float64)
@@ -209,7 +223,7 @@ class SmoothSlope:
         of_corner = slope * sigma[alike[nodes]].sum(axis=1)
         out = np.zeros_like(self.plain)
         np.add.at(out, nodes, of_corner[:, None, None] * gradients)
-        return out
+        return out, -float(of_corner.sum())
 
 
 def not_at_minimum() -> QualityRefused:

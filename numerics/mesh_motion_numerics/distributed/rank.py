@@ -24,7 +24,7 @@ from mesh_motion_numerics.interpolation.evaluation import NearOperators
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets, boundary_nodes
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.mesh.closest_point import nearest_within
+from mesh_motion_numerics.mesh.closest_point import are_within
 from mesh_motion_numerics.quality.mesh_check import checked_cells, nodes_in_no_cell
 from mesh_motion_numerics.quality.metrics import WORST_CORNER, cell_quality, cells_at_rest, corner_quality
 
@@ -87,8 +87,7 @@ class Rank:
         (k,) int64 array, dict
             Nodes that the server must know too, now at the end of :attr:`nodes`; the cells by type, in rows of these.
         """
-        _, facets = nearest_within(wall, self._points, reach)
-        chosen = cells_of_nodes(self._cells, facets >= 0) & ~self._sent
+        chosen = cells_of_nodes(self._cells, are_within(wall, self._points, reach)) & ~self._sent
         self._sent |= chosen
         new = np.setdiff1d(np.flatnonzero(nodes_of_cells(self._cells, chosen, len(self._points))), self.nodes)
         self.extend(new)

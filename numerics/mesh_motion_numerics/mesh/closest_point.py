@@ -9,12 +9,13 @@ from collections.abc import Iterator
 
 import mesh_motion_kernels as kernels
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.points import padded
 
-__all__ = ["FacetSet", "nearest_within"]
+__all__ = ["FacetSet", "are_within", "nearest_within"]
 
 
 class FacetSet:
@@ -113,6 +114,14 @@ def nearest_within(corners: Floats, points: Floats, distance: float) -> tuple[Fl
         rows = rows[nearer]
         places[rows], facets[rows], best[rows] = found[nearer], own[numbers[nearer]], away[nearer]
     return places, facets
+
+
+def are_within(corners: Floats, points: Floats, distance: float) -> NDArray[np.bool_]:
+    """(n,) whether points (n, d) are within a distance of facets (f, 2 or 3, d), of sizes as different as they like."""
+    near, (facets, width, d) = np.zeros(len(points), dtype=bool), corners.shape
+    spatial = padded(corners.reshape(-1, d)).reshape(facets, width, 3)
+    kernels.points_near_facets(padded(points), spatial, distance, near)
+    return near
 
 
 def _near(points: Floats, others: Floats, distance: float) -> Integers:

@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import NoReturn, Self
 
 import numpy as np
-from mesh_motion_protocol.errors import InvalidInput, SessionError
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused, SessionError
 
 from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.blas import one_blas_thread
@@ -42,6 +42,7 @@ from mesh_motion_numerics.motion.motion_found import Motion
 from mesh_motion_numerics.motion.motion_slope import PlainSlope, plain_slope, why_no_slope
 from mesh_motion_numerics.motion.smooth_step import PlainWay, smooth_step
 from mesh_motion_numerics.motion.standard_motion import StandardMotion
+from mesh_motion_numerics.motion.winding import turned_on
 from mesh_motion_numerics.quality.headroom import Headroom
 from mesh_motion_numerics.quality.mesh_check import checked_cells
 from mesh_motion_numerics.quality.metrics import cells_at_rest
@@ -53,6 +54,8 @@ __all__ = ["BoundaryMotion", "reach_of_layers"]
 
 #: Of the box' diagonal: a node as near to a wall is on it, whichever partition's coordinates are taken.
 _ON_WALL = 1e-9
+#: Degrees: so near to half a turn it may be one either way.
+_UNCERTAIN = 1e-6
 #: Corrections that leave a role alone, or know it; others judge whether nodes slide, or hold them.
 _CORRECTIONS = {"slip": ("smooth",), "symmetry": ("smooth",), "periodic": ("none", "smooth")}
 
@@ -65,7 +68,7 @@ class BoundaryMotion:
     ----------
     motion : StandardMotion
         Of the nodes of the boundary, and of those that span the box of the mesh.
-    bodies : tuple of Body
+    bodies : dict of str to Body
         The moving patches.
     rims : PlaneRims
         Moving nodes on plane slip and symmetry walls.
@@ -74,7 +77,7 @@ class BoundaryMotion:
     """
 
     motion: StandardMotion
-    bodies: tuple[Body, ...]
+    bodies: Mapping[str, Body]
     rims: PlaneRims
     constraint: BoundaryConstraint | None
     warnings: tuple[str, ...] = ()
@@ -188,6 +191,7 @@ class BoundaryMotion:
         del boundary_displacement
         check_time()
         self.rims.refuse(targets)
+        self._refuse_winding(committed, targets)
         watch, recorded = Stopwatch(), Recorded(MakeEachTime() if factors is None else factors)
         trial = self.motion.trial(committed, targets, recorded, watch)
         unknown = LowestQuality(self.method.quality_metric, Minimum(float("nan")), 0, 0, ())
@@ -205,6 +209,23 @@ class BoundaryMotion:
             field=trial.stages[0].interpolant,
         )
 
+    def _refuse_winding(self, committed: Floats, targets: Floats) -> None:
+        """Raise if a body turns on beyond half a turn: the whole mesh would wind, and the field cannot."""
+        if self.method.correction != "smooth" or committed.shape[1] == 1:
+            return
+        moving = self.motion.roles.moving
+        for name, body in self.bodies.items():
+            rest, was = (points[moving[body.rows]] for points in (self.motion.reference, committed))
+            before, after = (np.degrees(angle) for angle in turned_on(rest, was, targets[body.rows]))
+            if abs(after) > 180.0 + _UNCERTAIN and abs(before) < 180.0 - _UNCERTAIN:
+                raise QualityRefused(
+                    f"evaluation = 'client': patch {name!r} turns from {before:.5g}° to {after:.5g}°, expected at most "
+                    "half a turn: the solver's own ranks do not wind a mesh",
+                    code="FAILED_PRECONDITION",
+                    hint="open the session with evaluation = 'server', or turn back",
+                    details={"patch": name},
+                )
+
     @cached_property
     def optimised(self) -> Self:
         """The same with the correction up to the threshold, which reaches most where no smooth motion is found."""
@@ -218,7 +239,7 @@ class BoundaryMotion:
         origin = self.motion.reference[self.motion.roles.moving]
         if self.motion.periodic is not None:  # images must move alike
             return iter([straight_way(origin, targets)])
-        return ways(origin, targets, self.bodies)
+        return ways(origin, targets, tuple(self.bodies.values()))
 
     @property
     def known(self) -> Integers:
@@ -342,15 +363,15 @@ def reach_of_layers(
     return reach, wall
 
 
-def _bodies(roles: BoundaryRoles, patches: Mapping[str, Patch]) -> tuple[Body, ...]:
+def _bodies(roles: BoundaryRoles, patches: Mapping[str, Patch]) -> dict[str, Body]:
     """Each moving patch is one: which of them are connected, cells elsewhere know."""
-    left, bodies = np.ones(len(roles.moving), dtype=bool), []
-    for patch in patches.values():
+    left, bodies = np.ones(len(roles.moving), dtype=bool), {}
+    for name, patch in patches.items():
         rows = np.flatnonzero(left & np.isin(roles.moving, patch.nodes)) if patch.role == "moving" else np.empty(0, int)
         left[rows] = False
         if len(rows):
-            bodies.append(Body(rows, np.empty(0, dtype=np.int64)))
-    return tuple(bodies)
+            bodies[name] = Body(rows, np.empty(0, dtype=np.int64))
+    return bodies
 
 
 def _needs_the_volume(what: str, patch: str = "") -> InvalidInput:

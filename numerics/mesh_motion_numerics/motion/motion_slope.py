@@ -9,6 +9,8 @@ the same maps backwards. Vectors are (nodes, d) arrays: velocities forwards, wei
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,6 +27,8 @@ from mesh_motion_numerics.motion.prepared_mesh import PreparedMesh
 from mesh_motion_numerics.motion.rigid_slope import RigidSlope, rigid_slope
 from mesh_motion_numerics.motion.smooth_step import LatestPlain
 from mesh_motion_numerics.motion.standard_motion import StandardMotion
+from mesh_motion_numerics.motion.winding import Turns
+from mesh_motion_numerics.motion.winding_slope import WindingSlope
 from mesh_motion_numerics.stopwatch import Stopwatch
 
 __all__ = ["DifferentiableMesh", "MotionSlope", "PlainSlope", "motion_slope", "plain_slope", "why_no_slope"]
@@ -42,19 +46,30 @@ class MotionSlope:
     ----------
     smooth : SmoothSlope or None
         Of the correction; None without one.
+    winding : WindingSlope or None
+        Of what winds the plain motion; None if no body has turned by more than a quarter turn.
     """
 
     plain: PlainSlope
     smooth: SmoothSlope | None
+    winding: WindingSlope | None = None
 
     def tangent(self, velocity: Floats) -> Floats:
         """(n, d) J v: velocities of all nodes, for those (k, d) of the moving nodes in their order."""
-        plain = self.plain.apply(velocity)
-        return plain if self.smooth is None else self.smooth.apply(plain)
+        winding, later = self.winding, 0.0
+        if winding is None:
+            plain = self.plain.apply(velocity)
+        else:
+            plain, later = winding.wound(self.plain.apply(winding.back(velocity)), velocity), winding.later(velocity)
+        return plain if self.smooth is None else self.smooth.apply(plain, later)
 
     def cotangent(self, weights: Floats) -> Floats:
         """(k, d) Jᵀ w: the derivative of Σ w · y by the moving nodes' positions, for (n, d) weights w of all nodes."""
-        return self.plain.transpose(weights if self.smooth is None else self.smooth.transpose(weights))
+        plain, later = (weights, 0.0) if self.smooth is None else self.smooth.transpose(weights)
+        if self.winding is None:
+            return self.plain.transpose(plain)
+        plain, moving = self.winding.unwound(plain, later)
+        return moving + self.winding.back_transposed(self.plain.transpose(plain))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +99,9 @@ class DifferentiableMesh(PreparedMesh):
         if refusal is not None:
             raise refusal
         targets, layered = points[self.roles.moving], self.carrying_layers
-        if self.winding is not None and self.winding.turns(points, targets) is not None:
-            raise QualityRefused(
-                "a body has turned by more than a quarter turn: the motion that winds the mesh is not differentiated",
-                code="FAILED_PRECONDITION",
-                hint="ask at a smaller turn",
-            )
+        turns = None if self.winding is None else self.winding.turns(points, targets)
+        if turns is not None:
+            return self._wound_slope(points, turns, factors)
 
         def plain_of(motion: StandardMotion) -> Floats:
             return motion.trial(self.points, targets, factors, Stopwatch()).points
@@ -107,6 +119,27 @@ class DifferentiableMesh(PreparedMesh):
             plain = plain_of(motion)
             if np.abs(plain - points).max() <= _SAME * np.ptp(bounding_box(self.points), axis=0).max():
                 return motion_slope(motion, None, plain, points, factors)
+        raise not_at_minimum()
+
+    def _wound_slope(self, points: Floats, turns: Turns, factors: FactorSource) -> MotionSlope:
+        """That at ``points`` (n, d) which bodies may have wound; turns that are uncertain are the least."""
+        winding, motion, targets = self.winding, self.carrying_layers, points[self.roles.moving]
+        assert winding is not None
+        assert self.smooth is not None
+        for meant in (turns if turns.certain else None, turns.unwound):
+            if meant is None:
+                continue
+            back, wind = winding.winds(targets, meant, 1.0)
+            plain = motion.trial(self.points, back, factors, Stopwatch()).points
+            smooth, wound = copy(self.smooth.later(winding.sheared(meant))), wind(plain)
+            with suppress(QualityRefused):  # the other turns may have led there
+                found = SmoothSlope.build(smooth, wound, points)
+                away = np.abs(wound - points).max(axis=1)
+                if found.region is not None:
+                    away[found.region.free.free] = 0.0
+                if away.max() <= _SAME * np.ptp(bounding_box(self.points), axis=0).max():
+                    slope = WindingSlope.build(winding, meant, targets, plain)
+                    return MotionSlope(plain_slope(motion, plain, factors), found, slope)
         raise not_at_minimum()
 
 

@@ -42,7 +42,17 @@ from mesh_motion_numerics.decomposition import nearest_rotation
 from mesh_motion_numerics.mesh.paths import fit_rigid_motion
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
 
-__all__ = ["UNWOUND", "Turns", "Winding", "WindingBody", "winding_body", "wound"]
+__all__ = [
+    "UNWOUND",
+    "Turns",
+    "Winding",
+    "WindingBody",
+    "fitted_rotation",
+    "turned_on",
+    "winding_body",
+    "wound",
+    "wound_slope",
+]
 
 UNWOUND = "the mesh can be wound no further: it goes on from the least turn to the same boundary, and nodes jump"
 """The warning of a step that could not go on from the committed mesh's turn."""
@@ -134,11 +144,10 @@ class Winding:
         axes, before, after, certain = [], [], [], []
         for body in self.bodies:
             rest, was = self.reference[self.moving[body.rows]], committed[self.moving[body.rows]]
-            old, new = _fitted(rest, was), _fitted(rest, targets[body.rows])
+            old, new = fitted_rotation(rest, was), fitted_rotation(rest, targets[body.rows])
             chain = self._rotations(body, committed)
             relative = (chain[1:] * chain[:-1].inv()).as_rotvec()
-            about = chain[0].as_rotvec() + relative.sum(axis=0) + (new * old.inv()).as_rotvec()
-            axis = 2 if self.reference.shape[1] == 2 else int(np.argmax(np.abs(about)))
+            axis = _axis(chain[0].as_rotvec() + relative.sum(axis=0), old, new, rest.shape[1])
             counted = np.unwrap(np.append(0.0, _twist(chain, axis)))
             axes.append(axis)
             before.append(_nearest(_twist(old, axis), counted[-1]))
@@ -172,9 +181,9 @@ class Winding:
         """
         back, winds = targets.copy(), []
         nearly = turns.before + fraction * (turns.after - turns.before)
-        for body, axis, share, near in zip(self.bodies, turns.axes, self._shares, nearly, strict=True):
+        for body, axis, share, near in zip(self.bodies, turns.axes, self.shares, nearly, strict=True):
             own = targets[body.rows]
-            angle = wound(_nearest(_twist(_fitted(self.reference[self.moving[body.rows]], own), axis), near))
+            angle = wound(_nearest(_twist(fitted_rotation(self.reference[self.moving[body.rows]], own), axis), near))
             if angle != 0.0:
                 centre = own.mean(axis=0)
                 back[body.rows] += _turn(own, centre, axis, np.full(len(own), -angle))
@@ -190,16 +199,22 @@ class Winding:
     def sheared(self, turns: Turns) -> float:
         """The distortion log(1 + γ²/d) of cells that are sheared by γ, as most cells at the targets are at most."""
         d = self.reference.shape[1]
-        strained = (shear * wound(angle) for shear, angle in zip(self._shears, turns.after, strict=True))
+        strained = (shear * wound(angle) for shear, angle in zip(self.shears, turns.after, strict=True))
         return float(_LATER * sum(np.log1p(gamma**2 / d) for gamma in strained))
 
+    def sheared_slopes(self, turns: Turns) -> list[float]:
+        """The derivatives of :meth:`sheared` by each body's φ."""
+        d = self.reference.shape[1]
+        both = ((shear, shear * wound(angle)) for shear, angle in zip(self.shears, turns.after, strict=True))
+        return [_LATER * 2.0 * gamma * shear / (d + gamma**2) for shear, gamma in both]
+
     @cached_property
-    def _shears(self) -> list[float]:
+    def shears(self) -> list[float]:
         """|x − c| |∇g|, which most cells have at most, for each body."""
         nodes = self.simplices
         edges = self.reference[nodes[:, 1:]] - self.reference[nodes[:, :1]]
         found = []
-        for body, share in zip(self.bodies, self._shares, strict=True):
+        for body, share in zip(self.bodies, self.shares, strict=True):
             arms = self.reference[nodes].mean(axis=1) - self.reference[self.moving[body.rows]].mean(axis=0)
             slopes = np.linalg.solve(edges, (share[nodes[:, 1:]] - share[nodes[:, :1]])[:, :, None])[:, :, 0]
             shears = np.linalg.norm(arms, axis=1) * np.linalg.norm(slopes, axis=1)
@@ -213,7 +228,7 @@ class Winding:
         """
         found = points.copy()
         for body, axis, share, angle in zip(
-            self.bodies, turns.axes, self._shares, (end - begin) * (turns.after - turns.before), strict=True
+            self.bodies, turns.axes, self.shares, (end - begin) * (turns.after - turns.before), strict=True
         ):
             nodes = self.moving[body.rows]
             was, goes = (p[nodes].mean(axis=0) for p in (before, plain))
@@ -222,7 +237,7 @@ class Winding:
         return found
 
     @cached_property
-    def _shares(self) -> Floats:
+    def shares(self) -> Floats:
         """g (b, n) of the bodies."""
         shares = np.zeros((len(self.bodies), len(self.reference)))
         body_of = np.full(len(self.reference), -1)
@@ -296,13 +311,40 @@ def _chain(simplices: NDArray[np.integer], first: Marks, last: Marks) -> Integer
     return np.array(chain[::-1], dtype=np.int64)
 
 
+def turned_on(rest: Floats, was: Floats, now: Floats) -> tuple[float, float]:
+    """The turn of a body (b, d) at one place, and from there by the smallest change at another one, radians.
+
+    It is the least turn that leads to the first place, and about the coordinate axis that is nearest to the rotation's.
+    """
+    old, new = fitted_rotation(rest, was), fitted_rotation(rest, now)
+    axis = _axis(old.as_rotvec(), old, new, rest.shape[1])
+    before = float(_twist(old, axis))
+    return before, _nearest(_twist(new, axis), before)
+
+
+def _axis(about: Floats, old: Rotation, new: Rotation, d: int) -> int:
+    """The coordinate axis nearest to that of a rotation ``about`` (3,), and of the smallest one from old to new."""
+    return 2 if d == 2 else int(np.argmax(np.abs(about + (new * old.inv()).as_rotvec())))
+
+
 def wound(angle: float) -> float:
     """φ of a turn θ, radians."""
-    s = float(np.clip((abs(angle) - _FIRST) / (_ALL - _FIRST), 0.0, 1.0))
+    s = _begun(angle)
     return angle * s**3 * (10.0 + s * (6.0 * s - 15.0))
 
 
-def _fitted(rest: Floats, moved: Floats) -> Rotation:
+def wound_slope(angle: float) -> float:
+    """dφ/dθ of a turn θ, radians."""
+    s = _begun(angle)
+    return s**3 * (10.0 + s * (6.0 * s - 15.0)) + abs(angle) * 30.0 * (s * (1.0 - s)) ** 2 / (_ALL - _FIRST)
+
+
+def _begun(angle: float) -> float:
+    """How much of the way from a quarter turn to three quarters a turn has gone."""
+    return float(np.clip((abs(angle) - _FIRST) / (_ALL - _FIRST), 0.0, 1.0))
+
+
+def fitted_rotation(rest: Floats, moved: Floats) -> Rotation:
     """The rotation of a body from its nodes (b, d)."""
     rigid = fit_rigid_motion(rest, moved)
     return Rotation.from_rotvec(rigid.angle * rigid.axis)

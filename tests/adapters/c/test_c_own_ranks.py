@@ -8,6 +8,7 @@ from ctypes import byref, c_char_p, c_double, c_int, c_int64, c_size_t, c_void_p
 
 import numpy as np
 import pytest
+from layered_grids import beyond_the_wall, grid, pitched
 from mesh_motion_client import Credentials, Mesh, Patch, connect
 from own_ranks import CORRECTED, SETTINGS, as_client, bend, in_pieces, on_ranks
 from own_ranks import whole as box
@@ -179,7 +180,7 @@ class CSession:
         count = c_size_t()
         self.c.mm_moving_nodes.restype = ctypes.POINTER(c_int64)
         found = self.c.mm_moving_nodes(self.session, byref(count))
-        return np.array(found[: count.value])
+        return np.array(found[: count.value], dtype=np.int64)
 
     def move(self, displacement, frame=SINCE_REFERENCE):
         rows, found = np.ascontiguousarray(displacement), np.full_like(self.mesh.points, np.nan)
@@ -423,29 +424,79 @@ def test_a_rank_in_c_next_to_ranks_in_python(prefix, tmp_path, name):
 
     with ServerProcess(tmp_path) as server:
         expected = on_ranks(server, parts, work, {})
-        with CSession(prefix, server.endpoint) as session, ThreadPoolExecutor(2) as pool:
-            session.call("set_partition", c_int(0), c_int(3))
-            session.describe(parts[0])
-            session.call("set_evaluation", b"client")
-            session.call("open")
-            credentials = session.credentials
-
-            def join(rank):
-                with (
-                    connect(server.endpoint) as client,
-                    client.join(credentials, parts[rank], partition=rank) as joined,
-                ):
-                    return work(joined, parts[rank])
-
-            others = [pool.submit(join, rank) for rank in (1, 2)]
-            session.call("build")
-            mixed = [work(session, parts[0]), *(other.result() for other in others)]
+        mixed = first_in_c(prefix, server, parts, work)
     assert any(len(moving) for *_, moving in expected)
     for (moved, velocity, back, moving), (there, velocities, rows, nodes) in zip(mixed, expected, strict=True):
         np.testing.assert_array_equal(moving, nodes)
         np.testing.assert_array_equal(moved, there)
         np.testing.assert_allclose(velocity, velocities, rtol=0.0, atol=1e-12)
         np.testing.assert_allclose(back, rows, rtol=0.0, atol=1e-8 * np.abs(weights).sum())
+
+
+def first_in_c(prefix, server, parts, work):
+    """``work(session, part)`` on ranks of which the first is one in C, and all others are in Python."""
+    with CSession(prefix, server.endpoint) as session, ThreadPoolExecutor(len(parts)) as pool:
+        session.call("set_partition", c_int(0), c_int(len(parts)))
+        session.describe(parts[0])
+        session.call("set_evaluation", b"client")
+        session.call("open")
+        credentials = session.credentials
+
+        def join(rank):
+            with (
+                connect(server.endpoint) as client,
+                client.join(credentials, parts[rank], partition=rank) as joined,
+            ):
+                return work(joined, parts[rank])
+
+        others = [pool.submit(join, rank) for rank in range(1, len(parts))]
+        session.call("build")
+        return [work(session, parts[0]), *(other.result() for other in others)]
+
+
+# --- layers of thin cells ---------------------------------------------------------------------------------------------
+
+
+def pitch(session, part):
+    """Displacements and points of two steps, with derivatives behind each: the same of a session in C and in Python."""
+    moving, found = session.moving_nodes, []
+    for degrees in (1.0, 25.0):
+        moved = session.move(pitched(part.points[moving], degrees))
+        velocity = session.tangent(np.sin(5.0 * part.points[moving]))
+        getattr(session, "commit", lambda: session.call("commit"))()
+        found += [getattr(moved, "displacement", moved), session.points(), velocity]
+    return found
+
+
+def assert_same_pitch(found, there):
+    """Nodes bitwise, velocities to rounding."""
+    for number, (one, known) in enumerate(zip(found, there, strict=True)):
+        np.testing.assert_allclose(one, known, rtol=0.0, atol=1e-12 if number % 3 == 2 else 0.0)
+
+
+@pytest.mark.parametrize("kind", ["quads", "triangles", "wing"])
+def test_layers_are_carried_as_by_python(prefix, endpoint, kind):
+    mesh = grid(kind)
+    with connect(endpoint) as server, server.open(mesh, evaluation="client") as expected:
+        there = pitch(expected, mesh)
+    with CSession(prefix, endpoint) as session:
+        session.open(mesh, {})
+        found = pitch(session, mesh)
+        with CSession(prefix, endpoint) as other:
+            other.describe(mesh)
+            other.resume(session.credentials)
+            np.testing.assert_array_equal(other.points(), found[-2])
+    assert_same_pitch(found, there)
+
+
+@pytest.mark.parametrize("first", ["at the wall", "beyond the wall"])
+def test_layers_next_to_ranks_in_python(prefix, tmp_path, first):
+    parts = beyond_the_wall(grid("quads"))[:: 1 if first == "at the wall" else -1]
+    with ServerProcess(tmp_path) as server:
+        expected = on_ranks(server, parts, pitch, {})
+        mixed = first_in_c(prefix, server, parts, pitch)
+    for found, there in zip(mixed, expected, strict=True):
+        assert_same_pitch(found, there)
 
 
 @pytest.mark.parametrize("name", ["derivatives.cpp", "derivatives.f90"])

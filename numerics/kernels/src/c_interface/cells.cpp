@@ -2,6 +2,7 @@
 #include <memory>
 
 #include "c_interface/held_cells.h"
+#include "mesh/closest_point.h"
 #include "mesh/facets.h"
 
 using namespace mesh_motion;
@@ -113,6 +114,22 @@ int mesh_motion_facets_create(const mesh_motion_cells* cells, const mesh_motion_
 }
 
 void mesh_motion_facets_free(const mesh_motion_facets* facets) { delete static_cast<const HeldFacets*>(facets); }
+
+int mesh_motion_near_facets(int64_t d, int64_t n, const double* points, int64_t count, const double* facets,
+                            double distance, bool* near) {
+    return answered([&] {
+        expect(d == 2 || d == 3, "d", "2 or 3");
+        const auto spatial = [d](auto rows) {
+            std::vector<double> padded(rows.size() / d * 3);
+            for (Index i = 0; i < rows.size(); ++i) padded[i / d * 3 + i % d] = rows.data()[i];
+            return padded;
+        };
+        const auto at = spatial(array("points", points, std::array{n, d}));
+        const auto corners = spatial(array("facets", facets, std::array{count, d, d}));
+        points_near_facets({at.data(), {n, 3}}, {corners.data(), {count, d, 3}}, distance,
+                           array("near", near, std::array{n}));
+    });
+}
 
 int mesh_motion_cell_sizes(const mesh_motion_cells* cells, int64_t n, const double* points, double* sizes) {
     return answered([&] {

@@ -262,6 +262,46 @@ void mark_nodes(const mesh_motion_cells& cells, std::vector<char>& marks, F&& wa
     });
 }
 
+/// Whether a cell has a node that is marked.
+auto touches(const std::vector<char>& marked) {
+    return [&marked](Index, const Node* nodes, Index count) {
+        return std::any_of(nodes, nodes + count, [&](Index node) { return marked[node]; });
+    };
+}
+
+/// The chosen cells, without any others to compare with; of the n nodes those are marked whose cells are all chosen.
+std::unique_ptr<HeldRegion> held_region(const mesh_motion_cells& cells, Index n, const std::vector<char>& chosen,
+                                        const std::vector<char>& marks) {
+    auto made = std::make_unique<HeldRegion>();
+    std::vector<char> here(n);
+    std::vector<Index> row(n);
+    mark_nodes(cells, here, [&](Index cell, const Node*, Index) { return chosen[cell]; });
+    for (Index node = 0; node < n; ++node) {
+        if (!here[node]) continue;
+        row[node] = static_cast<Index>(made->node.size());
+        made->node.push_back(node);
+        made->whole_of.push_back(marks[node]);
+    }
+    made->least_skew = made->least_size = 1.0;
+    Index type = 0;
+    for (const auto& kind : cell_types) {
+        made->cells[type] = 0;
+        Index cell = 0;
+        for (const auto& [held, rows] : cells.held) {
+            for (std::size_t at = 0; at < rows.size(); at += held->nodes, ++cell) {
+                if (held != &kind || !chosen[cell]) continue;
+                ++made->cells[type];
+                for (Index k = 0; k < kind.nodes; ++k) made->corner.push_back(row[rows[at + k]]);
+            }
+        }
+        made->names[type++] = kind.name;
+    }
+    made->nodes = static_cast<Index>(made->node.size());
+    made->corners = static_cast<Index>(made->corner.size());
+    made->indices = made->node.data(), made->whole = made->whole_of.data(), made->rows = made->corner.data();
+    return made;
+}
+
 }  // namespace
 
 int mesh_motion_region_create(const mesh_motion_tally* tally, int64_t n, const double* points, const char* metric,
@@ -272,7 +312,7 @@ int mesh_motion_region_create(const mesh_motion_tally* tally, int64_t n, const d
         const auto& own = given(tally, "tally");
         const auto& cells = *own.cells;
         const Qualities found(own, cells.points(n, points));
-        std::vector<char> bad(cells.count), chosen(cells.count), marks(n), here(n);
+        std::vector<char> bad(cells.count), chosen(cells.count), marks(n);
         const auto values = found.values(own, cells.points(n, points), &given(metric, "metric"));
         for (Index cell = 0; cell < cells.count; ++cell) bad[cell] = found.inverted[cell] || values[cell] < below;
         mark_nodes(cells, marks, [&](Index cell, const Node*, Index) { return bad[cell]; });
@@ -280,11 +320,6 @@ int mesh_motion_region_create(const mesh_motion_tally* tally, int64_t n, const d
             expect(node >= 0 && node < n, "nodes", "numbers of nodes");
             marks[node] = true;
         }
-        const auto touches = [](const std::vector<char>& marked) {
-            return [&marked](Index, const Node* nodes, Index count) {
-                return std::any_of(nodes, nodes + count, [&](Index node) { return marked[node]; });
-            };
-        };
         for (Index ring = 0; ring < rings; ++ring) {
             const std::vector<char> before = marks;
             mark_nodes(cells, marks, touches(before));
@@ -292,38 +327,31 @@ int mesh_motion_region_create(const mesh_motion_tally* tally, int64_t n, const d
         by_cell(cells, [&](Index cell, const Node* nodes, Index count) {
             chosen[cell] = bad[cell] || touches(marks)(cell, nodes, count);
         });
-        mark_nodes(cells, here, [&](Index cell, const Node*, Index) { return chosen[cell]; });
-        auto made = std::make_unique<HeldRegion>();
-        std::vector<Index> row(n);
-        for (Index node = 0; node < n; ++node) {
-            if (!here[node]) continue;
-            row[node] = static_cast<Index>(made->node.size());
-            made->node.push_back(node);
-            made->whole_of.push_back(marks[node]);
-        }
-        made->least_skew = made->least_size = 1.0;
+        auto made = held_region(cells, n, chosen, marks);
         for (Index cell = 0; cell < cells.count; ++cell) {
             if (chosen[cell]) continue;
             made->least_size = std::min(made->least_size, found.size[cell]);
             if (own.skews.empty()) continue;
             made->least_skew = std::min(made->least_skew, found.inverted[cell] ? 0.0 : found.relative[cell]);
         }
-        Index type = 0;
-        for (const auto& kind : cell_types) {
-            made->cells[type] = 0;
-            Index cell = 0;
-            for (const auto& [held, rows] : cells.held) {
-                for (std::size_t at = 0; at < rows.size(); at += held->nodes, ++cell) {
-                    if (held != &kind || !chosen[cell]) continue;
-                    ++made->cells[type];
-                    for (Index k = 0; k < kind.nodes; ++k) made->corner.push_back(row[rows[at + k]]);
-                }
-            }
-            made->names[type++] = kind.name;
-        }
-        made->nodes = static_cast<Index>(made->node.size());
-        made->corners = static_cast<Index>(made->corner.size());
-        made->indices = made->node.data(), made->whole = made->whole_of.data(), made->rows = made->corner.data();
+        *region = made.release();
+    });
+}
+
+int mesh_motion_cells_about_create(const mesh_motion_cells* cells, int64_t n, const bool* marked, bool* taken,
+                                   const mesh_motion_region** region) {
+    return answered([&] {
+        given(region, "region") = nullptr;
+        const auto& held = given(cells, "cells");
+        expect(n >= held.nodes, "n", "the nodes of the cells");
+        const auto wanted = array("marked", marked, std::array{n});
+        const auto before = array("taken", taken, std::array{held.count});
+        std::vector<char> marks(wanted.begin(), wanted.end()), chosen(held.count);
+        by_cell(held, [&](Index cell, const Node* nodes, Index count) {
+            chosen[cell] = !before[cell] && touches(marks)(cell, nodes, count);
+        });
+        auto made = held_region(held, n, chosen, marks);
+        for (Index cell = 0; cell < held.count; ++cell) before[cell] |= chosen[cell] != 0;
         *region = made.release();
     });
 }

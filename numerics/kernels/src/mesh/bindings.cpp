@@ -14,6 +14,7 @@ void bind_mesh(nanobind::module_& m) {
     bind(m, "smooth_points", smooth_points);
     bind(m, "hash_blocks", hash_blocks);
     bind(m, "match_facets", match_facets);
+    bind(m, "points_near_facets", points_near_facets);
     bind(m, "round_differences", round_differences);
     bind(m, "store_cells", [](Matrix<const double> points, Vector<const double> origin, double extent, double side) {
         StoredCells made = store_cells(points, origin, extent, side);

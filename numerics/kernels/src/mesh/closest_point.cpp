@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "parallel.h"
 
@@ -55,6 +56,11 @@ Vec on_facet(const Vec& p, Matrix<const double> corners) {
     return corners.shape(0) == 2 ? on_segment(p, a, b) : on_triangle(p, a, b, read(corners[2]));
 }
 
+void check_shapes(Matrix<const double> points, Cube<const double> corners) {
+    require(points.shape(1) == 3 && corners.shape(2) == 3 && (corners.shape(1) == 2 || corners.shape(1) == 3),
+            "points, corners: expected shapes (n, 3) and (f, 2 or 3, 3)");
+}
+
 void check_numbers(Vector<const Index> facets, Index count) {
     require(std::all_of(facets.begin(), facets.end(), [&](Index facet) { return 0 <= facet && facet < count; }),
             "candidates: expected numbers of facets");
@@ -63,8 +69,7 @@ void check_numbers(Vector<const Index> facets, Index count) {
 void check(Matrix<const double> points, Cube<const double> corners, Vector<const Index> starts,
            Vector<const Index> candidates, Matrix<double> out) {
     const Index n = points.shape(0);
-    require(points.shape(1) == 3 && corners.shape(2) == 3 && (corners.shape(1) == 2 || corners.shape(1) == 3),
-            "points, corners: expected shapes (n, 3) and (f, 2 or 3, 3)");
+    check_shapes(points, corners);
     require(starts.size() == n + 1 && out.shape() == points.shape(), "starts, out: expected shapes (n + 1,), (n, 3)");
     require(std::is_sorted(starts.begin(), starts.end()) && starts[0] >= 0 && starts[n] <= candidates.size(),
             "starts: expected ascending places in candidates");
@@ -107,7 +112,89 @@ bool along_normal(const Vec& p, Matrix<const double> corners, Matrix<const doubl
     return true;
 }
 
+/// A box around facets, then boxes around one half of them and the other, and so on; so facets of all sizes may mix.
+class FacetBoxes {
+  public:
+    explicit FacetBoxes(Cube<const double> corners) : corners_(corners), order_(corners.shape(0)) {
+        std::iota(order_.begin(), order_.end(), Index{0});
+        if (!order_.empty()) divide(0, static_cast<Index>(order_.size()));
+    }
+
+    bool has_within(const Vec& p, double distance) const {
+        const double most = distance * distance * (1.0 + 1e-9);  // by rounding no box is left out
+        for (std::size_t at = 0; at < boxes_.size();) {
+            const Box& box = boxes_[at];
+            double away = 0.0;
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+                const double out = std::max({box.low[axis] - p[axis], p[axis] - box.high[axis], 0.0});
+                away += out * out;
+            }
+            if (away > most) {
+                at = box.behind;
+                continue;
+            }
+            if (box.last - box.first <= facets_per_box)
+                for (Index i = box.first; i < box.last; ++i)
+                    if (std::sqrt(square(p - on_facet(p, corners_[order_[i]]))) <= distance) return true;
+            ++at;
+        }
+        return false;
+    }
+
+  private:
+    /// Its halves follow it; `behind` is the first box that is not in it.
+    struct Box {
+        Vec low, high;
+        Index first, last;
+        std::size_t behind;
+    };
+
+    void divide(Index first, Index last) {
+        constexpr double infinity = std::numeric_limits<double>::infinity();
+        Box box{{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}, first, last, 0};
+        for (Index i = first; i < last; ++i)
+            for (Index corner = 0; corner < corners_.shape(1); ++corner)
+                for (std::size_t axis = 0; axis < 3; ++axis) {
+                    const double x = corners_(order_[i], corner, axis);
+                    box.low[axis] = std::min(box.low[axis], x), box.high[axis] = std::max(box.high[axis], x);
+                }
+        const std::size_t at = boxes_.size();
+        boxes_.push_back(box);
+        if (last - first > facets_per_box) {
+            const Vec size = box.high - box.low;
+            const Index axis = std::max_element(size.begin(), size.end()) - size.begin();
+            const auto middle = [&](Index facet) {
+                double sum = 0.0;
+                for (Index corner = 0; corner < corners_.shape(1); ++corner) sum += corners_(facet, corner, axis);
+                return sum;
+            };
+            const Index half = (first + last) / 2;
+            std::nth_element(order_.begin() + first, order_.begin() + half, order_.begin() + last,
+                             [&](Index one, Index other) { return middle(one) < middle(other); });
+            divide(first, half);
+            divide(half, last);
+        }
+        boxes_[at].behind = boxes_.size();
+    }
+
+    static constexpr Index facets_per_box = 8;
+    Cube<const double> corners_;
+    std::vector<Index> order_;
+    std::vector<Box> boxes_;
+};
+
 }  // namespace
+
+void points_near_facets(Matrix<const double> points, Cube<const double> corners, double distance, Vector<bool> near) {
+    check_shapes(points, corners);
+    require(near.size() == points.shape(0), "near: expected shape (n,)");
+    require(std::all_of(corners.begin(), corners.end(), [](double x) { return std::isfinite(x); }),
+            "corners: expected finite numbers");
+    const FacetBoxes boxes(corners);
+    for_ranges(near.size(), points_per_task, [&](Index first, Index last) {
+        for (Index i = first; i < last; ++i) near[i] = boxes.has_within(read(points[i]), distance);
+    });
+}
 
 void closest_points(Matrix<const double> points, Cube<const double> corners, Vector<const Index> starts,
                     Vector<const Index> candidates, Matrix<double> out, Vector<Index> facets) {

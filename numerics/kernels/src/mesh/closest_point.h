@@ -21,4 +21,7 @@ void smooth_points(Matrix<const double> points, Cube<const double> corners, Cube
                    Vector<const Index> nearest, Vector<const Index> starts, Vector<const Index> candidates,
                    Matrix<double> out);
 
+/// near[i]: whether points[i] (n, 3) is within a distance of one of the facets (f, 2 or 3, 3).
+void points_near_facets(Matrix<const double> points, Cube<const double> corners, double distance, Vector<bool> near);
+
 }  // namespace mesh_motion
