@@ -142,8 +142,9 @@ class MotionModel(DifferentiableMesh):
                 fraction = self._acceptable_fraction(step, whole, refusal)
             except Timeout:
                 fraction = None
+            passed = self.rims.passed(targets) if isinstance(refusal, NoMeshExists) else ""
             raise QualityRefused(
-                refusal.message,
+                refusal.message + passed,
                 best=refusal.best,
                 cells=refusal.cells,
                 fraction=fraction,
