@@ -31,6 +31,9 @@ _TYPES = {
     "PE6": ("wedge", 6), "P15": ("wedge", 15), "PE15": ("wedge", 15), "P18": ("wedge", 18), "PY5": ("pyramid", 5),
     "P13": ("pyramid", 13),
 }  # fmt: skip
+#: MED lists the first face of a cell in space the other way round: our corner k is its corner _CORNERS[type][k].
+_CORNERS = {"tetra": (0, 2, 1, 3), "hexahedron": (0, 3, 2, 1, 4, 7, 6, 5), "wedge": (0, 2, 1, 3, 5, 4),
+            "pyramid": (0, 3, 2, 1, 4)}  # fmt: skip
 
 
 def _read(path: Path, zone: str = "") -> MeshFile:
@@ -84,6 +87,8 @@ def _elements(path: Path, mesh: Any, n_points: int) -> tuple[dict[str, tuple[str
         if nodes.shape[1] != count or len(wrong):
             reason = f"names node {int(nodes[tuple(wrong[0])]) + 1}" if len(wrong) else f"has {nodes.shape[1]} nodes"
             raise ValueError(f"element {int(wrong[0, 0]) + 1 if len(wrong) else 1} of type {key} {reason}")
+        if name in _CORNERS:
+            nodes[:, : len(_CORNERS[name])] = nodes[:, _CORNERS[name]]
         found[key] = (name, nodes)
     return found, max((CELL_TYPES[name].dimension for name, _ in found.values() if name), default=0)
 

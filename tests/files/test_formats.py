@@ -38,6 +38,15 @@ from mesh_motion_server.files import read_mesh, write_mesh
 from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.formats import FORMATS
 
+_CUBE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
+#: Corners of a cell of each type that has volume in space, in the order of messages and of Gmsh.
+_CORNERS = {
+    "tetra": _CUBE[[0, 1, 3, 4]],
+    "hexahedron": _CUBE,
+    "wedge": _CUBE[[0, 1, 3, 4, 5, 7]],
+    "pyramid": _CUBE[:5],
+}
+
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_every_format_says_the_same_and_comes_back_with_moved_nodes(tmp_path: Path, name: str) -> None:
@@ -216,6 +225,24 @@ def test_gmsh_writes_med_with_its_groups(tmp_path: Path) -> None:
                 here[np.lexsort(here.round(9).T)], there[np.lexsort(there.round(9).T)], atol=1e-12
             )
         assert ours.notes == other.notes
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_med_lists_corners_in_an_order_of_its_own(tmp_path: Path, order: int) -> None:
+    """A peer: a cell of each type, written by Gmsh, has the corners that Gmsh was given, each in its place."""
+    with quiet_gmsh("Med") as gmsh:
+        gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 1)  # MED has no pyramid of 14 nodes
+        volume = gmsh.model.addDiscreteEntity(3)
+        for number, (kind, name) in enumerate([(4, "tetra"), (5, "hexahedron"), (6, "wedge"), (7, "pyramid")]):
+            corners = _CORNERS[name] + np.array([2.0 * number, 0, 0])
+            tags = 10 * number + 1 + np.arange(len(corners))
+            gmsh.model.mesh.addNodes(3, volume, tags, corners.ravel())
+            gmsh.model.mesh.addElementsByType(volume, kind, [number + 1], tags)
+        gmsh.model.mesh.setOrder(order)
+        gmsh.write(str(tmp_path / "m.med"))
+    mesh = read_mesh(tmp_path / "m.med")
+    for number, (name, corners) in enumerate(_CORNERS.items()):
+        np.testing.assert_array_equal(mesh.points[mesh.cells[name]], (corners + np.array([2.0 * number, 0, 0]))[None])
 
 
 def test_vtk_reads_the_same_side_sets_of_exodus(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_numerics.motion.motion import MotionModel
+from mesh_motion_numerics.motion.standard_motion import StandardMotion
 from mesh_motion_numerics.quality.metrics import cell_quality
 from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 
@@ -58,6 +59,17 @@ def test_a_motion_through_the_wall_is_refused_with_the_largest_acceptable_fracti
     rest = model.points[model.roles.moving]
     accepted = model.move(model.points, rest + error.fraction * (targets - rest))
     assert accepted.corrected.inverted == 0
+
+
+def test_a_refusal_without_a_correction_takes_two_plain_motions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """That to its targets and that to the acceptable fraction: what is between them the first one shows."""
+    model = model_of(correction="none")
+    trial, made = StandardMotion.trial, []
+    monkeypatch.setattr(StandardMotion, "trial", lambda self, *given: made.append(self) or trial(self, *given))
+    with pytest.raises(QualityRefused) as refusal:
+        model.move(model.points, targets_of(model, shift=(0.7, 0.0)))
+    assert refusal.value.fraction
+    assert len(made) == 2
 
 
 def test_the_fraction_is_looked_for_with_corrections_that_stop_at_a_valid_mesh(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,7 @@ from box_meshes import box_mesh
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
-from mesh_motion_protocol.errors import InvalidInput
+from mesh_motion_protocol.errors import InvalidInput, QualityRefused
 
 
 def piston(role: str, kind: str = "quad", *, disjoint: bool = False) -> MotionModel:
@@ -47,3 +47,20 @@ def test_a_slip_plane_that_is_left_is_a_warning() -> None:
 def test_a_motion_in_the_plane_is_accepted_without_a_word(role: str, off: float) -> None:
     model = piston(role)
     assert model.move(model.points, shifted(model, 0.05, off)).warnings == []
+
+
+@pytest.mark.parametrize("role", ["slip", "symmetry"])
+@pytest.mark.parametrize("kind", ["quad", "hexahedron"])
+@pytest.mark.parametrize("correction", ["none", "smooth"])
+def test_a_body_that_passes_a_plane_names_its_patch(correction: str, kind: str, role: str) -> None:
+    points = (mesh := box_mesh(kind, 5)).points
+    low, high = (np.flatnonzero(points[:, 1] == end) for end in (0.0, 1.0))
+    patches = {"body": Patch("moving", mesh.body), "low": Patch(role, low), "high": Patch(role, high)}
+    patches["ends"] = Patch("fixed", np.setdiff1d(mesh.outer, np.r_[low, high]))
+    model = MotionModel.build(points, mesh.cells, patches, Method(correction=correction))
+    for shift, name in ((-0.6, "low"), (0.7, "high")):
+        with pytest.raises(QualityRefused, match=rf"node \d+ passes the plane of the {role} patch '{name}'"):
+            model.move(points, shifted(model, 0.0, shift))
+    with pytest.raises(QualityRefused, match="no valid mesh exists") as caught:
+        model.move(points, shifted(model, 0.9, 0.0))
+    assert "passes" not in caught.value.message  # it leaves through the ends

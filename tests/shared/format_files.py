@@ -145,7 +145,8 @@ def med(path: Path) -> None:
         step = mesh.create_group("-0000000000000000001-0000000000000000001")
         step.create_dataset("NOE/COO", data=POINTS.T.ravel()).attrs["NBR"] = N**3
         step["NOE/FAM"] = np.zeros(N**3, np.int32)
-        step.create_dataset("MAI/HE8/NOD", data=CELLS.T.ravel() + 1).attrs["NBR"] = 8
+        corners = CELLS[:, [0, 3, 2, 1, 4, 7, 6, 5]]
+        step.create_dataset("MAI/HE8/NOD", data=corners.T.ravel() + 1).attrs["NBR"] = 8
         outer = [face for face in FACES if face.patch]
         quads = np.array([face.nodes for face in outer])
         step.create_dataset("MAI/QU4/NOD", data=quads.T.ravel() + 1).attrs["NBR"] = len(quads)

@@ -41,6 +41,8 @@ _OVERLAP = 1e-9
 #: Directions of shifts that are parallel to no axis, and their length, relative to the mesh.
 _SHIFTS = np.array([(0.83, 0.31, 0.47), (-0.57, 0.53, 0.63), (-0.13, -0.77, 0.61)])
 _SHIFT = 1e-7
+#: So many pairs of facets are tested at once: each step of it takes longer to begin than for one of them.
+_TOGETHER = 1024
 _SIDES = {"line": ((0, 1),), "triangle": ((0, 1), (1, 2), (2, 0)), "quad": ((0, 1), (1, 2), (2, 3), (3, 0))}
 #: The triangles of a facet, for each choice of a diagonal.
 _SPLITS = {
@@ -84,9 +86,7 @@ def crossing_place(boundary: BoundaryFacets, points: Floats, near: NearFacets | 
     ``near`` are the :func:`near_facets`, if they are known.
     """
     for kind, edges, other, faces in near_facets(boundary, points) if near is None else near:
-        found = _covers(points, edges, faces)
-        for side in _SIDES[kind]:
-            found |= _goes_through(points, edges[:, side], faces, other)
+        found = _covers(points, edges, faces) | _goes_through(points, edges, kind, faces, other)
         if found.any():
             place: Floats = points[edges[int(np.argmax(found))]].mean(axis=0)
             return place
@@ -110,9 +110,7 @@ def touching_facets(boundary: BoundaryFacets, points: Floats, near: NearFacets |
     width = 2 if points.shape[1] == 2 else 4
     rows = [np.empty((0, width), dtype=np.int64)]
     for kind, edges, other, faces in near_facets(boundary, points) if near is None else near:
-        found = np.zeros(len(edges), dtype=bool)
-        for side in _SIDES[kind]:
-            found |= _goes_through(points, edges[:, side], faces, other, touches=True)
+        found = _goes_through(points, edges, kind, faces, other, touches=True)
         rows += [widened(edges[found], width), widened(faces[found], width)]
     return np.asarray(np.unique(np.concatenate(rows), axis=0))
 
@@ -127,7 +125,8 @@ def near_facets(boundary: BoundaryFacets, points: Floats) -> NearFacets:
             ones, near = nodes[rows[first]], others[second]
             apart = ~(ones[:, :, None] == near[:, None, :]).any(axis=(1, 2))
             ones, near = ones[apart], near[apart]
-            found += [(kind, ones, other, near), (other, near, kind, ones)]  # edges of either through the other
+            if len(ones):
+                found += [(kind, ones, other, near), (other, near, kind, ones)]  # edges of either through the other
     return found
 
 
@@ -205,14 +204,21 @@ def _axes(a: Floats, b: Floats, normals: Floats) -> Iterator[Floats]:
             yield across / np.maximum(np.linalg.norm(across, axis=1), np.finfo(float).tiny)[:, None]
 
 
-def _goes_through(points: Floats, edges: Integers, faces: Integers, kind: str, *, touches: bool = False) -> Marks:
-    """Whether edges (p, 2) go through facets (p, k) with either diagonal; or may touch them with one of the two."""
-    ends, rounding = points[edges], _rounding(points)
-    of_splits = []
-    for split in _SPLITS[kind]:
-        parts = [_pierces(ends, points[faces[:, part]], rounding, touches=touches) for part in split]
-        of_splits.append(np.logical_or.reduce(parts))
-    return np.asarray((np.logical_or if touches else np.logical_and).reduce(of_splits))
+def _goes_through(
+    points: Floats, ones: Integers, kind: str, faces: Integers, other: str, *, touches: bool = False
+) -> Marks:
+    """Whether a side of facets (p, k) goes through facets (p, l) with either diagonal; or may touch with one."""
+    sides, splits, rounding = np.array(_SIDES[kind]), np.array(_SPLITS[other]), _rounding(points)
+    found = [np.empty(0, dtype=bool)]
+    for begin in range(0, len(ones), _TOGETHER):
+        rows = slice(begin, begin + _TOGETHER)
+        edges, simplices = ones[rows][:, sides], faces[rows][:, splits]
+        shape = (len(edges), len(sides), *splits.shape[:2])
+        ends = np.broadcast_to(edges[:, :, None, None], (*shape, 2)).reshape(-1, 2)
+        parts = np.broadcast_to(simplices[:, None], (*shape, splits.shape[2])).reshape(-1, splits.shape[2])
+        through = _pierces(points[ends], points[parts], rounding, touches=touches).reshape(shape).any(axis=3)
+        found.append((through.any(axis=2) if touches else through.all(axis=2)).any(axis=1))
+    return np.concatenate(found)
 
 
 def _pierces(ends: Floats, simplices: Floats, rounding: float, *, touches: bool) -> Marks:

@@ -12,6 +12,7 @@ import numpy as np
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.points import bounding_box
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
 from mesh_motion_numerics.mesh.smooth_pieces import smooth_pieces
 
@@ -35,26 +36,32 @@ class PlaneRims:
         A node as near to its plane is on it.
     rims : tuple of (patch, role, rows, normal)
         Rows (r,) of the moving nodes on one plane, and its unit normal (d,).
+    planes : tuple of (patch, role, corners, normal)
+        Of each plane the corners (2, d) of the box around its nodes, and its unit normal (d,).
     """
 
     moving: Integers
     places: Floats
     closest: float
     rims: tuple[tuple[str, str, Integers, Floats], ...]
+    planes: tuple[tuple[str, str, Floats, Floats], ...]
 
     @classmethod
     def build(
         cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch], moving: Integers
     ) -> PlaneRims:
         """Find them in a mesh with reference ``points`` (n, d) and the ``facets`` (f, k) of its whole boundary."""
-        rims = []
+        rims, planes = [], []
         walls = {name: patch for name, patch in sorted(patches.items()) if patch.role in SLIDING_ROLES}
         for name, patch in walls.items():
             for piece in smooth_pieces(points, facets, _with_rim(patch.nodes, facets, moving, len(points))):
+                if piece.normal is None:
+                    continue
+                planes.append((name, patch.role, bounding_box(points[piece.nodes]), piece.normal))
                 rows = np.flatnonzero(np.isin(moving, piece.nodes))
-                if piece.normal is not None and len(rows):
+                if len(rows):
                     rims.append((name, patch.role, rows, piece.normal))
-        return cls(moving, points[moving], _ON_PLANE * float(np.ptp(points, axis=0).max()), tuple(rims))
+        return cls(moving, points[moving], _ON_PLANE * float(np.ptp(points, axis=0).max()), tuple(rims), tuple(planes))
 
     def refuse(self, targets: Floats) -> None:
         """Refuse targets (k, d) of the moving nodes that leave a symmetry plane.
@@ -81,6 +88,18 @@ class PlaneRims:
             for name, role, node, distance in self._left(targets)
             if role == "slip"
         ]
+
+    def passed(self, targets: Floats) -> str:
+        """Which plane moving nodes pass on the straight way to targets (k, d), for a message; "" if they pass none."""
+        for name, role, box, normal in self.planes:
+            before, after = ((places - box[0]) @ normal for places in (self.places, targets))
+            through = np.flatnonzero((before * after < 0.0) & (np.minimum(abs(before), abs(after)) > self.closest))
+            share = (before[through] / (before[through] - after[through]))[:, None]
+            places = self.places[through] + share * (targets - self.places)[through]
+            inside = ((box[0] - self.closest <= places) & (places <= box[1] + self.closest)).all(axis=1)
+            if inside.any():
+                return f"; node {int(self.moving[through[inside][0]])} passes the plane of the {role} patch {name!r}"
+        return ""
 
     def _left(self, targets: Floats) -> Iterator[tuple[str, str, int, float]]:
         """Patch and role of each plane that is left, the node farthest from it and its distance."""

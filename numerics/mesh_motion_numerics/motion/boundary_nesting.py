@@ -28,6 +28,8 @@ __all__ = ["contact_place", "misplaced_place"]
 _PROBES = 16
 #: … and, of a small boundary, so many pairs of a place and a facet; they are computed in blocks of so many.
 _MOST_PAIRS = 1 << 15
+#: Of the places whose rays differ, so many are looked at in one go.
+_AT_ONCE = 4
 #: Of facets that touch, so many are tested, spread over all.
 _MOST_TOUCHING = 64
 #: … and so many of their places are near each other.
@@ -76,12 +78,13 @@ def misplaced_place(
             continue
         rays = [_crossings(places[others], places, simplices) for places in (reference, points)]
         others = others[rays[0] != rays[1]]  # a ray is cheap, and uncertain only from a node on the part
-        before, after = (_windings(places[others], places, own) for places in (reference, points))
-        sure = np.maximum(*(np.abs(each - np.round(each)) for each in (before, after))) < _ON_IT
-        wrong = others[sure & (np.round(before) != np.round(after))]
-        if len(wrong):
-            place: Floats = points[wrong[0]]
-            return place
+        for some in np.array_split(others, -(-len(others) // _AT_ONCE) or 1):  # mostly the first is on the wrong side
+            before, after = (_windings(places[some], places, own) for places in (reference, points))
+            sure = np.maximum(*(np.abs(each - np.round(each)) for each in (before, after))) < _ON_IT
+            wrong = some[sure & (np.round(before) != np.round(after))]
+            if len(wrong):
+                place: Floats = points[wrong[0]]
+                return place
     return None
 
 
