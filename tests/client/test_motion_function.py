@@ -142,3 +142,11 @@ def test_jax_finds_the_derivatives_right():
     here = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run([sys.executable, checks], capture_output=True, text=True, check=False, env=here)
     assert (done.returncode, done.stdout.split()) == (0, ["checked:", "6"]), done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("name", ["torch", "jax"])
+def test_where_the_package_is_missing_the_way_to_it_is_named(monkeypatch, name):
+    monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.delitem(sys.modules, f"mesh_motion_client.{name}", raising=False)
+    with pytest.raises(ImportError, match=rf"needs {name}, .* \(pip install 'mesh-motion-client\[{name}\]'\)"):
+        importlib.import_module(f"mesh_motion_client.{name}")

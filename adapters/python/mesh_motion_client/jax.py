@@ -21,12 +21,18 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import Primitive
-from jax.interpreters import ad, batching, mlir
 from mesh_motion_protocol.errors import InvalidInput
+
+try:
+    import jax
+    import jax.numpy as jnp
+    from jax.extend.core import Primitive
+    from jax.interpreters import ad, batching, mlir
+except ImportError as error:
+    raise ImportError(
+        f"this needs jax, which cannot be imported: {error} (pip install 'mesh-motion-client[jax]')"
+    ) from error
 
 from mesh_motion_client.motion_function import MotionFunction
 from mesh_motion_client.session import Session

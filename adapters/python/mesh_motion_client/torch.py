@@ -15,9 +15,15 @@ from __future__ import annotations
 
 from typing import Any
 
-import torch
 from mesh_motion_protocol.errors import InvalidInput
-from torch.autograd.function import once_differentiable
+
+try:
+    import torch
+    from torch.autograd.function import once_differentiable
+except ImportError as error:
+    raise ImportError(
+        f"this needs torch, which cannot be imported: {error} (pip install 'mesh-motion-client[torch]')"
+    ) from error
 
 from mesh_motion_client.motion_function import Array, MotionFunction
 from mesh_motion_client.session import Session
