@@ -48,8 +48,22 @@ def test_a_trial_knows_where_it_is(session):
 def test_wrong_shapes_are_refused_here(session):
     with pytest.raises(InvalidInput, match=r"velocity: expected shape \(9, 2\) or \(c, 9, 2\), got \(8, 2\)"):
         session.tangent(np.ones((8, 2)))
-    with pytest.raises(InvalidInput, match=r"weights of partition 0: expected shape \(81, 2 c\)"):
+    with pytest.raises(InvalidInput, match=r"weights: expected shape \(81, 2\) or \(c, 81, 2\), got \(80, 2\)"):
         session.cotangent(np.ones((80, 2)))
+
+
+@pytest.mark.parametrize(
+    "wrong", [np.full((SIDE, 2), 1j), [["a", "b"]] * SIDE, np.ma.masked_less(np.zeros((SIDE, 2)), 1)]
+)
+def test_what_are_no_numbers_is_refused_by_its_name(session, wrong):
+    with pytest.raises(InvalidInput, match="velocity must be numbers: "):
+        session.tangent(wrong)
+    with pytest.raises(InvalidInput, match="boundary_velocity must be numbers: "):
+        session.move(bulge(0.1), velocity="tangent", boundary_velocity=wrong)
+    with pytest.raises(InvalidInput, match="boundary_velocity of patch 'left' must be numbers: "):
+        session.move(bulge(0.1), velocity="tangent", boundary_velocity={"left": wrong})
+    with pytest.raises(InvalidInput, match="swept_faces must be whole numbers"):
+        session.move(bulge(0.1), report="swept", swept_faces=[[0.5, 1.0]])
 
 
 def test_a_gradient_found_with_it_is_that_of_the_objective(session):

@@ -20,9 +20,10 @@ def boundary_rows(
     patches: Mapping[str, NDArray[np.int64]],
     *,
     dimension: int,
-    extent: float,
+    extent: float | None,
+    what: str = "displacements",
 ) -> NDArray[np.float64]:
-    """(k, d) displacements in the order of the moving nodes.
+    """(k, d) displacements, or ``what`` else they are, in the order of the moving nodes.
 
     Parameters
     ----------
@@ -32,8 +33,9 @@ def boundary_rows(
         Ascending.
     patches : dict of (p,) int64 arrays
         The nodes of each moving patch; each moving node is on one of them.
-    extent : float
-        Longest side of the bounding box of the whole mesh, mesh length unit.
+    extent : float or None
+        Longest side of the bounding box of the whole mesh, mesh length unit, of which patches agree up to a part; None:
+        the largest of the values instead.
 
     Raises
     ------
@@ -41,13 +43,15 @@ def boundary_rows(
         For a wrong shape or name, a value that is not finite, or a node that two patches move to different places.
     """
     if isinstance(displacements, Mapping):
-        given = _by_patch(displacements, patches, dimension)
+        given = _by_patch(displacements, patches, dimension, what)
+        if extent is None:
+            extent = max((float(np.abs(rows).max(initial=0.0)) for rows in given), default=0.0)
         return _united(given, moving_nodes, patches, extent) if given else np.empty((0, dimension))
-    rows = finite_rows(displacements, "displacements")
+    rows = finite_rows(displacements, what)
     wanted = (len(moving_nodes), dimension)
     if rows.shape != wanted:
         raise InvalidInput(
-            f"displacements must have shape {wanted}, one row a moving node, got {rows.shape}",
+            f"{what} must have shape {wanted}, one row a moving node, got {rows.shape}",
             code="INVALID_ARGUMENT.SHAPE",
             hint="session.moving_nodes has the order of the rows",
         )
@@ -55,20 +59,20 @@ def boundary_rows(
 
 
 def _by_patch(
-    displacements: Mapping[str, ArrayLike], patches: Mapping[str, NDArray[np.int64]], dimension: int
+    displacements: Mapping[str, ArrayLike], patches: Mapping[str, NDArray[np.int64]], dimension: int, what: str
 ) -> list[NDArray[np.float64]]:
     """(p, d) displacements of each patch, in the order of ``patches``."""
     if set(displacements) != set(patches):
         alike = [meant(name, patches) for name in displacements if name not in patches]
         raise InvalidInput(
-            f"displacements must name the moving patches {sorted(patches)}, got {sorted(displacements)}",
+            f"{what} must name the moving patches {sorted(patches)}, got {sorted(displacements)}",
             hint=next(filter(None, alike), "or give rows in the order of session.moving_nodes"),
         )
-    given = [finite_rows(displacements[name], f"displacements of patch {name!r}") for name in patches]
+    given = [finite_rows(displacements[name], f"{what} of patch {name!r}") for name in patches]
     for (name, nodes), rows in zip(patches.items(), given, strict=True):
         if rows.shape != (len(nodes), dimension):
             raise InvalidInput(
-                f"displacements of patch {name!r} must have shape {(len(nodes), dimension)}, got {rows.shape}",
+                f"{what} of patch {name!r} must have shape {(len(nodes), dimension)}, got {rows.shape}",
                 code="INVALID_ARGUMENT.SHAPE",
             )
     return given

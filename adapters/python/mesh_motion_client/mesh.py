@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from mesh_motion_client.display import Described, draw
 from mesh_motion_client.exchange import Content, from_file, from_gmsh, from_meshio, from_pyvista, to_pyvista
 
-__all__ = ["CELL_NODES", "ROLES", "Mesh", "Patch", "finite_rows"]
+__all__ = ["CELL_NODES", "ROLES", "Mesh", "Patch", "finite_rows", "real_numbers", "whole_numbers"]
 
 #: Nodes of each cell type.
 CELL_NODES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8}
@@ -286,7 +286,7 @@ class Mesh(Described):
                 f"cells of type {name} must have points (n, 2), got points {self.points.shape}",
                 hint="a plane mesh takes points[:, :2]; a mesh in space its volume cells without those of its surface",
             )
-        array = _whole_numbers(nodes, f"cells of type {name}")
+        array = whole_numbers(nodes, f"cells of type {name}")
         if array.ndim != 2 or array.shape[1] != CELL_NODES[name]:
             raise InvalidInput(f"cells of type {name} must have shape (m, {CELL_NODES[name]}), got {array.shape}")
         self._check_range(array, f"cells of type {name}")
@@ -316,15 +316,20 @@ def _check_unpacked(path: str | os.PathLike[str], held: int) -> None:
         )
 
 
-def finite_rows(values: ArrayLike, what: str) -> NDArray[np.float64]:
-    """(n, d) float64 copy of ``values``, without NaN or infinity; an (n,) input is one column."""
+def real_numbers(values: ArrayLike, what: str) -> NDArray[np.float64]:
+    """The values as a float64 array, uncopied where they are one."""
     try:
         if np.iscomplexobj(values):
             raise TypeError("they are complex")
         _refuse_masked(values)
-        array = np.array(values, dtype=np.float64, order="C")
+        return np.asarray(values, dtype=np.float64, order="C")
     except (TypeError, ValueError) as error:
         raise InvalidInput(f"{what} must be numbers: {error}", code="INVALID_ARGUMENT.DTYPE") from None
+
+
+def finite_rows(values: ArrayLike, what: str) -> NDArray[np.float64]:
+    """(n, d) float64 copy of ``values``, without NaN or infinity; an (n,) input is one column."""
+    array = np.array(real_numbers(values, what), order="C")
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2:
@@ -344,10 +349,10 @@ def finite_rows(values: ArrayLike, what: str) -> NDArray[np.float64]:
 
 def _indices(values: ArrayLike, what: str) -> NDArray[np.int64]:
     """Copy of whole numbers as int64."""
-    return np.array(_whole_numbers(values, what), dtype=np.int64, order="C")
+    return np.array(whole_numbers(values, what), dtype=np.int64, order="C")
 
 
-def _whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
+def whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
     """The values as an array, uncopied where they are one."""
     try:
         _refuse_masked(values)

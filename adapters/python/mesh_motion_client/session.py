@@ -33,6 +33,7 @@ from numpy.typing import ArrayLike, NDArray
 from mesh_motion_client.boundary_rows import boundary_rows
 from mesh_motion_client.committed import Committed
 from mesh_motion_client.display import draw
+from mesh_motion_client.mesh import real_numbers, whole_numbers
 from mesh_motion_client.moved import Moved
 from mesh_motion_client.opened import OpenedSession
 from mesh_motion_client.own_cells import OwnCells
@@ -158,6 +159,11 @@ class Session(OpenedSession):
         if not 0.0 <= compute_limit <= _LONGEST_LIMIT:
             raise InvalidInput(f"compute_limit: expected 0 to {_LONGEST_LIMIT:g} s, got {compute_limit!r}")
         seconds, own = timeout or self._compute_timeout, self._own_cells_if_here()
+        moving, velocities = (self.moving_nodes, self._patches), None
+        if boundary_velocity is not None:
+            velocities = boundary_rows(
+                boundary_velocity, *moving, dimension=self.dimension, extent=None, what="boundary_velocity"
+            )
         move = Move(
             **self._address,
             step=self.step + 1,
@@ -168,9 +174,9 @@ class Session(OpenedSession):
             velocity=velocity,
             compute_limit_ms=math.ceil(1000 * compute_limit),
             field_known=own is not None and own.volume.field_known,
-            displacement=self._rows(displacements, self._extent),
-            boundary_velocity=None if boundary_velocity is None else self._rows(boundary_velocity),
-            swept_faces=None if swept_faces is None else np.asarray(swept_faces, dtype=np.int64),
+            displacement=boundary_rows(displacements, *moving, dimension=self.dimension, extent=self._extent),
+            boundary_velocity=velocities,
+            swept_faces=None if swept_faces is None else whole_numbers(swept_faces, "swept_faces").astype(np.int64),
         )
         moved = self._courier.deliver(move, messages.Moved, seconds)
         self._courier.trial, self._courier.iteration = (replace(move, compute_limit_ms=0),), moved.iteration
@@ -180,13 +186,6 @@ class Session(OpenedSession):
         for text in answered["warnings"]:
             warnings.warn(text, MeshMotionWarning, stacklevel=2)
         return Moved(**answered, mesh=self._mesh, is_total=frame == "reference", session=self)
-
-    def _rows(self, values: ArrayLike | Mapping[str, ArrayLike], extent: float | None = None) -> NDArray[np.float64]:
-        """(k, d) rows of the moving nodes, given by nodes or by patches; patches agree up to a part of the extent."""
-        if extent is None:  # velocities: by their own size
-            given = values.values() if isinstance(values, Mapping) else [values]
-            extent = max(float(np.abs(np.asarray(rows)).max(initial=0.0)) for rows in given) if given else 0.0
-        return boundary_rows(values, self.moving_nodes, self._patches, dimension=self.dimension, extent=extent)
 
     def tangent(
         self, velocity: ArrayLike, what: Literal["trial", "committed"] | None = None, *, timeout: float | None = None
@@ -249,7 +248,7 @@ class Session(OpenedSession):
             As :meth:`tangent` does.
         """
         seconds, own = timeout or self._compute_timeout, self._own_cells_if_here()
-        count = len(self._mesh.points) if own is not None and self._mesh is not None else None
+        count = None if self._mesh is None else len(self._mesh.points)
         rows, many = self._columns(weights, count, "weights")
 
         def ask(state: Literal["trial", "committed"]) -> CotangentFound:
@@ -301,7 +300,7 @@ class Session(OpenedSession):
 
     def _columns(self, values: ArrayLike, count: int | None, name: str) -> tuple[NDArray[np.float64], bool]:
         """(m, c d) rows of a vector (m, d) or of c of them (c, m, d), and whether it is the latter."""
-        given = np.asarray(values, dtype=np.float64)
+        given = real_numbers(values, name)
         many, d = given.ndim == 3, self.dimension
         if given.ndim not in (2, 3) or given.shape[-1] != d or (count is not None and given.shape[-2] != count):
             rows = "n" if count is None else count

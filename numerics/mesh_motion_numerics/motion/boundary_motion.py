@@ -213,8 +213,10 @@ class BoundaryMotion:
         """Raise if a body turns on beyond half a turn: the whole mesh would wind, and the field cannot."""
         if self.method.correction != "smooth" or committed.shape[1] == 1:
             return
-        moving = self.motion.roles.moving
+        moving, periodic = self.motion.roles.moving, self.motion.roles.periodic
         for name, body in self.bodies.items():
+            if np.isin(moving[body.rows], periodic).any():
+                continue  # it winds no mesh
             rest, was = (points[moving[body.rows]] for points in (self.motion.reference, committed))
             before, after = (np.degrees(angle) for angle in turned_on(rest, was, targets[body.rows]))
             if abs(after) > 180.0 + _UNCERTAIN and abs(before) < 180.0 - _UNCERTAIN:
