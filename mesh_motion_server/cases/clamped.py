@@ -21,10 +21,13 @@ def bodies(mesh: MeshFile, moving: Sequence[str]) -> list[list[str]]:
     return found
 
 
-def clamped_bending(mesh: MeshFile, body: Sequence[str], fixed: Sequence[str], share: float) -> Bending | None:
+def clamped_bending(
+    mesh: MeshFile, body: Sequence[str], fixed: Sequence[str], share: float, normal: Floats | None = None
+) -> Bending | None:
     """A bending that moves the body's farthest nodes by about ``share`` of its length; None if it is not clamped.
 
-    A body that reaches less than half its extent past its clamped nodes is taken as clamped at both ends.
+    It is about the ``normal`` (3,) of a plane, if one is given; else towards the body's thinnest side. A body that
+    reaches less than half its extent past its clamped nodes is taken as clamped at both ends.
     """
     nodes = np.unique(np.concatenate([mesh.patches[name] for name in body]))
     shared = [_shared(mesh, name, other) for name in body for other in fixed]
@@ -41,11 +44,12 @@ def clamped_bending(mesh: MeshFile, body: Sequence[str], fixed: Sequence[str], s
         along = np.linalg.svd(held - origin, full_matrices=False)[2][0]
     begin, end = _ends((held - origin) @ along, (points - origin) @ along, both=both)
     slope = math.atan(math.pi * share) if both else 2 * share
+    axis = None if mesh.dimension < 3 else normal if normal is not None else _axis(points - origin, along)
     return Bending(
         rotation=round(math.degrees(slope), 1),
         clamp=(origin + begin * along).tolist(),
         tip=(origin + end * along).tolist(),
-        axis=_axis(points - origin, along) if mesh.dimension == 3 else None,
+        axis=None if axis is None else axis.tolist(),
         both_ends=both,
     )
 
@@ -64,9 +68,9 @@ def _ends(held: Floats, places: Floats, *, both: bool) -> tuple[float, float]:
     return (float(held.min()), float(held.max())) if is_all_round else (begin, end)
 
 
-def _axis(points: Floats, along: Floats) -> list[float]:
+def _axis(points: Floats, along: Floats) -> Floats:
     """The axis across the body about which it bends to its thinnest side."""
     aside = points - np.outer(points @ along, along)
     across = np.linalg.svd(aside - aside.mean(axis=0), full_matrices=False)[2][0]  # the widest direction
     across = across - (across @ along) * along
-    return [float(entry) for entry in np.round(np.cross(along, np.cross(across, along)), 12)]
+    return np.asarray(np.round(np.cross(along, np.cross(across, along)), 12))

@@ -2,15 +2,19 @@
 
 Roles are guesses. The name of a patch can show that it is a symmetry plane or a far boundary. Otherwise a patch inside
 the mesh, which does not reach the sides of the box around all nodes, is a moving body, and all other patches are fixed;
-if there is none, the patch that reaches farthest inside moves. A body that is joined to a fixed patch bends; others are
-shifted.
+if there is none, the patch that reaches farthest inside moves. One layer of cells is taken as its plane. A body that is
+joined to a fixed patch bends; others are shifted.
 """
 
 import os
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Marks
+from mesh_motion_numerics.mesh.one_layer import OneLayer
+from mesh_motion_numerics.mesh.roles import Patch
+from mesh_motion_numerics.quality.orientation import oriented
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.cases.case import Bending, toml_key, toml_text
@@ -24,6 +28,7 @@ _SYMMETRY = ("sym",)
 _FAR = ("far", "inlet", "outlet", "inflow", "outflow", "outer")
 #: As a share of the extent: a patch that is this close to a side of the box reaches it.
 _TOUCH = 1e-3
+_SIDE = "a side of one layer of cells"
 #: The first motion, as a share of the extent of the moving patches.
 _SHARE = 0.05
 
@@ -41,21 +46,38 @@ def guessed_roles(mesh: MeshFile) -> dict[str, tuple[str, str]]:
             f"{mesh.path}: the mesh has no boundary patches, and a case needs one that moves",
             hint="name groups of boundary facets where the mesh is made (Gmsh: physical groups; SU2: markers)",
         )
-    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
-    roles = {name: _guess(name, mesh.points[nodes], mesh.points) for name, nodes in mesh.patches.items()}
+    planes, layer = _layer(mesh)
+    points = mesh.points if layer is None else layer.project(mesh.points)
+    low, high = points.min(axis=0), points.max(axis=0)
+    roles = {
+        name: ("symmetry", _SIDE) if name in planes else _guess(name, points[nodes], points)
+        for name, nodes in mesh.patches.items()
+    }
     if all(role != "moving" for role, _ in roles.values()):
         fixed = [name for name, (role, _) in roles.items() if role == "fixed"] or list(roles)
-        inner = {name: _inside(mesh.points[mesh.patches[name]], low, high).mean() for name in fixed}
+        inner = {name: _inside(points[mesh.patches[name]], low, high).mean() for name in fixed}
         roles[max(fixed, key=inner.__getitem__)] = ("moving", "none is inside the mesh, and one has to move")
     return roles
+
+
+def _layer(mesh: MeshFile) -> tuple[tuple[str, ...], OneLayer | None]:
+    """The patch, or the two patches, of the two sides of one layer of cells, and the layer."""
+    large = [name for name, nodes in mesh.patches.items() if mesh.dimension == 3 and 2 * len(nodes) >= len(mesh.points)]
+    for sides in [*combinations(large, 1), *combinations(large, 2)]:
+        if len(np.unique(np.concatenate([mesh.patches[name] for name in sides]))) == len(mesh.points):
+            patches = {
+                name: Patch("symmetry" if name in sides else "moving", nodes) for name, nodes in mesh.patches.items()
+            }
+            layer = OneLayer.find(mesh.points, oriented(mesh.points, mesh.cell_table).cells, patches)
+            if layer is not None or len(sides) == 1:
+                return sides, layer
+    return (), None
 
 
 def _guess(name: str, points: Floats, everywhere: Floats) -> tuple[str, str]:
     low, high = everywhere.min(axis=0), everywhere.max(axis=0)
     if any(word in name.lower() for word in _SYMMETRY):
         return "symmetry", "by its name"
-    if everywhere.shape[1] == 3 and len(points) == len(everywhere):
-        return "symmetry", "it has every node: both sides of one layer of cells"
     if any(word in name.lower() for word in _FAR):
         return "fixed", "by its name"
     if len(points) and _inside(points, low, high).all():
@@ -85,15 +107,18 @@ def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
     moving = [name for name, (role, _) in roles.items() if role == "moving"]
     body = mesh.points[np.unique(np.concatenate([mesh.patches[name] for name in moving]))]
     centre = (body.min(axis=0) + body.max(axis=0)) / 2
-    direction = np.eye(mesh.dimension)[min(1, mesh.dimension - 1)]
+    _, layer = _layer(mesh)
+    direction = np.eye(mesh.dimension)[min(1, mesh.dimension - 1)] if layer is None else layer.axes[1]
+    normal = None if layer is None else np.cross(*layer.axes)
     length = _SHARE * float(np.ptp(body, axis=0).max() or np.ptp(mesh.points, axis=0).max())
-    about = f"centre = {_vector(centre)}" + (", axis = [0.0, 0.0, 1.0]" if mesh.dimension == 3 else "")
+    axis = np.eye(3)[2] if normal is None else normal
+    about = f"centre = {_vector(centre)}" + (f", axis = {_vector(axis)}" if mesh.dimension == 3 else "")
     rigid = f"rigid = {{ translation = {_vector(length * direction)}, rotation = 0.0, {about} }}"
     fixed = [name for name, (role, _) in roles.items() if role == "fixed"]
     motions = "\n".join(
         f"[[motion]]\npatch = {toml_text(name)}\n{rigid if bent is None else _bending(bent)}\n"
         for body in bodies(mesh, moving)
-        for bent in [clamped_bending(mesh, body, fixed, _SHARE)]
+        for bent in [clamped_bending(mesh, body, fixed, _SHARE, normal)]
         for name in body
     )
     zoned = f"\nzone = {toml_text(zone)}" if zone else ""

@@ -14,11 +14,12 @@ from pathlib import Path
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.mesh.cells import CELL_TYPES
+from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
+from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name
+from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name, concatenated
 from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.sides import ABAQUS, PLANES, SOLIDS, side_nodes
@@ -48,12 +49,14 @@ class _Content:
     """What was read so far; numbers of nodes and elements are those of the file.
 
     elements : [(our type, numbers (m,), nodes (m, k))]
+    of_nodes : sets that are named where their nodes are
     """
 
     numbers: list[Integers] = field(default_factory=list)
     points: list[Floats] = field(default_factory=list)
     elements: list[tuple[str, Integers, Integers]] = field(default_factory=list)
     node_sets: dict[str, list[_Item]] = field(default_factory=lambda: defaultdict(list))
+    of_nodes: set[str] = field(default_factory=set)
     element_sets: dict[str, list[_Item]] = field(default_factory=lambda: defaultdict(list))
     surfaces: dict[str, list[tuple[str, str]]] = field(default_factory=lambda: defaultdict(list))
 
@@ -114,6 +117,7 @@ def _content(text: str) -> _Content:
                     found.numbers.append(np.array([int(row[0]) for row in rows], dtype=np.int64))
                     xyz = [[float(v) for v in (row[1:4] + ["0"] * 3)[:3]] for row in rows]
                     found.points.append(np.array(xyz, dtype=np.float64).reshape(-1, 3))
+                    found.of_nodes.add(given.get("NSET", ""))
                     found.node_sets[given.get("NSET", "")] += found.numbers[-1].tolist()
                 case "ELEMENT":
                     _add_elements(found, given, lines)
@@ -199,7 +203,8 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
             parts_of[name] += [(dimension - 1, of.ravel()) for of in _surface(points, blocks, own, side)]
     for name in found.node_sets:
         own = np.unique(_flat(found.node_sets, name))
-        if len(own) < len(points):  # the set of all nodes is no patch
+        # the set of all nodes is no patch, except that of both sides of one layer of elements
+        if len(own) < len(points) or (name not in found.of_nodes and _all_outside(blocks, len(points))):
             parts_of[name].append((0, rows(own, f"set {name!r}: node")))
     for name in found.element_sets:
         own = _flat(found.element_sets, name)
@@ -210,6 +215,15 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
     nodes_of = {name: nodes for name, nodes in patches.items() if len(nodes)}
     mesh = assemble_elements(path, points, [(name, nodes) for name, _, nodes in blocks], nodes_of)
     return replace(mesh, notes=(*mesh.notes, *notes))
+
+
+def _all_outside(blocks: list[tuple[str, Integers, Integers]], count: int) -> bool:
+    """Whether all nodes of elements in space are on the boundary."""
+    solids: dict[str, list[Integers]] = defaultdict(list)
+    for name, _, nodes in blocks:
+        if CELL_TYPES[name].dimension == 3:
+            solids[name].append(nodes[:, : CELL_TYPES[name].n_nodes])
+    return bool(solids) and len(boundary_nodes(CellTable.from_arrays(concatenated(solids)))) == count
 
 
 def _surface(

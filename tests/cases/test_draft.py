@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from box_meshes import box_mesh
 from mesh_motion_protocol.errors import InvalidInput
 from typer.testing import CliRunner
 
@@ -12,7 +13,7 @@ from mesh_motion_server.cases.case import read_case
 from mesh_motion_server.cases.draft import draft, guessed_roles
 from mesh_motion_server.cases.motion_program import MotionProgram
 from mesh_motion_server.commands.app import app
-from mesh_motion_server.files import read_mesh
+from mesh_motion_server.files import MeshFile, read_mesh
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
@@ -92,21 +93,42 @@ def test_init_writes_next_to_the_mesh_and_replaces_nothing(make_case) -> None:
     assert read_case(path).content.mesh.file == "mesh.npz"
 
 
-def test_the_two_sides_of_one_layer_of_cells_are_a_symmetry(tmp_path: Path) -> None:
-    """A patch of all nodes neither moves nor pins the others."""
-    across = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (2, 0), (2, 1)], float)
-    points = np.vstack([np.column_stack([across, np.full(6, z)]) for z in (0.0, 0.1)])
-    cells = np.array([[0, 1, 2, 3], [1, 4, 5, 2]])
-    patches = {"sides": np.arange(12), "end": np.array([4, 5, 10, 11]), "wall": np.array([0, 3, 6, 9])}
-    path = tmp_path / "mesh.npz"
+def layer(path: Path, normal: int, *, two: bool, flap: bool = False) -> MeshFile:
+    """One layer of a plane box, a tenth as high, with a body or a flap on its floor; its sides are one patch or two."""
+    plane = box_mesh("quad", 10)
+    y = plane.points[:, 1]
+    body = np.flatnonzero((np.abs(plane.points[:, 0] - 0.5) < 0.11) & (y < 0.5)) if flap else plane.body
+    cells = plane.cells.blocks[0].nodes
+    cells = cells[~np.isin(cells, body).all(axis=1)]
+    used, cells = np.unique(cells, return_inverse=True)
+    points, cells = plane.points[used], cells.reshape(-1, 4)
+    n = len(points)
+    patches = {"wall": np.flatnonzero(np.isin(used, body)), "rim": np.flatnonzero(np.isin(used, plane.outer))}
+    patches = {name: np.r_[nodes, n + nodes] for name, nodes in patches.items()}
+    patches |= {"front": np.arange(n), "back": n + np.arange(n)} if two else {"sides": np.arange(2 * n)}
+    space = np.vstack([np.column_stack([points, np.full(n, z)]) for z in (0.0, 0.1)])
     np.savez(
         path,
-        points=points,
-        cells_hexahedron=np.hstack([cells, cells + 6]),
-        **{f"patch_{n}": p for n, p in patches.items()},
+        points=np.roll(space, normal + 1, axis=1),
+        cells_hexahedron=np.hstack([cells, cells + n]),
+        **{f"patch_{name}": nodes for name, nodes in patches.items()},
     )
-    assert {name: role for name, (role, _) in guessed_roles(read_mesh(path)).items()} == {
-        "sides": "symmetry",
-        "end": "moving",
-        "wall": "fixed",
-    }
+    return read_mesh(path)
+
+
+@pytest.mark.parametrize("flap", [False, True])
+@pytest.mark.parametrize("two", [False, True])
+@pytest.mark.parametrize("normal", [0, 1, 2])
+def test_the_sides_of_one_layer_of_cells_are_a_symmetry(tmp_path: Path, normal: int, two: bool, flap: bool) -> None:
+    """They neither move nor pin the others, and the first motion is one in the plane."""
+    mesh = layer(tmp_path / "mesh.npz", normal, two=two, flap=flap)
+    sides = dict.fromkeys(["front", "back"] if two else ["sides"], "symmetry")
+    assert {name: role for name, (role, _) in guessed_roles(mesh).items()} == {
+        "wall": "moving", "rim": "fixed", **sides
+    }  # fmt: skip
+    path = tmp_path / "case.toml"
+    path.write_text(draft(mesh, tmp_path), encoding="utf-8")
+    case = read_case(path)
+    moved = MotionProgram.of(case, case.read_mesh()).displacement(10)
+    assert np.abs(np.delete(moved, normal, axis=1)).max() > 1e-3
+    assert np.abs(moved[:, normal]).max() < 1e-12

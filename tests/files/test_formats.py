@@ -25,6 +25,7 @@ from format_files import (
     med,
     mfem,
     mfem_by_axes,
+    rows,
     universal,
     xdmf,
     xdmf_binary,
@@ -331,6 +332,22 @@ def test_sets_of_abaqus_that_are_generated(tmp_path: Path) -> None:
     (tmp_path / "m.inp").write_text(f"*NODE\n{nodes}*ELEMENT, TYPE=CPS4\n1, 1, 2, 3, 4\n{sets}")
     patches = read_mesh(tmp_path / "m.inp").patches
     assert {name: found.tolist() for name, found in patches.items()} == {"a": [0, 2], "b": [0, 1, 2]}
+
+
+@pytest.mark.parametrize("layers", [1, 2])
+def test_the_set_of_all_nodes_is_a_patch_if_all_are_outside(tmp_path: Path, layers: int) -> None:
+    """Both sides of one layer of elements; the set that is named with the nodes is none."""
+    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2)], float)
+    points = np.vstack([np.column_stack([corners, np.full(9, z)]) for z in range(layers + 1)])
+    plane = np.array([[0, 1, 2, 3], [1, 4, 5, 2], [2, 5, 6, 7], [3, 2, 7, 8]])
+    cells = np.vstack([np.hstack([plane + 9 * k, plane + 9 * k + 9]) for k in range(layers)])
+    numbers = "".join(f"{k}\n" for k in range(1, len(points) + 1))
+    (tmp_path / "m.inp").write_text(
+        "*NODE, NSET=all\n" + rows(points, separator=", ", first=1)
+        + "*ELEMENT, TYPE=C3D8\n" + rows(cells + 1, separator=", ", first=1)
+        + f"*NSET, NSET=sides\n{numbers}*NSET, NSET=wall\n1, 2, 5\n"
+    )  # fmt: skip
+    assert sorted(read_mesh(tmp_path / "m.inp").patches) == (["sides", "wall"] if layers == 1 else ["wall"])
 
 
 def test_an_extent_that_is_only_announced_takes_no_memory(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 #include "remoteSession.H"
 #include "Pstream.H"
 
+#include <iostream>
+
 void Foam::remoteSession::readPatience()
 {
     const entry* e = coeffs_.findEntry("onServerLoss");
@@ -50,9 +52,9 @@ void Foam::remoteSession::setTimeouts(const scalar atLeast)
 }
 
 
-void Foam::remoteSession::connect()
+mm_context* Foam::remoteSession::newContext() const
 {
-    setTimeouts(300);
+    mm_context* context = mm_context_new();
     // one without the other is a mistake, which get() reports
     if (coeffs_.found("secretKey") || coeffs_.found("serverKey"))
     {
@@ -60,9 +62,52 @@ void Foam::remoteSession::connect()
         string server(coeffs_.get<string>("serverKey"));
         secret.expand();
         server.expand();
-        mm_set_keys(context_, secret.c_str(), server.c_str());
+        mm_set_keys(context, secret.c_str(), server.c_str());
     }
+    return context;
+}
+
+
+void Foam::remoteSession::connect()
+{
+    setTimeouts(300);
+    mm_set_warning(context_, silence, this);
     call("to connect", [&]{ return mm_connect(context_, endpoint_.c_str()); });
+}
+
+
+void Foam::remoteSession::silence(void* session, const char* line)
+{
+    std::cerr << "mesh_motion: " << line << std::endl;
+    const remoteSession* own = static_cast<remoteSession*>(session);
+    if (own->computing_)
+    {
+        own->awaitServer();
+    }
+}
+
+
+void Foam::remoteSession::awaitServer() const
+{
+    // a server that computes is given more time than one that is not there
+    const scalar most =
+        max(patience_, coeffs_.lookupOrDefault<scalar>("timeout", 60));
+    Info<< "remoteMeshMotion: no server answers" << nl
+        << "    waiting " << most << " s for the server at "
+        << endpoint_.c_str() << endl;
+    mm_context* other = newContext();
+    mm_set_timeouts(other, most, most);
+    mm_set_warning(other, nullptr, nullptr);
+    const bool there = mm_connect(other, endpoint_.c_str()) == MM_OK;
+    const string message(mm_error_message(other));
+    mm_context_free(other);
+    if (!there)
+    {
+        FatalErrorInFunction
+            << "the mesh-motion server at " << endpoint_.c_str()
+            << " could not be asked to go on: " << message.c_str()
+            << exit(FatalError);
+    }
 }
 
 
@@ -71,11 +116,12 @@ Foam::remoteSession::remoteSession(const dictionary& coeffs)
     coeffs_(coeffs),
     endpoint_(string(coeffs.get<string>("endpoint")).expand()),
     patience_(0),
-    context_(mm_context_new()),
+    context_(newContext()),
     session_(nullptr),
     mesh_(nullptr),
     discards_(coeffs.lookupOrDefault<word>("atEnd", "keep") == "discard"),
-    keeps_(coeffs.lookupOrDefault<word>("onRefusal", "fail") == "keep")
+    keeps_(coeffs.lookupOrDefault<word>("onRefusal", "fail") == "keep"),
+    computing_(false)
 {
     readPatience();
     connect();

@@ -76,9 +76,11 @@ void Foam::remoteSession::callTogether
     const std::function<mm_result()>& made
 )
 {
+    computing_ = true;
     if (!Pstream::parRun())
     {
         call(doing, made);
+        computing_ = false;
         return;
     }
     clockTime waiting;
@@ -91,6 +93,7 @@ void Foam::remoteSession::callTogether
         }
         if (returnReduce(done, andOp<bool>()))
         {
+            computing_ = false;
             return;
         }
         bool patient = waiting.elapsedTime() < patience_;

@@ -216,10 +216,10 @@ def _goes_through(
         shape = (len(edges), len(sides), *splits.shape[:2])
         ends = np.broadcast_to(edges[:, :, None, None], (*shape, 2)).reshape(-1, 2)
         parts = np.broadcast_to(simplices[:, None], (*shape, splits.shape[2])).reshape(-1, splits.shape[2])
-        pierced = _pierces(points[ends], points[parts], rounding, touches=touches)
-        through: Marks = np.any(pierced.reshape(shape), axis=3)
-        splits_pierced: Marks = np.any(through, axis=2) if touches else np.all(through, axis=2)
-        found.append(np.any(splits_pierced, axis=1))
+        pierced = _pierces(points[ends], points[parts], rounding, touches=touches).reshape(shape)
+        of_splits = np.logical_or.reduce(pierced, axis=3)
+        through = (np.logical_or if touches else np.logical_and).reduce(of_splits, axis=2)
+        found.append(np.logical_or.reduce(through, axis=1))
     return np.concatenate(found)
 
 

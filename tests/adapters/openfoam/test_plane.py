@@ -4,6 +4,7 @@ The case that adapters/openfoam/README.md begins with.
 """
 
 import contextlib
+import os
 import re
 import shutil
 import signal
@@ -238,6 +239,30 @@ def test_a_server_that_is_killed(make_case, waits, ranks):
         else:
             assert "FOAM FATAL ERROR" in log.read_text()
             assert re.search(r"the mesh-motion server at ipc://\S+ could not be asked", log.read_text())
+
+
+@pytest.mark.slow
+def test_a_server_that_is_killed_within_a_move(make_case):
+    """The run ends after `timeout`, long before `computeTimeout`."""
+    with contextlib.ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))  # short, for the path of a socket
+        server = stack.enter_context(ServerProcess(folder, endpoint=f"ipc://{folder}/control"))
+        case = make_case(endpoint=server.endpoint)
+        case.set("system/controlDict", deltaT="0.002", endTime="4", writeInterval="4000")
+        case.method("", "timeout 3;")
+        log = case.folder / "log"
+        with log.open("w") as out:
+            solver = case.start("moveDynamicMesh", log=out)
+            while "step 3, iteration 1" not in log.read_text():
+                assert solver.poll() is None, log.read_text()[-3000:]
+                time.sleep(0.01)
+            for worker in server.workers():
+                os.kill(worker, signal.SIGSTOP)
+            time.sleep(1.0)  # the run asks, and nothing answers
+            server.stop(signal.SIGKILL)
+            assert solver.wait(60.0) != 0
+        assert "FOAM FATAL ERROR" in log.read_text()
+        assert re.search(r"server at ipc://\S+ could not be asked to go on: .+", log.read_text())
 
 
 def test_a_server_with_keys(make_case, tmp_path):
