@@ -19,7 +19,7 @@ from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
 from mesh_motion_numerics.motion.motion_found import Motion
 from mesh_motion_numerics.motion.smooth_step import NOT_SMOOTH
-from mesh_motion_numerics.quality.metrics import cell_quality, cells_at_rest, corner_quality
+from mesh_motion_numerics.quality.metrics import cells_at_rest, corner_quality
 from mesh_motion_protocol.errors import QualityRefused
 from periodic_meshes import periodic_box
 from scipy.sparse import bsr_matrix
@@ -101,7 +101,7 @@ def test_nodes_of_plane_and_periodic_walls_are_free_along_them(mesh: Mesh) -> No
     if periodic is not None:
         assert np.array_equal(periodic.tied(direct[-1].points, model.roles.moving), direct[-1].points)
     held = replace(model, smooth=SmoothMotion.build(model.points, model.cells, model.held, None))
-    assert direct[-1].corrected.metric.min > 1.01 * played(held, [rest + shift])[-1].corrected.metric.min
+    assert direct[-1].corrected.metric.min > played(held, [rest + shift])[-1].corrected.metric.min
 
 
 @pytest.mark.parametrize("amplitude", [60.0, 10.0, 1.0])
@@ -118,7 +118,7 @@ def test_a_block_that_turns_and_returns(amplitude: float) -> None:
     least, plain = (min(getattr(m, kind).metric.min for m in motions) for kind in ("corrected", "standard"))
     assert least >= plain
     if amplitude == 60.0:
-        assert (plain, least) == (pytest.approx(0.43, abs=0.01), pytest.approx(0.67, abs=0.01))
+        assert (plain, least) == (pytest.approx(0.43, abs=0.01), pytest.approx(0.58, abs=0.01))
 
 
 @pytest.mark.parametrize(("steps", "bound"), [(32, 2.0), (256, 3.0)])
@@ -147,6 +147,24 @@ def test_where_no_cell_is_near_the_onset_the_motion_is_the_plain_one() -> None:
     assert np.array_equal(motion.points, plain.move(plain.points, targets).points)
 
 
+def test_right_triangles_do_not_jump() -> None:
+    """Squares cut along one diagonal and the other by turns: an equilateral form is near in two directions."""
+    mesh = box_mesh("quad", 20)
+    squares = mesh.cells.blocks[0].nodes
+    even = np.rint(mesh.points[squares].mean(axis=1).sum(axis=1) * 20.0).astype(int) % 2 == 0
+    cuts = (even, [0, 1, 2]), (even, [0, 2, 3]), (~even, [0, 1, 3]), (~even, [1, 2, 3])
+    cells = CellTable.from_arrays({"triangle": np.concatenate([squares[cut][:, part] for cut, part in cuts])})
+    triangles = replace(mesh, cells=cells)
+    shifts = np.outer(np.sin(0.5 * np.pi * np.arange(33) / 32), [0.25, 0.1])
+    ends = []
+    for choices in ({}, {"correction": "none"}):
+        model = smooth_model(triangles, **choices)
+        targets = [model.points[model.roles.moving] + shift for shift in shifts]
+        ends.append([motion.points for motion in played(model, targets)])
+    corrected, plain = ends
+    assert second_difference(corrected) <= 3.0 * second_difference(plain)
+
+
 def test_a_motion_through_sub_steps_is_smooth_too() -> None:
     model = block_model(displacement="reanchored")
     motions = played(model, [turned(model, angle) for angle in (20.0, 60.0, 20.0, 0.0)])
@@ -170,7 +188,7 @@ def test_the_flag_that_bends_and_returns() -> None:
     assert max(step.max() / step[model.roles.moving].max() for step in steps) <= 1.5
     assert np.array_equal(motions[-1].points, model.points)
     assert min(m.standard.metric.min for m in motions) < 0.31
-    assert min(m.corrected.metric.min for m in motions) > 0.57
+    assert min(m.corrected.metric.min for m in motions) > 0.45
 
 
 # --- the function that is minimised -----------------------------------------------------------------------------------
@@ -334,7 +352,7 @@ def test_a_rank_sends_every_cell_that_resists(kind, flat):
     smooth = SmoothMotion.build(points, box.cells, np.zeros(len(points), dtype=bool), None)
     for shake in (1e-3, 0.02, 0.05):
         moved = points + shake * flat * random.standard_normal(points.shape)
-        smallest = corner_quality(moved, box.cells, rest, cell_quality(moved, box.cells, rest).skew)
+        smallest = corner_quality(moved, box.cells, rest)
         corners = corner_distortions(moved, smooth.corners, smooth.law.norm)
         counts = np.concatenate([np.full(len(block), len(block.type.corners)) for block in box.cells])
         worst = np.maximum.reduceat(corners, np.cumsum(counts) - counts)

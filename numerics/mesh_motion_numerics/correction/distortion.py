@@ -132,7 +132,9 @@ class CornerSimplices:
         return replace(self, angles=np.where(counted, np.maximum(oblique, 0.0), -1.0))
 
 
-def corner_simplices(reference: Floats, cells: CellTable, reference_sizes: AtRest) -> CornerSimplices:
+def corner_simplices(
+    reference: Floats, cells: CellTable, reference_sizes: AtRest, *, at_rest: bool = False
+) -> CornerSimplices:
     """All corner simplices of some cells.
 
     Parameters
@@ -141,6 +143,8 @@ def corner_simplices(reference: Floats, cells: CellTable, reference_sizes: AtRes
         Nodes of the reference mesh: the ideal shape of quad, hexahedron, wedge and pyramid corners.
     reference_sizes : (m,) array, length^d, or CellsAtRest
         Σ_k det A_k of each cell in the reference mesh: the ideal size.
+    at_rest : bool
+        Measure triangles and tetrahedra against themselves at rest, too.
 
     Notes
     -----
@@ -155,7 +159,7 @@ def corner_simplices(reference: Floats, cells: CellTable, reference_sizes: AtRes
         corners = block.nodes[:, block.type.corner_array]  # (m, k, d + 1)
         rows, count = slice(first, first + len(block)), corners.shape[1]
         nodes.append(corners.reshape(-1, corners.shape[2]).astype(np.int32, order="C"))
-        itself, offset = np.full(len(block), not block.type.is_simplex), np.zeros(len(block))
+        itself, offset = np.full(len(block), at_rest or not block.type.is_simplex), np.zeros(len(block))
         if skews is not None and block.type.is_simplex:
             itself = skews[rows] < _FLAT_SKEW
             offset = np.where(itself, 0.0, np.log(skews[rows]))

@@ -185,7 +185,13 @@ def grow(cells: CellTable, marked: Marks, rings: int) -> Marks:
 
 
 def free_region(
-    reference: Floats, cells: CellTable, reference_sizes: AtRest, free: Marks, *, chosen: Marks | None = None
+    reference: Floats,
+    cells: CellTable,
+    reference_sizes: AtRest,
+    free: Marks,
+    *,
+    chosen: Marks | None = None,
+    at_rest: bool = False,
 ) -> FreeRegion:
     """Cut the region of the free nodes out of the mesh.
 
@@ -198,6 +204,8 @@ def free_region(
         At least one node is free, and each belongs to a cell.
     chosen : (m,) bool array, optional
         Cells of the region; by default all that touch a free node.
+    at_rest : bool
+        As of :func:`.corner_simplices`.
     """
     chosen = cells_of_nodes(cells, free) if chosen is None else chosen
     marked = nodes_of_cells(cells, chosen, len(free))
@@ -211,7 +219,7 @@ def free_region(
     )
     sizes = reference_sizes[chosen]
     sizes = sizes.of_nodes(nodes) if isinstance(sizes, CellsAtRest) else sizes
-    simplices = corner_simplices(reference[nodes], table, sizes)
+    simplices = corner_simplices(reference[nodes], table, sizes, at_rest=at_rest)
     adjacency = NodeAdjacency(*kernels.node_adjacency(simplices.nodes, n_free, len(nodes), _diagonals(table)))
     return FreeRegion(nodes, n_free, np.flatnonzero(chosen), table, sizes, simplices, adjacency)
 

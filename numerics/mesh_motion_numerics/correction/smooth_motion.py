@@ -5,10 +5,11 @@ takes every jump for a mesh velocity. Here the corrected mesh is a minimum that 
 
     y = argmin  Σ_c w_c ψ(f_c(y)) + a/2 Σ_c w_c [ |∇v|²_F + mean_k |v_k|² / ((l h_c)² σ_k) ],      v = y − y_plain
 
-f_c is the distortion of a corner simplex against the cell at rest (:mod:`.distortion`), with its barrier. Of quads and
-hexahedra it grows with the angles that they lose: the shape alone takes a squeezed rectangle for as bad as a sheared
-one, which a flow solver does not. w_c is one over the number of a cell's corners, h_c the cell's size at rest. Cells do
-not resist until f_c exceeds the onset::
+f_c is the distortion of a corner simplex against the cell at rest (:mod:`.distortion`), with its barrier. It is least
+at rest, in triangles too: a better shape can be had in several ways, and nodes would jump from one to another. Of quads
+and hexahedra f_c grows with the angles that they lose: the shape alone takes a squeezed rectangle for as bad as a
+sheared one, which a flow solver does not. w_c is one over the number of a cell's corners, h_c its size at rest.
+Cells do not resist until f_c exceeds the onset::
 
     ψ'' = (1 + k s / K)^K − 1,      ψ(onset) = ψ'(onset) = 0,      s = max(f − onset, 0)
 
@@ -56,7 +57,7 @@ from mesh_motion_numerics.correction.free_region import free_region
 from mesh_motion_numerics.correction.part_of_mesh import Elsewhere
 from mesh_motion_numerics.correction.smooth_region import ROUGH, SmoothRegion
 from mesh_motion_numerics.mesh.cells import CellTable, CellType
-from mesh_motion_numerics.quality.metrics import CellsAtRest, cells_at_rest
+from mesh_motion_numerics.quality.metrics import reference_sizes
 from mesh_motion_numerics.stopwatch import check_time
 
 __all__ = ["FAR", "RAMP", "RINGS", "Law", "SmoothMotion", "Smoothed", "onset_of"]
@@ -99,7 +100,7 @@ class Law:
     """
 
     onset: float = -math.log(_ONSET)
-    stiffness: float = 28.0
+    stiffness: float = 16.0
     power: float = 8.0
     norm: PNorm = field(default_factory=lambda: PNorm(1.0, 16.0))
 
@@ -189,14 +190,13 @@ class SmoothMotion:
         return self._later
 
     @cached_property
-    def _at_rest(self) -> CellsAtRest:
-        return cells_at_rest(self.reference, self.cells)
+    def _sizes(self) -> Floats:
+        return reference_sizes(self.reference, self.cells)
 
     @cached_property
     def corners(self) -> CornerSimplices:
-        return self._with_angles(
-            corner_simplices(self.reference, self.cells, self._at_rest), self.cells, self.reference
-        )
+        simplices = corner_simplices(self.reference, self.cells, self._sizes, at_rest=True)
+        return self._with_angles(simplices, self.cells, self.reference)
 
     def _with_angles(self, simplices: CornerSimplices, cells: CellTable, reference: Floats) -> CornerSimplices:
         """The corners of some cells; of quads and hexahedra the angles count."""
@@ -257,7 +257,7 @@ class SmoothMotion:
             return None
         key = np.packbits(marked).tobytes()
         if self._last is None or self._last[0] != key:
-            free = free_region(self.reference, self.cells, self._at_rest, marked)
+            free = free_region(self.reference, self.cells, self._sizes, marked, at_rest=True)
             simplices = self._with_angles(free.simplices, free.cells, self.reference[free.nodes])
             constraint = None if self.constraint is None else self.constraint.of(free)
             self._last = key, SmoothRegion.build(replace(free, simplices=simplices), constraint, self.reference)

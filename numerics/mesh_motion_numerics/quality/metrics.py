@@ -322,17 +322,15 @@ def subset_quality(
     return out
 
 
-def corner_quality(points: NDArray[np.floating], cells: CellTable, rest: CellsAtRest, skews: Floats) -> Floats:
-    """(m,) quality of each cell's worst corner against itself at rest: shape · √size, and of no simplex its angles.
+def corner_quality(points: NDArray[np.floating], cells: CellTable, rest: CellsAtRest) -> Floats:
+    """(m,) quality of each cell's worst corner against itself at rest: shape · √size, of quads and hexahedra angles.
 
-    ``skews`` (m,) are those of :func:`cell_quality` at the same points (n, d).
     A cell without a corner below ``exp(−f)`` has no distortion above f in the smooth correction; its metric is named
     :data:`WORST_CORNER` where regions are chosen.
     """
     positions, out = as_positions(points, cells.dimension), np.empty(len(cells))
     for block, rows in block_slices(cells):
-        arrays = positions, rest.points, np.ascontiguousarray(block.nodes), skews[rows]
-        kernels.corner_quality(*arrays, np.ascontiguousarray(rest[rows].skews), out[rows])
+        kernels.corner_quality(positions, rest.points, np.ascontiguousarray(block.nodes), out[rows])
     return out
 
 

@@ -233,8 +233,7 @@ struct Qualities {
             expect(rest.skews.size() == tally.cells->count, "metric", "a tally that is relative to rest");
             tally.cells->by_block([&](auto nodes, Index first) {
                 const Index last = first + nodes.shape(0);
-                corner_quality(points, rest.points, nodes, view_of(skew).rows(first, last),
-                               rest.skews.rows(first, last), view_of(found).rows(first, last));
+                corner_quality(points, rest.points, nodes, view_of(found).rows(first, last));
             });
         } else {
             expect(metric == metrics[tally.metric].name, "metric", "that of the tally");

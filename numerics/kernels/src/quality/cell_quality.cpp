@@ -291,8 +291,6 @@ template <int d>
     return flat ? 1.0 : shape;
 }
 
-constexpr double flat_simplex = 0.3;  // skew at rest of simplices that are flat on purpose, as in distortion.py
-
 /// Π |a_k|² of the edges.
 template <int d>
 double squared_lengths(const Corner<d>& corner) {
@@ -301,14 +299,14 @@ double squared_lengths(const Corner<d>& corner) {
     return product;
 }
 
-/// Of one corner, from its shape if it is known.
+/// Of one corner.
 template <class Type, int d = Type::dimension>
-double corner_value(const Corner<d>& now, const Corner<d>& rest, double shape) {
+double corner_value(const Corner<d>& now, const Corner<d>& rest) {
     constexpr bool simplex = Type::nodes == d + 1, box = !simplex && Type::corners.size() == 1 << d;
     const double det = now.determinant(), whole = rest.determinant(), before = squared_lengths<d>(rest);
     if (!simplex && std::abs(whole) <= flat_corner * std::sqrt(before)) return 0.0;
     if (!(det * whole > smallest * whole * whole)) return 0.0;  // no division by zero: OpenFOAM ends where there is one
-    const double tau = det / whole, size = std::sqrt(std::min(tau, 1.0 / tau));
+    const double shape = kept_shape<d>(now, rest), tau = det / whole, size = std::sqrt(std::min(tau, 1.0 / tau));
     if (!box) return shape * size;
     const double oblique = 0.5 * logarithm(squared_lengths<d>(now) / before) - logarithm(tau);
     return shape * size * (oblique > 0.0 ? exponential(-AngleLaw(oblique).value()) : 1.0);
@@ -317,9 +315,8 @@ double corner_value(const Corner<d>& now, const Corner<d>& rest, double shape) {
 /// Of the corners of one block.
 template <class Type>
 void corner_rows(Matrix<const double> points, Matrix<const double> rest_points, Matrix<const Node> nodes,
-                 const double* skew, const double* rest_skew, double* quality) {
+                 double* quality) {
     constexpr int d = Type::dimension;
-    constexpr bool simplex = Type::nodes == d + 1;
     for_chunks(0, nodes.shape(0), [&](Index first, Index count) {
         const Rows rows(points, nodes, first, count);
         const auto now = from_points<Type>(points, count, rows.cells<Type>(), rows.inside);
@@ -330,10 +327,7 @@ void corner_rows(Matrix<const double> points, Matrix<const double> rest_points, 
             now(k, moved);
             before(k, rest);
             for (Index s = 0; s < count; ++s) {
-                const Corner<d> here(moved, s), there(rest, s);
-                const bool by_skew = simplex && rest_skew[first + s] >= flat_simplex;
-                const double shape = by_skew ? skew[first + s] / rest_skew[first + s] : kept_shape<d>(here, there);
-                const double value = corner_value<Type>(here, there, shape);
+                const double value = corner_value<Type>(Corner<d>(moved, s), Corner<d>(rest, s));
                 quality[first + s] = value < quality[first + s] ? value : quality[first + s];
             }
         }
@@ -580,14 +574,13 @@ void relative_shapes(Matrix<const double> points, Matrix<const double> rest_poin
 }
 
 void corner_quality(Matrix<const double> points, Matrix<const double> rest_points, Matrix<const Node> nodes,
-                    Vector<const double> skew, Vector<const double> rest_skew, Vector<double> quality) {
+                    Vector<double> quality) {
     const Index m = nodes.shape(0);
-    require(skew.size() == m && rest_skew.size() == m && quality.size() == m, "expected one entry for each cell");
+    require(quality.size() == m, "quality: expected one entry for each cell");
     require(rest_points.shape() == points.shape(), "rest_points: expected the shape of points");
     with_cell_type(points.shape(1), nodes.shape(1), [&]<class Type>(Type) {
         for_ranges(m, judged_at_once, [&](Index first, Index last) {
-            corner_rows<Type>(points, rest_points, nodes.rows(first, last), skew.data() + first,
-                              rest_skew.data() + first, quality.data() + first);
+            corner_rows<Type>(points, rest_points, nodes.rows(first, last), quality.data() + first);
         });
     });
 }

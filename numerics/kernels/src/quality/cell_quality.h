@@ -110,12 +110,12 @@ void chosen_quality(Matrix<const double> points, Matrix<const Node> nodes, Vecto
 void relative_shapes(Matrix<const double> points, Matrix<const double> rest_points, Matrix<const Node> nodes,
                      Vector<const double> skew, Vector<const double> rest_skew, Vector<double> shapes);
 
-/// Quality (m,) of each cell's worst corner against itself at rest, from the skews now and at rest (m,): its shape times
-/// √min(τ, 1/τ) of its determinants' ratio τ and, of quads and hexahedra, times exp(−φ) of angle_law.h; 0 or less where it is inverted. The shape is d |det T|^(2/d) / |T|² as above, and that of a simplex
-/// which is not flat at rest its skew over that at rest. exp(−f) is at least this for the distortion f of
-/// numerics/correction/smooth_motion.py. A corner that is flat at rest has none: 0.
+/// Quality (m,) of each cell's worst corner against itself at rest: d |det T|^(2/d) / |T|² as above, of simplices too,
+/// times √min(τ, 1/τ) of τ = det T and, of quads and hexahedra, times exp(−φ) of angle_law.h; 0 or less where it is
+/// inverted. exp(−f) is at least this for the distortion f of numerics/correction/smooth_motion.py. A corner that is
+/// flat at rest has none: 0.
 void corner_quality(Matrix<const double> points, Matrix<const double> rest_points, Matrix<const Node> nodes,
-                    Vector<const double> skew, Vector<const double> rest_skew, Vector<double> quality);
+                    Vector<double> quality);
 
 /// The same with every corner Jacobian A replaced by (I + J) A, J = gradients (m, d, d) of the cell.
 void transformed_quality(Matrix<const double> points, Matrix<const Node> nodes, Vector<const double> reference,
