@@ -404,7 +404,7 @@ def velocities(session, part):
         pytest.param("plane", {}, id="plane-smooth"),
         pytest.param("many", SETTINGS, id="many-plain"),
         pytest.param("space", {}, id="space-smooth", marks=pytest.mark.nightly),
-        pytest.param("many in plane", {}, id="many-smooth", marks=pytest.mark.nightly),
+        pytest.param("many", {}, id="many-smooth", marks=pytest.mark.nightly),
     ],
 )
 def test_derivatives_are_those_of_a_session_with_the_whole_mesh(server, mesh, settings):
