@@ -296,7 +296,7 @@ def test_one_rank_is_corrected_as_a_session_with_the_whole_mesh_is(prefix, endpo
 
 @pytest.mark.parametrize(("settings", "by"), [(SETTINGS, 1), (CORRECTED, 10)], ids=["plain", "corrected"])
 def test_after_kill_9_the_trial_is_made_and_judged_again(prefix, tmp_path, settings, by):
-    mesh = box("hexahedron", 10)
+    mesh = box("hexahedron", 20)
     with ServerProcess(tmp_path) as server, CSession(prefix, server.endpoint) as session:
         session.open(mesh, settings)
         body = mesh.points[session.moving_nodes]
