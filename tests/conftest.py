@@ -1,9 +1,12 @@
 """What all tests share."""
 
+import fcntl
 import gc
 import logging
 import os
+import shutil
 import signal
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -13,6 +16,8 @@ from hypothesis import settings
 from mesh_motion_server import failpoints
 from mesh_motion_server.transport.processes import repeatable_libraries
 from tests.faults.failpoint_plan import PLAN
+
+ROOT = Path(__file__).resolve().parents[1]
 
 #: Examples that hypothesis draws for a test: `make test` takes the first, `make test-all` the second.
 settings.register_profile("few", max_examples=25, deadline=None)
@@ -25,7 +30,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 #: Fixtures that compile. On a busy machine this takes many minutes, and the first test that wants one waits for it.
-_COMPILE = {"foam_environment", "flap", "tools", "zmq_flags", "prefix", "sdist", "wheel"}
+_COMPILE = {"foam_environment", "flap", "tools", "zmq_flags", "c_kernels", "sdist", "wheel"}
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m chooses among them
@@ -79,6 +84,31 @@ def libraries_of_their_own() -> Iterator[None]:
     for name in set(_CODE_OF_LIBRARIES) - set(before):
         os.environ.pop(name, None)
     os.environ.update(before)
+
+
+@pytest.fixture(scope="session")
+def c_kernels(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the kernels are installed as a C library; compiled once for all processes that run tests."""
+    for tool in ("cmake", "g++"):
+        if shutil.which(tool) is None:
+            pytest.skip(f"{tool} is not installed")
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "c_kernels"
+    folder.mkdir(exist_ok=True)
+    source, build, prefix = ROOT / "numerics" / "kernels", folder / "build", folder / "prefix"
+    options = ["-DMESH_MOTION_PYTHON=OFF", "-DMESH_MOTION_C=ON", "-DCMAKE_INSTALL_LIBDIR=lib"]
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "made").exists():
+            for arguments in (
+                ["-S", source, "-B", build, f"-DCMAKE_INSTALL_PREFIX={prefix}", *options],
+                ["--build", build, "-j", str(os.cpu_count())],
+                ["--install", build],
+            ):
+                done = subprocess.run(["cmake", *arguments], capture_output=True, text=True, check=False)
+                assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+            (folder / "made").touch()
+    return prefix
 
 
 @pytest.fixture

@@ -273,9 +273,9 @@ def raw_field(session):
         pytest.param("plane", "full", SETTINGS, id="plane-full-plain"),
         pytest.param("plane", "replay", CORRECTED, id="plane-replay-corrected"),
         pytest.param("plane", "replay", {}, id="plane-replay-default"),
-        pytest.param("many in plane", "replay", SETTINGS, id="many-replay-plain"),
-        pytest.param("many in plane", "full", CORRECTED, id="many-full-corrected"),
-        pytest.param("many in plane", "full", {}, id="many-full-default"),
+        pytest.param("many", "replay", SETTINGS, id="many-replay-plain"),
+        pytest.param("many", "full", CORRECTED, id="many-full-corrected"),
+        pytest.param("many", "full", {}, id="many-full-default"),
     ],
 )
 def test_after_kill_9_field_and_nodes_are_bitwise_the_same(tmp_path, mesh, durability, settings):

@@ -15,10 +15,8 @@ from mesh_motion_server.service import move
 from mesh_motion_server.session import motions, session
 from mesh_motion_server.session.partitions import merging, uploads
 from tests.faults.bad_inputs import BAD_INPUTS, prove_bad_inputs
-from tests.faults.check import Budget
 from tests.faults.extreme_inputs import prove_extreme_inputs
 from tests.faults.inputs.extremes import EXTREMES
-from tests.faults.numerical_input import CHECK
 
 
 def rows(*starts: str) -> list[Any]:
@@ -32,14 +30,6 @@ def test_every_bad_input_is_refused_as_its_row_says_and_leaves_no_trace() -> Non
     verdicts = prove_bad_inputs(1)
     assert verdicts.wrong == {}
     assert verdicts.right == verdicts.cases == len(BAD_INPUTS)
-
-
-@pytest.mark.nightly
-def test_the_row_of_the_table_says_how_many() -> None:
-    result = CHECK.run(0, Budget(1))
-    assert result.passed
-    assert result.details == {"refused": len(BAD_INPUTS), "rounds": 1, "extreme": len(EXTREMES)}
-    assert f"{len(EXTREMES)} of {len(EXTREMES)} extreme" in result.got
 
 
 def test_the_table_is_as_large_as_promised_and_meets_every_request() -> None:

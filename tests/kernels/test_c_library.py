@@ -54,23 +54,11 @@ def need(*tools: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the library is installed, of the default instruction set."""
-    need("cmake", "g++")
-    folder = tmp_path_factory.mktemp("kernels")
-    run("cmake", "-S", SOURCE, "-B", folder / "build", "-DMESH_MOTION_PYTHON=OFF", "-DMESH_MOTION_C=ON",
-        "-DCMAKE_INSTALL_LIBDIR=lib")  # fmt: skip
-    run("cmake", "--build", folder / "build", "-j", "2")
-    run("cmake", "--install", folder / "build", "--prefix", folder / "prefix")
-    return folder / "prefix"
-
-
-@pytest.fixture(scope="module")
-def library(prefix: Path) -> ctypes.CDLL:
+def library(c_kernels: Path) -> ctypes.CDLL:
     """The library, with two threads whatever the machine has."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MESH_MOTION_THREADS", "2")
-        loaded = ctypes.CDLL(str(prefix / "lib" / "libmesh_motion_kernels.so"))
+        loaded = ctypes.CDLL(str(c_kernels / "lib" / "libmesh_motion_kernels.so"))
         loaded.mesh_motion_kernels_error.restype = c_char_p
         assert loaded.mesh_motion_available_threads() == 2
     return loaded
@@ -419,13 +407,13 @@ def square_in_a_square() -> tuple[CellTable, Array, Array]:
     ],
     ids=["c", "fortran"],
 )
-def test_the_examples_move_and_judge_a_mesh(prefix: Path, tmp_path: Path, compiler: list[Any]) -> None:
+def test_the_examples_move_and_judge_a_mesh(c_kernels: Path, tmp_path: Path, compiler: list[Any]) -> None:
     need(compiler[0], "pkg-config")
-    environment = os.environ | {"PKG_CONFIG_PATH": str(prefix / "lib" / "pkgconfig")}
+    environment = os.environ | {"PKG_CONFIG_PATH": str(c_kernels / "lib" / "pkgconfig")}
     flags = run("pkg-config", "--cflags", "--libs", "mesh_motion_kernels", env=environment).split()
     run(*compiler, *WARNINGS, *flags, "-lm", "-o", tmp_path / "evaluate", cwd=tmp_path)
     printed = run(
-        tmp_path / "evaluate", tmp_path / "points.bin", env=os.environ | {"LD_LIBRARY_PATH": str(prefix / "lib")}
+        tmp_path / "evaluate", tmp_path / "points.bin", env=os.environ | {"LD_LIBRARY_PATH": str(c_kernels / "lib")}
     )
     cells, points, displacement = square_in_a_square()
     moved = np.fromfile(tmp_path / "points.bin").reshape(-1, 2)
@@ -445,12 +433,12 @@ def test_the_header_is_free_of_warnings(compiler: list[str]) -> None:
     run(*compiler, *WARNINGS, "-fsyntax-only", SOURCE / "include" / "mesh_motion_kernels.h")
 
 
-def test_what_is_exported_is_what_the_header_declares(prefix: Path) -> None:
+def test_what_is_exported_is_what_the_header_declares(c_kernels: Path) -> None:
     need("nm", "objdump")
-    shared = prefix / "lib" / "libmesh_motion_kernels.so"
+    shared = c_kernels / "lib" / "libmesh_motion_kernels.so"
     names = set(re.findall(r" T (\w+)", run("nm", "-D", "--defined-only", shared)))
-    header = (prefix / "include" / "mesh_motion_kernels.h").read_text()
+    header = (c_kernels / "include" / "mesh_motion_kernels.h").read_text()
     assert names == set(re.findall(r"MESH_MOTION_API [^;]*?\b(mesh_motion_\w+)\(", header))
     assert re.search(r"SONAME\s+libmesh_motion_kernels\.so\.1\n", run("objdump", "-p", shared))
-    module = (prefix / "include" / "mesh_motion_kernels.f90").read_text()
+    module = (c_kernels / "include" / "mesh_motion_kernels.f90").read_text()
     assert names - set(re.findall(r"\b(?:function|subroutine) (mesh_motion_\w+)\(", module)) == set()

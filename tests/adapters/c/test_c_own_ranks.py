@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import shutil
 import signal
 from concurrent.futures import ThreadPoolExecutor
 from ctypes import byref, c_char_p, c_double, c_int, c_int64, c_size_t, c_void_p
@@ -23,20 +24,16 @@ SINCE_REFERENCE, SINCE_COMMITTED, KEEP = 1, 0, 0
 
 
 @pytest.fixture(scope="module")
-def prefix(tmp_path_factory, tools, zmq_flags):
-    """Where the kernels and the client with them are installed."""
-    tools["need"]("cmake", "g++")
-    folder = tmp_path_factory.mktemp("own_ranks")
-    made, run, jobs = folder / "prefix", tools["compile"], str(os.cpu_count())
-    settings = [f"-DCMAKE_INSTALL_PREFIX={made}", "-DCMAKE_INSTALL_LIBDIR=lib"]
-    kernels = [*settings, "-DMESH_MOTION_PYTHON=OFF", "-DMESH_MOTION_C=ON", "-DMESH_MOTION_LEVELS=native"]
-    client = [*settings, "-DMESH_MOTION_EVALUATION=ON", "-DCMAKE_C_FLAGS=-Werror"]
-    environment = os.environ | {"PKG_CONFIG_PATH": str(made / "lib" / "pkgconfig")}
-    for source, options in ((tools["root"] / "numerics" / "kernels", kernels), (tools["source"], client)):
-        build = folder / source.name
-        run(["cmake", "-S", source, "-B", build, *options], env=environment)
-        run(["cmake", "--build", build, "-j", jobs])
-        run(["cmake", "--install", build])
+def prefix(tmp_path_factory, tools, zmq_flags, c_kernels):
+    """Where the client that evaluates with the kernels is installed."""
+    folder, run = tmp_path_factory.mktemp("own_ranks"), tools["compile"]
+    made, build = folder / "prefix", folder / "build"
+    shutil.copytree(c_kernels, made, symlinks=True)  # the client looks for them where it is itself
+    options = [f"-DCMAKE_INSTALL_PREFIX={made}", "-DCMAKE_INSTALL_LIBDIR=lib", "-DMESH_MOTION_EVALUATION=ON"]
+    environment = os.environ | {"PKG_CONFIG_PATH": str(c_kernels / "lib" / "pkgconfig")}
+    run(["cmake", "-S", tools["source"], "-B", build, *options, "-DCMAKE_C_FLAGS=-Werror"], env=environment)
+    run(["cmake", "--build", build, "-j", str(os.cpu_count())])
+    run(["cmake", "--install", build])
     return made
 
 

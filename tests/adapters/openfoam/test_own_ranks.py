@@ -16,23 +16,16 @@ METHOD = "quality_threshold 0.1; displacement absolute; correction none; sub_ste
 CORRECTED = METHOD.replace("none;", "optimised; correction_target threshold;").replace("threshold 0.1", "threshold 0.6")
 
 
-def made(*command, **options):
-    done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False, **options)
-    assert done.returncode == 0, f"{command}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
-
-
 @pytest.fixture(scope="module")
-def evaluating(foam_environment, tmp_path_factory):
+def evaluating(foam_environment, c_kernels, tmp_path_factory):
     """The environment with a library that has the compiled kernels."""
-    if shutil.which("cmake") is None:
-        pytest.skip("cmake is not installed")
-    folder = tmp_path_factory.mktemp("kernels")
-    options = ["-DMESH_MOTION_PYTHON=OFF", "-DMESH_MOTION_C=ON", "-DMESH_MOTION_LEVELS=native"]
-    made("cmake", "-S", ROOT / "numerics" / "kernels", "-B", folder / "build", *options, "-DCMAKE_INSTALL_LIBDIR=lib")
-    made("cmake", "--build", folder / "build", "-j", os.cpu_count())
-    made("cmake", "--install", folder / "build", "--prefix", folder / "prefix")
-    built = {"OUT": str(folder / "library"), "MESH_MOTION_KERNELS": str(folder / "prefix")}
-    made("./Allwmake", cwd=ROOT / "adapters" / "openfoam", env=os.environ | built)
+    folder = tmp_path_factory.mktemp("evaluating")
+    built = {"OUT": str(folder / "library"), "MESH_MOTION_KERNELS": str(c_kernels)}
+    adapter = ROOT / "adapters" / "openfoam"
+    done = subprocess.run(
+        ["./Allwmake"], cwd=adapter, env=os.environ | built, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
     return {"LD_LIBRARY_PATH": f"{folder / 'library'}:{foam_environment['LD_LIBRARY_PATH']}"}
 
 
