@@ -767,6 +767,27 @@ def test_sides_of_exodus_shells_are_two_faces_and_the_edges(
     assert {name: nodes.tolist() for name, nodes in found.items()} == expected
 
 
+@pytest.mark.parametrize(
+    ("solid", "side", "expected"),
+    [
+        ("", "E1", {"wall": [0, 1]}),
+        ("", "e4", {"wall": [0, 3]}),
+        ("", "SPOS", {}),  # the face of the shell is the mesh
+        ("*ELEMENT, TYPE=C3D5\n2, 1, 2, 3, 4, 5\n", "SNEG", {"wall": [0, 1, 2, 3]}),
+        ("*ELEMENT, TYPE=C3D5\n2, 1, 2, 3, 4, 5\n", "E2", {"wall": [1, 2]}),
+    ],
+)
+def test_surfaces_of_shells_in_abaqus(tmp_path: Path, solid: str, side: str, expected: dict[str, list[int]]) -> None:
+    """Edges E1, E2, … and faces SPOS, SNEG, as Abaqus' manual names them."""
+    apex = "5, 0.4, 0.4, 1\n" if solid else ""
+    (tmp_path / "m.inp").write_text(
+        f"*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n3, 1, 1, 0\n4, 0, 1, 0\n{apex}*ELEMENT, TYPE=S4R\n1, 1, 2, 3, 4\n{solid}"
+        f"*SURFACE, NAME=wall\n1, {side}\n"
+    )
+    found = read_mesh(tmp_path / "m.inp").patches
+    assert {name: nodes.tolist() for name, nodes in found.items()} == expected
+
+
 def test_one_array_of_faces_and_lines_elsewhere_is_said(tmp_path: Path) -> None:
     points = "0 0 0 1 0 0 0 1 0 0 0 1"
     (tmp_path / "m.vtk").write_text(
