@@ -120,6 +120,7 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.mesh", "MFEM NURBS mesh v1.0\n", r"an MFEM mesh of another kind, which is not read \(read are .* MFEM ref"),
         ("m.vol", "mesh3d\ndimension\n3\n", r"a Netgen mesh, .*Export Mesh"),
         ("m.case", "FORMAT\ntype: ensight gold\n", "an EnSight case, which is not read"),
+        ("m.ccm", "@(#)ADF Database Version A02011>", r"a STAR-CCM\+ mesh, which is not read"),
         ("m.dat", 'TITLE = "x"\n', "a Tecplot file, which is not read"),
         ("m.inp", "# made by x\n 4 1 0 0 0\n 1 0. 0. -1e-3\n", "an AVS UCD file, which is not read"),
         ("m.ply2", "3\n1\n0 0 0\n1 0 0\n", "unknown kind of mesh file; known are"),
