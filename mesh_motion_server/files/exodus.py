@@ -23,7 +23,7 @@ from mesh_motion_server.files.moved import copied_hdf5
 from mesh_motion_server.files.packages import check_unpacked, reason_of
 from mesh_motion_server.files.replace import replacing
 from mesh_motion_server.files.sides import EXODUS as SIDES
-from mesh_motion_server.files.sides import side_nodes
+from mesh_motion_server.files.sides import SHELLS, side_nodes
 
 __all__ = ["EXODUS"]
 
@@ -41,9 +41,10 @@ def _read(path: Path) -> MeshFile:
     """
     with _opened(path) as data:
         points = _points(data)
-        blocks = _blocks(data, len(points))
+        blocks = _blocks(data, *points.shape)
         patches, notes = by_name(_sets(data, points, blocks))
-        mesh = assemble_elements(path, points, blocks, {name: nodes for name, nodes in patches.items() if len(nodes)})
+        elements = [(name, nodes) for name, nodes, _ in blocks]
+        mesh = assemble_elements(path, points, elements, {name: nodes for name, nodes in patches.items() if len(nodes)})
         return replace(mesh, notes=(*mesh.notes, *notes))
 
 
@@ -90,8 +91,8 @@ def _points(data: dict[str, Any]) -> Floats:
     return np.column_stack(columns).astype(np.float64)
 
 
-def _blocks(data: dict[str, Any], n_points: int) -> list[tuple[str, Integers]]:
-    """Our type and nodes (m, k) of each block of elements, in the order of the element numbers."""
+def _blocks(data: dict[str, Any], n_points: int, dimension: int) -> list[tuple[str, Integers, bool]]:
+    """Our type, nodes (m, k) and whether they are shells of each block, in the order of the element numbers."""
     found = []
     for number in sorted(int(name.removeprefix("connect")) for name in data if name.startswith("connect")):
         values, kind = data[f"connect{number}"]
@@ -100,6 +101,7 @@ def _blocks(data: dict[str, Any], n_points: int) -> list[tuple[str, Integers]]:
         name = _TYPES.get(kind[:3].upper())
         if name is None or nodes.ndim != 2:
             raise ValueError(f"block {number} of elements of type {kind!r}; known are {', '.join(_TYPES)}")
+        shell = "SHELL" in kind.upper() or (name == "triangle" and dimension == 3)
         if kind[:5].upper() == "SHELL" and nodes.shape[1] in (3, 6):
             name = "triangle"
         if name and nodes.shape[1] < CELL_TYPES[name].n_nodes:
@@ -110,15 +112,16 @@ def _blocks(data: dict[str, Any], n_points: int) -> list[tuple[str, Integers]]:
             raise ValueError(
                 f"block {number}: element {int(wrong[0, 0]) + 1} names node {node}, but the last node is {n_points}"
             )
-        found.append((name, nodes))
+        found.append((name, nodes, shell))
     return found
 
 
 def _sets(
-    data: dict[str, Any], points: Floats, blocks: list[tuple[str, Integers]]
+    data: dict[str, Any], points: Floats, blocks: list[tuple[str, Integers, bool]]
 ) -> dict[str, list[tuple[int, Integers]]]:
     """Dimension and nodes of side sets and node sets, by their names, or their numbers if they have none."""
-    starts = np.cumsum([0, *(len(nodes) for _, nodes in blocks)])
+    starts = np.cumsum([0, *(len(nodes) for _, nodes, _ in blocks)])
+    plane = all(CELL_TYPES[name].dimension < 3 for name, _, _ in blocks if name)  # faces of shells are no boundary
     found: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
     for kind in ("ss", "ns"):
         listed = [name.removeprefix(f"elem_{kind}").removeprefix(f"node_{kind}") for name in data]
@@ -134,10 +137,13 @@ def _sets(
                     reason = f"names element {int(elements[wrong][0]) + 1}" if wrong.any() else "has other counts"
                     raise ValueError(f"side set {name!r} {reason} than the {int(starts[-1])} elements that there are")
                 parts = [np.empty(0, dtype=np.int64)]
-                for (cell, of), start in zip(blocks, starts, strict=False):
+                for (cell, of, shell), start in zip(blocks, starts, strict=False):
                     own = (elements >= start) & (elements < start + len(of))
+                    if shell and plane:
+                        own &= (sides != 1) & (sides != 2)
                     if own.any():
-                        parts.append(side_nodes(points, cell, of[elements[own] - start], sides[own], SIDES))
+                        table = SHELLS if shell else SIDES
+                        parts.append(side_nodes(points, cell, of[elements[own] - start], sides[own], table))
                 nodes = np.concatenate(parts)
             found[name].append((0 if kind == "ns" else points.shape[1] - 1, nodes))
     return found

@@ -81,6 +81,7 @@ FORMATS: tuple[Format, ...] = (
         _BY_PARAVIEW,
     ),
     _named("an Ansys deck", (".cdb",), rb"(?im)^(/PREP7|NBLOCK,|/COM,\s*ANSYS)", _BY_ITS_PROGRAM),
+    _named("a STAR-CCM+ mesh", (".ccm", ".ccmg"), rb"ADF", _BY_ITS_PROGRAM),
     _named("a Gambit mesh", (".neu",), rb"\A\s*CONTROL INFO", _BY_ITS_PROGRAM),
     _named(
         "a COMSOL mesh",

@@ -22,7 +22,7 @@ from mesh_motion_server.files.format import Format
 from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name, concatenated
 from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.numbering import NumberedRows
-from mesh_motion_server.files.sides import ABAQUS, PLANES, SOLIDS, side_nodes
+from mesh_motion_server.files.sides import ABAQUS, PLANES, SHELLS, SOLIDS, side_nodes
 
 __all__ = ["ABAQUS_INP"]
 
@@ -200,7 +200,8 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
     for name, parts in found.surfaces.items():
         for items, side in parts:
             own = np.array([int(items)]) if items.isdigit() else _flat(found.element_sets, items)
-            parts_of[name] += [(dimension - 1, of.ravel()) for of in _surface(points, blocks, own, side)]
+            if dimension == 3 or side.upper() not in ("SPOS", "SNEG"):  # faces of shells in a plane are the mesh
+                parts_of[name] += [(dimension - 1, of.ravel()) for of in _surface(points, blocks, own, side)]
     for name in found.node_sets:
         own = np.unique(_flat(found.node_sets, name))
         # the set of all nodes is no patch, except that of both sides of one layer of elements
@@ -229,16 +230,18 @@ def _all_outside(blocks: list[tuple[str, Integers, Integers]], count: int) -> bo
 def _surface(
     points: Floats, blocks: list[tuple[str, Integers, Integers]], own: Integers, side: str
 ) -> Iterator[Integers]:
-    """Nodes of one side (S1, S2, …) of elements, which may be of several types."""
-    number = int(side[1:]) if side[:1].upper() == "S" and side[1:].isdigit() else 0
-    if not number:
-        raise ValueError(f"side {side!r}, expected S1, S2, …")
+    """Nodes of one side (S1, S2, …; of shells E1, E2, … and SPOS, SNEG) of elements, which may be of several types."""
+    found = re.fullmatch(r"(S|E)([1-9])|SPOS|SNEG", side.upper())
+    if found is None:
+        raise ValueError(f"side {side!r}, expected S1, S2, …, of shells also E1, E2, …, SPOS, SNEG")
+    table = ABAQUS if found[1] == "S" else SHELLS
+    number = int(found[2] or 1) + 2 * (found[1] == "E")
     missing = np.setdiff1d(own, np.concatenate([ids for _, ids, _ in blocks]))
     if len(missing):
         raise ValueError(f"element {int(missing[0])} is named, but is not there")
     for name, ids, nodes in blocks:
         chosen = nodes[np.isin(ids, own)]
-        yield side_nodes(points, name, chosen, np.full(len(chosen), number), ABAQUS)
+        yield side_nodes(points, name, chosen, np.full(len(chosen), number), table)
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.cells import CELL_TYPES
 
-__all__ = ["ABAQUS", "EXODUS", "PLANES", "SOLIDS", "side_nodes"]
+__all__ = ["ABAQUS", "EXODUS", "PLANES", "SHELLS", "SOLIDS", "side_nodes"]
 
 #: Our type of elements with so many nodes, of first and second order.
 SOLIDS = {4: "tetra", 10: "tetra", 8: "hexahedron", 20: "hexahedron", 27: "hexahedron", 6: "wedge", 15: "wedge",
@@ -25,6 +25,8 @@ EXODUS: Sides = {
     "wedge": ((1, 2, 5, 4), (2, 3, 6, 5), (1, 4, 6, 3), (1, 3, 2), (4, 5, 6)),
     "pyramid": ((1, 2, 5), (2, 3, 5), (3, 4, 5), (1, 5, 4), (1, 4, 3, 2)),
 }
+#: The same of shells: their two faces come before their edges.
+SHELLS: Sides = {name: (faces := tuple(range(1, len(edges) + 1)), faces, *edges) for name, edges in _FLAT.items()}
 #: CalculiX's manual, *SURFACE, the same as Abaqus'.
 ABAQUS: Sides = {
     **_FLAT,

@@ -134,6 +134,7 @@ def test_vtk_reads_the_same_cells_of_fluent(tmp_path: Path) -> None:
         ("m.mesh", "MFEM NURBS mesh v1.0\n", r"an MFEM mesh of another kind, which is not read \(read are .* MFEM ref"),
         ("m.vol", "mesh3d\ndimension\n3\n", r"a Netgen mesh, .*Export Mesh"),
         ("m.case", "FORMAT\ntype: ensight gold\n", "an EnSight case, which is not read"),
+        ("m.ccm", "@(#)ADF Database Version A02011>", r"a STAR-CCM\+ mesh, which is not read"),
         ("m.dat", 'TITLE = "x"\n', "a Tecplot file, which is not read"),
         ("m.inp", "# made by x\n 4 1 0 0 0\n 1 0. 0. -1e-3\n", "an AVS UCD file, which is not read"),
         ("m.ply2", "3\n1\n0 0 0\n1 0 0\n", "unknown kind of mesh file; known are"),
@@ -761,6 +762,70 @@ def test_a_node_set_of_exodus_with_the_number_or_the_name_of_a_side_set(tmp_path
     named = read_mesh(with_a_node_set(tmp_path / "name.exo", node, name.encode()))
     assert named.patches[name].tolist() == sorted([*nodes, node])
     assert any(f"{name!r} is the name of a surface and of a point with 1 other node" in note for note in named.notes)
+
+
+@pytest.mark.parametrize(
+    ("axes", "blocks", "sides", "expected"),
+    [
+        ("xy", {"SHELL4": [[1, 2, 3, 4]]}, [[3], [6]], {"1": [0, 1], "2": [0, 3]}),
+        ("xy", {"SHELL4": [[1, 2, 3, 4]]}, [[1], [6]], {"2": [0, 3]}),  # the first set has the face, which is the mesh
+        ("xy", {"SHELL8": [[1, 2, 3, 4, 6, 7, 8, 9]]}, [[4], [5]], {"1": [1, 2, 6], "2": [2, 3, 7]}),
+        ("xy", {"TRISHELL3": [[1, 2, 3]]}, [[3], [5]], {"1": [0, 1], "2": [0, 2]}),
+        ("xy", {"TRI3": [[1, 2, 3]]}, [[3], [1]], {"1": [0, 2], "2": [0, 1]}),
+        ("xyz", {"TRI3": [[1, 2, 4]], "TETRA4": [[1, 2, 4, 5]]}, [[1], [5]], {"1": [0, 1, 3], "2": [0, 3]}),
+        (
+            "xyz",
+            {"SHELL4": [[1, 2, 3, 4]], "PYRAMID5": [[1, 2, 3, 4, 5]]},
+            [[2], [3]],
+            {"1": [0, 1, 2, 3], "2": [0, 1]},
+        ),
+    ],
+)
+def test_sides_of_exodus_shells_are_two_faces_and_the_edges(
+    tmp_path: Path, axes: str, blocks: dict[str, Any], sides: list[list[int]], expected: dict[str, list[int]]
+) -> None:
+    """The numbers are those of libexodus: ex_get_side_set_node_list."""
+    from scipy.io import netcdf_file  # noqa: PLC0415
+
+    points = np.array(
+        [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.4, 0.4, 1), (0.5, 0, 0), (1, 0.5, 0), (0.5, 1, 0)]
+    )
+    arrays: dict[str, Any] = {f"coord{a}": np.vstack([points, (0, 0.5, 0)])[:, k] for k, a in enumerate(axes)}
+    for number, side in enumerate(sides, start=1):
+        arrays |= {f"elem_ss{number}": np.array([1], "i"), f"side_ss{number}": np.array(side, "i")}
+    for number, nodes in enumerate(blocks.values(), start=1):
+        arrays[f"connect{number}"] = np.array(nodes, "i")
+    with netcdf_file(tmp_path / "m.exo", "w", version=2) as file:
+        for name, values in arrays.items():
+            lengths = [f"{name}_{k}" for k in range(values.ndim)]
+            for length, size in zip(lengths, values.shape, strict=True):
+                file.createDimension(length, size)
+            file.createVariable(name, values.dtype, lengths)[:] = values
+        for number, kind in enumerate(blocks, start=1):
+            file.variables[f"connect{number}"].elem_type = kind
+    found = read_mesh(tmp_path / "m.exo").patches
+    assert {name: nodes.tolist() for name, nodes in found.items()} == expected
+
+
+@pytest.mark.parametrize(
+    ("solid", "side", "expected"),
+    [
+        ("", "E1", {"wall": [0, 1]}),
+        ("", "e4", {"wall": [0, 3]}),
+        ("", "SPOS", {}),  # the face of the shell is the mesh
+        ("*ELEMENT, TYPE=C3D5\n2, 1, 2, 3, 4, 5\n", "SNEG", {"wall": [0, 1, 2, 3]}),
+        ("*ELEMENT, TYPE=C3D5\n2, 1, 2, 3, 4, 5\n", "E2", {"wall": [1, 2]}),
+    ],
+)
+def test_surfaces_of_shells_in_abaqus(tmp_path: Path, solid: str, side: str, expected: dict[str, list[int]]) -> None:
+    """Edges E1, E2, … and faces SPOS, SNEG, as Abaqus' manual names them."""
+    apex = "5, 0.4, 0.4, 1\n" if solid else ""
+    (tmp_path / "m.inp").write_text(
+        f"*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n3, 1, 1, 0\n4, 0, 1, 0\n{apex}*ELEMENT, TYPE=S4R\n1, 1, 2, 3, 4\n{solid}"
+        f"*SURFACE, NAME=wall\n1, {side}\n"
+    )
+    found = read_mesh(tmp_path / "m.inp").patches
+    assert {name: nodes.tolist() for name, nodes in found.items()} == expected
 
 
 def test_one_array_of_faces_and_lines_elsewhere_is_said(tmp_path: Path) -> None:

@@ -196,6 +196,16 @@ def test_earlier_versions_of_format_2(tmp_path: Path, version: str) -> None:
     assert read_mesh(tmp_path / "m.msh").n_cells == 1
 
 
+def test_comments_before_the_header(tmp_path: Path) -> None:
+    comments = "$Comments\nby $MeshFormat's program\n$EndComments\n"
+    (tmp_path / "m.msh").write_text(comments + HEADER + TRIANGLE.format(z=0))
+    mesh = read_mesh(tmp_path / "m.msh")
+    assert mesh.points.tolist() == [[0, 0], [1, 0], [0, 1]]
+    write_mesh(tmp_path / "moved.msh", replace(mesh, points=mesh.points + 0.25))
+    assert (tmp_path / "moved.msh").read_text().startswith(comments + HEADER)
+    assert read_mesh(tmp_path / "moved.msh").points.tolist() == [[0.25, 0.25], [1.25, 0.25], [0.25, 1.25]]
+
+
 def test_a_plane_mesh_may_have_rounding_in_its_third_coordinate(tmp_path: Path) -> None:
     (tmp_path / "m.msh").write_text(HEADER + TRIANGLE.format(z="-4e-8"))
     assert read_mesh(tmp_path / "m.msh").points.tolist() == [[0, 0], [1, 0], [0, 1]]

@@ -34,7 +34,7 @@ _TYPES = {1: "line", 2: "triangle", 3: "quad", 4: "tetra", 5: "hexahedron", 6: "
 _SECOND = {8: ("line", 3), 9: ("triangle", 6), 10: ("quad", 9), 11: ("tetra", 10), 12: ("hexahedron", 27),
            13: ("wedge", 18), 14: ("pyramid", 14), 16: ("quad", 8), 17: ("hexahedron", 20), 18: ("wedge", 15),
            19: ("pyramid", 13)}  # fmt: skip
-_HEADER = re.compile(rb"\s*\$MeshFormat\s+(\S+)\s+([01])\s+(\d+)[^\n]*\n")
+_HEADER = re.compile(rb"\s*(?:\$Comments\b(?s:.*?)\$EndComments\s+)?\$MeshFormat\s+(\S+)\s+([01])\s+(\d+)[^\n]*\n")
 _SECTION = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
 _NAME = re.compile(r'^\s*(\d+)\s+(\d+)\s+"(.*)"\s*$')
 
