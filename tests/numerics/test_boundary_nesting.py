@@ -6,7 +6,7 @@ from box_meshes import CELL_KINDS, box_mesh
 from correction_cases import stored
 from frame_meshes import rotation
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
-from mesh_motion_numerics.motion.boundary_nesting import misplaced_place
+from mesh_motion_numerics.motion.boundary_nesting import contact_place, misplaced_place
 
 
 @pytest.mark.parametrize("kind", [kind for kind in CELL_KINDS if kind != "tetra"])  # its boxes do not fit together
@@ -39,3 +39,12 @@ def test_a_body_in_another_one_is_found_and_one_behind_it_is_not() -> None:
         centre = moved[left].mean(axis=0)
         moved[left] = centre + factor * apart + size * (moved[left] - centre)
         assert (misplaced_place(facets, prescribed, mesh.body, mesh.points, moved) is not None) == inside
+
+
+@pytest.mark.filterwarnings("error")
+def test_facets_that_touch_are_not_judged_where_other_nodes_follow() -> None:
+    mesh = box_mesh("quad", 4)
+    facets = boundary_facets(mesh.cells)
+    touching = next(iter(facets.values()))[:2]
+    none = np.zeros(len(mesh.points), dtype=bool)
+    assert contact_place(facets, touching, none, mesh.points, mesh.points) is None

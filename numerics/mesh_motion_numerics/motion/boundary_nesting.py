@@ -106,6 +106,8 @@ def contact_place(
     parts, whole = closed_parts(rows, prescribed, len(points))
     rows = rows[whole[parts]]
     touching = touching[np.isin(touching[:, 0], rows)]
+    if not len(touching):  # all are of parts with nodes that follow
+        return None
     some, simplices = as_simplices(touching), as_simplices(rows)
     some = spread(some, _MOST_TOUCHING)
     inside, outside = _sides(some, points, simplices)
