@@ -1,4 +1,6 @@
-"""The C library has the bits of the Python module; its examples run; a wrong argument gives a number and a message."""
+"""The C library, built as numerics/kernels/README.md says, has the bits of the Python module; its examples run;
+a wrong argument gives a number and a message.
+"""
 
 import ctypes
 import os
