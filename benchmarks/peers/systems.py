@@ -145,12 +145,6 @@ _KRATOS = "KratosMultiphysics.MeshMovingApplication"
 _OURS = "mesh_motion_numerics.motion.motion"
 
 
-def _rival(text: str, **options: Any) -> PythonSystem:
-    """The plain motion by another way to deal with many boundary nodes."""
-    options |= {"correction": "none", "allow_invalid": True}
-    return PythonSystem(f"mesh-motion server, plain RBF, {text}", "ours:MotionModelMover", options, needs=_OURS)
-
-
 SYSTEMS: dict[str, System] = {
     "ours": PythonSystem("**mesh-motion server**, as it comes", "ours:MotionModelMover", needs=_OURS),
     "ours-maximum": PythonSystem(
@@ -174,7 +168,12 @@ SYSTEMS: dict[str, System] = {
         {"correction": "none", "allow_invalid": True},
         needs=_OURS,
     ),
-    "ours-one-scale": _rival("all centres in one scale", solver="iterative"),
+    "ours-one-scale": PythonSystem(
+        "mesh-motion server, plain RBF, all centres in one scale",
+        "ours:MotionModelMover",
+        {"correction": "none", "allow_invalid": True, "solver": "iterative"},
+        needs=_OURS,
+    ),
     "dense-rbf": PythonSystem("dense RBF in numpy, all centres", "dense_rbf:DenseRBF"),
     "scipy-rbf": PythonSystem("scipy RBFInterpolator, 50 neighbours", "scipy_rbf:ScipyRBF", needs="scipy.interpolate"),
     "openfoam": OpenFoamSystem("OpenFOAM displacementLaplacian, tolerance 1e-5", Settings(tolerance="usual")),

@@ -41,16 +41,20 @@ def guessed_roles(mesh: MeshFile) -> dict[str, tuple[str, str]]:
     InvalidInput
         For a mesh without patches.
     """
+    return _roles(mesh, *_layer(mesh))
+
+
+def _roles(mesh: MeshFile, sides: tuple[str, ...], layer: OneLayer | None) -> dict[str, tuple[str, str]]:
+    """As :func:`guessed_roles`, from what :func:`_layer` finds."""
     if not mesh.patches:
         raise InvalidInput(
             f"{mesh.path}: the mesh has no boundary patches, and a case needs one that moves",
             hint="name groups of boundary facets where the mesh is made (Gmsh: physical groups; SU2: markers)",
         )
-    planes, layer = _layer(mesh)
     points = mesh.points if layer is None else layer.project(mesh.points)
     low, high = points.min(axis=0), points.max(axis=0)
     roles = {
-        name: ("symmetry", _SIDE) if name in planes else _guess(name, points[nodes], points)
+        name: ("symmetry", _SIDE) if name in sides else _guess(name, points[nodes], points)
         for name, nodes in mesh.patches.items()
     }
     if all(role != "moving" for role, _ in roles.values()):
@@ -99,7 +103,8 @@ def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
     InvalidInput
         For a mesh without patches.
     """
-    roles = guessed_roles(mesh)
+    sides, layer = _layer(mesh)
+    roles = _roles(mesh, sides, layer)
     patches = "\n".join(
         f'{toml_key(name)} = "{role}"  # {len(mesh.patches[name])} nodes; {reason}'
         for name, (role, reason) in roles.items()
@@ -107,7 +112,6 @@ def draft(mesh: MeshFile, folder: Path, zone: str = "") -> str:
     moving = [name for name, (role, _) in roles.items() if role == "moving"]
     body = mesh.points[np.unique(np.concatenate([mesh.patches[name] for name in moving]))]
     centre = (body.min(axis=0) + body.max(axis=0)) / 2
-    _, layer = _layer(mesh)
     direction = np.eye(mesh.dimension)[min(1, mesh.dimension - 1)] if layer is None else layer.axes[1]
     normal = None if layer is None else np.cross(*layer.axes)
     length = _SHARE * float(np.ptp(body, axis=0).max() or np.ptp(mesh.points, axis=0).max())

@@ -90,7 +90,7 @@ class Document:
         if form == "hdf":
             values = self._hdf5(text)
         elif form == "binary":
-            raw = self.named(text).read_bytes()[int(item.get("Seek", "0")) :]
+            raw = self.file_of_numbers(text).read_bytes()[int(item.get("Seek", "0")) :]
             values = np.frombuffer(raw, dtype, count=int(np.prod(shape, dtype=np.int64)))
         elif form == "xml":
             words = text.split()
@@ -104,7 +104,7 @@ class Document:
             raise ValueError(f"an item of {values.size} numbers, but Dimensions {item.get('Dimensions')!r}")
         return values.reshape(shape)
 
-    def named(self, name: str) -> Path:
+    def file_of_numbers(self, name: str) -> Path:
         """A file of numbers that this one names."""
         place = self.path.parent / name
         if not place.is_file():
@@ -113,7 +113,7 @@ class Document:
 
     def _hdf5(self, text: str) -> NDArray[Any]:
         name, _, inner = text.rpartition(":")
-        place = self.named(name.strip())
+        place = self.file_of_numbers(name.strip())
         if place not in self.open_files:
             self.open_files[place] = load_h5py(place).File(place, "r", locking=False)
         data = self.open_files[place][inner.strip()]

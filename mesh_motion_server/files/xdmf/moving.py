@@ -94,11 +94,13 @@ def _copies(file: Document, items: list[ElementTree.Element], target: Path) -> d
     for item in items:
         name = _named(item)[0]
         if name and name not in names:
-            file.named(name)
+            file.file_of_numbers(name)
             names[name] = f"{target.stem}{f'_{len(names)}' if names else ''}{Path(name).suffix}"
     for name, new in names.items():
         place = target.parent / new
-        other = next((one for one in names if place.exists() and one != name and file.named(one).samefile(place)), "")
+        other = next(
+            (one for one in names if place.exists() and one != name and file.file_of_numbers(one).samefile(place)), ""
+        )
         if other:
             raise InvalidInput(
                 f"{target}: the copy of {name} would replace {other}", hint="take another name or folder"
