@@ -103,7 +103,7 @@ outcome mmi_make_volume(mm_session *session)
     for (size_t i = 1; result == MESH_MOTION_OK && i < session->block_count; ++i) {
         const block *part = &session->blocks[i];
         if (strcmp(part->item, "cells") == 0) {
-            result = mmv_add_cells(volume, part->name, part->rows, part->data, part->width);
+            result = mmv_add_cells(volume, part->name, part->rows, part->columns, part->data, part->width);
         } else if (strcmp(part->item, "patch") == 0) {
             mmv_add_patch(volume, part->rows, part->data);
         } else if (strcmp(part->item, "global_ids") == 0) {
@@ -254,7 +254,7 @@ outcome mmi_add_near_cells(mm_session *session, const answer *built)
     }
     const int64_t *next = rows;
     for (int i = 0; how == DONE && i < 7; ++i) {
-        size_t cells = (size_t)region->cells[i], corners = mmv_corners_of(region->names[i]);
+        size_t cells = (size_t)region->cells[i], corners = mmi_corners_of(region->names[i]);
         int64_t *own = cells ? add_rows(session, "near_cells", region->names[i], cells, corners) : NULL;
         how = session->context->error ? FAILED : DONE;
         if (own) {

@@ -57,20 +57,29 @@ mm_result mm_points(mm_session *session, int dimension, size_t nodes, const doub
     return mmi_add_block(session, &made);
 }
 
-static mm_result add_cells(mm_session *session, const char *type, size_t cells, const void *nodes, size_t width)
+size_t mmi_corners_of(const char *type)
 {
     static const struct {
         const char *type;
         size_t nodes;
     } TYPES[] = {{"line", 2},    {"triangle", 3}, {"quad", 4},      {"tetra", 4},
                  {"pyramid", 5}, {"wedge", 6},    {"hexahedron", 8}};
-    BEGIN_SESSION(session);
     for (size_t i = 0; type && i < sizeof TYPES / sizeof *TYPES; ++i) {
-        if (strcmp(type, TYPES[i].type) == 0 && (nodes || cells == 0)) {
-            block made = mmi_make_block("cells", nodes, cells, TYPES[i].nodes, width);
-            snprintf(made.name, sizeof made.name, "%s", type);
-            return mmi_add_block(session, &made);
+        if (strcmp(type, TYPES[i].type) == 0) {
+            return TYPES[i].nodes;
         }
+    }
+    return 0;
+}
+
+static mm_result add_cells(mm_session *session, const char *type, size_t cells, const void *nodes, size_t width)
+{
+    size_t corners = mmi_corners_of(type);
+    BEGIN_SESSION(session);
+    if (corners && (nodes || cells == 0)) {
+        block made = mmi_make_block("cells", nodes, cells, corners, width);
+        snprintf(made.name, sizeof made.name, "%s", type);
+        return mmi_add_block(session, &made);
     }
     return mmi_invalid(session->context,
                        "cell types are line, triangle, quad, tetra, pyramid, wedge, hexahedron, with nodes; got '%s'",

@@ -80,19 +80,8 @@ void mmv_free(mmv_volume *volume)
     free(volume);
 }
 
-size_t mmv_corners_of(const char *type)
+int mmv_add_cells(mmv_volume *volume, const char *type, size_t cells, size_t corners, const void *nodes, size_t width)
 {
-    return strcmp(type, "line") == 0         ? 2
-           : strcmp(type, "triangle") == 0   ? 3
-           : strcmp(type, "pyramid") == 0    ? 5
-           : strcmp(type, "wedge") == 0      ? 6
-           : strcmp(type, "hexahedron") == 0 ? 8
-                                             : 4;
-}
-
-int mmv_add_cells(mmv_volume *volume, const char *type, size_t cells, const void *nodes, size_t width)
-{
-    size_t corners = mmv_corners_of(type);
     for (size_t i = 0; i < cells * corners; ++i) {
         uint64_t node = (uint64_t)(width == 8 ? ((const int64_t *)nodes)[i] : ((const int32_t *)nodes)[i]);
         if (node < volume->nodes) { /* all others are refused below */

@@ -15,9 +15,8 @@ typedef struct mmv_volume mmv_volume;
 /* Copies the points (nodes, dimension); NULL where there is no memory. */
 mmv_volume *mmv_new(int dimension, size_t nodes, const double *points);
 void mmv_free(mmv_volume *volume);
-size_t mmv_corners_of(const char *type);
 /* Copies what it is given; node numbers of 4 or 8 bytes. */
-int mmv_add_cells(mmv_volume *volume, const char *type, size_t cells, const void *nodes, size_t width);
+int mmv_add_cells(mmv_volume *volume, const char *type, size_t cells, size_t corners, const void *nodes, size_t width);
 /* Copies the nodes' numbers in the whole mesh; without a call they are those here. */
 int mmv_set_ids(mmv_volume *volume, const int64_t *ids);
 void mmv_add_patch(mmv_volume *volume, size_t nodes, const int64_t *indices);
