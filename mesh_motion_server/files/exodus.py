@@ -1,5 +1,7 @@
 """Exodus II meshes: netCDF, in its classic form and in HDF5 (extra ``mesh``). Side sets and node sets become patches.
 
+So do blocks of lower dimension that have a name.
+
 Sandia report SAND92-2137 (2006), https://sandialabs.github.io/seacas-docs/
 """
 
@@ -42,8 +44,13 @@ def _read(path: Path) -> MeshFile:
     with _opened(path) as data:
         points = _points(data)
         blocks = _blocks(data, *points.shape)
-        patches, notes = by_name(_sets(data, points, blocks))
-        elements = [(name, nodes) for name, nodes, _ in blocks]
+        sets = _sets(data, points, blocks)
+        dimension = max((CELL_TYPES[name].dimension for name, _, _ in blocks.values() if name), default=0)
+        for number, (cell, nodes, _) in blocks.items():
+            if cell and CELL_TYPES[cell].dimension < dimension and (name := _own_name(data, "eb", number)):
+                sets[name].append((CELL_TYPES[cell].dimension, nodes.ravel()))
+        patches, notes = by_name(sets)
+        elements = [(name, nodes) for name, nodes, _ in blocks.values()]
         mesh = assemble_elements(path, points, elements, {name: nodes for name, nodes in patches.items() if len(nodes)})
         return replace(mesh, notes=(*mesh.notes, *notes))
 
@@ -74,7 +81,7 @@ def _opened(path: Path) -> Iterator[dict[str, Any]]:
         raise InvalidInput(f"{path}: malformed or damaged Exodus file: {reason_of(error)}") from None
 
 
-_NEEDED = re.compile(r"coord[xyz]?|(connect|elem_ss|side_ss|node_ns)\d+|[sn]s_(names|prop1)")
+_NEEDED = re.compile(r"coord[xyz]?|(connect|elem_ss|side_ss|node_ns)\d+|[sn]s_(names|prop1)|eb_names")
 
 
 def _needed(name: str) -> bool:
@@ -91,9 +98,9 @@ def _points(data: dict[str, Any]) -> Floats:
     return np.column_stack(columns).astype(np.float64)
 
 
-def _blocks(data: dict[str, Any], n_points: int, dimension: int) -> list[tuple[str, Integers, bool]]:
+def _blocks(data: dict[str, Any], n_points: int, dimension: int) -> dict[int, tuple[str, Integers, bool]]:
     """Our type, nodes (m, k) and whether they are shells of each block, in the order of the element numbers."""
-    found = []
+    found = {}
     for number in sorted(int(name.removeprefix("connect")) for name in data if name.startswith("connect")):
         values, kind = data[f"connect{number}"]
         kind = (kind.decode("ascii", errors="replace") if isinstance(kind, bytes) else str(kind)).strip("\0 ")
@@ -112,16 +119,18 @@ def _blocks(data: dict[str, Any], n_points: int, dimension: int) -> list[tuple[s
             raise ValueError(
                 f"block {number}: element {int(wrong[0, 0]) + 1} names node {node}, but the last node is {n_points}"
             )
-        found.append((name, nodes, shell))
+        found[number] = (name, nodes, shell)
     return found
 
 
 def _sets(
-    data: dict[str, Any], points: Floats, blocks: list[tuple[str, Integers, bool]]
+    data: dict[str, Any], points: Floats, blocks: dict[int, tuple[str, Integers, bool]]
 ) -> dict[str, list[tuple[int, Integers]]]:
     """Dimension and nodes of side sets and node sets, by their names, or their numbers if they have none."""
-    starts = np.cumsum([0, *(len(nodes) for _, nodes, _ in blocks)])
-    plane = all(CELL_TYPES[name].dimension < 3 for name, _, _ in blocks if name)  # faces of shells are no boundary
+    starts = np.cumsum([0, *(len(nodes) for _, nodes, _ in blocks.values())])
+    plane = all(
+        CELL_TYPES[name].dimension < 3 for name, _, _ in blocks.values() if name
+    )  # faces of shells are no boundary
     found: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
     for kind in ("ss", "ns"):
         listed = [name.removeprefix(f"elem_{kind}").removeprefix(f"node_{kind}") for name in data]
@@ -137,7 +146,7 @@ def _sets(
                     reason = f"names element {int(elements[wrong][0]) + 1}" if wrong.any() else "has other counts"
                     raise ValueError(f"side set {name!r} {reason} than the {int(starts[-1])} elements that there are")
                 parts = [np.empty(0, dtype=np.int64)]
-                for (cell, of, shell), start in zip(blocks, starts, strict=False):
+                for (cell, of, shell), start in zip(blocks.values(), starts, strict=False):
                     own = (elements >= start) & (elements < start + len(of))
                     if shell and plane:
                         own &= (sides != 1) & (sides != 2)
@@ -151,15 +160,20 @@ def _sets(
 
 def _name(data: dict[str, Any], kind: str, number: int) -> str:
     """The name of a set, or its number; node sets without a name are ``nodes_<number>``."""
-    if f"{kind}_names" in data:
-        names = np.asarray(data[f"{kind}_names"][0])
-        if number <= len(names):
-            name: str = names[number - 1].tobytes().split(b"\0")[0].decode("utf-8", errors="replace").strip()
-            if name:
-                return name
+    if name := _own_name(data, kind, number):
+        return name
     numbers = np.ravel(data.get(f"{kind}_prop1", ([],))[0])
     own = int(numbers[number - 1]) if number <= len(numbers) else number
     return str(own) if kind == "ss" else f"nodes_{own}"
+
+
+def _own_name(data: dict[str, Any], kind: str, number: int) -> str:
+    """The name of a set or a block, "" if it has none."""
+    names = np.asarray(data.get(f"{kind}_names", ([],))[0])
+    if number > len(names):
+        return ""
+    name: str = names[number - 1].tobytes().split(b"\0")[0].decode("utf-8", errors="replace").strip()
+    return name
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:

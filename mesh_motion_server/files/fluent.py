@@ -149,10 +149,14 @@ def _read_faces(content: _Content, data: bytes, start: int, header: list[int], k
     count = last - first + 1
     most = count * (2 + face_type) if face_type not in _OF_ANY_SIZE else -1
     if kind and most < 0:
-        raise ValueError(f"faces {first} to {last} of any size in binary; save the file as text")
+        size = np.dtype(kind).itemsize
+        rest = np.frombuffer(data, f"<{kind}", (len(data) - start) // size, start)
+        most = sum(_sizes(rest, first, last)) + 3 * count
     values, end = _values(data, start, most, kind, lambda words: np.array([int(word, 16) for word in words], np.int64))
-    if most < 0:
-        sizes = _sizes(values, first, last)
+    if face_type in _OF_ANY_SIZE:
+        sizes = np.array(_sizes(values.tolist(), first, last), dtype=np.int64)
+        if (more := len(values) - int(sizes.sum()) - 3 * count) > 0:
+            raise ValueError(f"{more} numbers follow face {last}")
         starts = np.cumsum([0, *(sizes + 3)[:-1]])
         cells = np.stack([values[starts + sizes + 1], values[starts + sizes + 2]], axis=1)
         nodes = np.delete(values, np.concatenate([starts, starts + sizes + 1, starts + sizes + 2]))
@@ -166,17 +170,15 @@ def _read_faces(content: _Content, data: bytes, start: int, header: list[int], k
     return end
 
 
-def _sizes(values: Integers, first: int, last: int) -> Integers:
-    """(m,) the number of nodes that stands before each face."""
-    found, place, numbers = [], 0, values.tolist()
+def _sizes(numbers: list[int] | Integers, first: int, last: int) -> list[int]:
+    """The number of nodes that stands before each face."""
+    found, place, count = [], 0, len(numbers)
     for face in range(first, last + 1):
-        if place >= len(numbers) or not 2 <= numbers[place] <= len(numbers) - place - 3:
+        if place >= count or not 2 <= numbers[place] <= count - place - 3:
             raise ValueError(f"face {face} has no number of nodes, or fewer nodes than it says")
-        found.append(numbers[place])
-        place += numbers[place] + 3
-    if place != len(numbers):
-        raise ValueError(f"{len(numbers) - place} numbers follow face {last}")
-    return np.array(found, dtype=np.int64)
+        found.append(int(numbers[place]))
+        place += found[-1] + 3
+    return found
 
 
 def _values(data: bytes, start: int, count: int, kind: str, of_words: Callable[[list[bytes]], Any]) -> tuple[Any, int]:

@@ -1,7 +1,9 @@
 """Input of Abaqus and CalculiX: ``*NODE``, ``*ELEMENT``, ``*NSET``, ``*ELSET`` and ``*SURFACE``.
 
-Surfaces and sets of nodes become patches; so do sets of elements of lower dimension than the mesh. Keywords that do not
-describe the mesh are skipped. ``*INCLUDE`` reads files in the folder of the input and below it, each once.
+Surfaces and sets of nodes become patches; so do sets of elements of lower dimension than the mesh. Where such elements
+are listed with a name (``*ELEMENT, ELSET=Surface1``) and are all in other sets, only those count. Keywords that do not
+describe the mesh are skipped. ``*INCLUDE`` reads files in the folder of the input and below it, each once. Of parts and
+instances one is read: Abaqus counts the nodes of each apart.
 
 http://www.dhondt.de/ccx_2.20.pdf, chapter 7
 """
@@ -14,12 +16,11 @@ from pathlib import Path
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
-from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
+from mesh_motion_numerics.mesh.cells import CELL_TYPES
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements, by_name, concatenated
+from mesh_motion_server.files.mesh_file import MeshFile, all_outside, assemble_elements, by_name
 from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.sides import ABAQUS, PLANES, SHELLS, SOLIDS, side_nodes
@@ -29,11 +30,14 @@ __all__ = ["ABAQUS_INP"]
 #: A type's name ends with its number of nodes and letters for how it is integrated: C3D8, C3D20R, CPS4, STRI65, F3D8.
 _LINES = {2: "line", 3: "line"}
 _FAMILIES = (
-    (re.compile(r"(?:[DA]?C3D|F3D|FC3D|SC)(\d+)"), SOLIDS),
-    (re.compile(r"(?:[DA]?C(?:PS|PE|PEG|AX|2D)|M3D|F2D|SFM3D|R3D|DS|MAX|[SM])(\d+)"), PLANES),
-    (re.compile(r"STRI(\d)"), PLANES),
-    (re.compile(r"[TR][23]D(\d+)"), _LINES),
+    (re.compile(r"(?:[DA]?C3D|F3D|FC3D|SC)(\d+)"), SOLIDS, False),
+    (re.compile(r"(?:[DA]?C(?:PS|PE|PEG|AX|2D)|F2D|MAX)(\d+)"), PLANES, False),
+    (re.compile(r"(?:M3D|SFM3D|R3D|DS|STRI|[SM])(\d+)"), PLANES, True),  # two faces, and edges
+    (re.compile(r"[TR][23]D(\d+)"), _LINES, False),
 )
+#: Keywords that make nodes or elements out of those that are listed.
+_MAKING = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY"}
+_ALL_LISTED = "Abaqus/CAE writes one list of nodes with noPartsInputFile=ON, under Model, Edit Attributes"
 
 _INCLUDE = re.compile(r"(?im)^\*INCLUDE\s*,\s*INPUT\s*=\s*(.+?)\s*$")
 
@@ -44,21 +48,33 @@ _MOST_GENERATED = 50_000_000
 _Item = int | range | str
 
 
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Elements of one keyword: our type, their numbers (m,), their nodes (m, k), and whether they are shells."""
+
+    name: str
+    ids: Integers
+    nodes: Integers
+    shell: bool
+
+
 @dataclass(eq=False)
 class _Content:
     """What was read so far; numbers of nodes and elements are those of the file.
 
-    elements : [(our type, numbers (m,), nodes (m, k))]
-    of_nodes : sets that are named where their nodes are
+    of_nodes, of_elements : sets that are named where their nodes or elements are
+    instances : names of instances of parts
     """
 
     numbers: list[Integers] = field(default_factory=list)
     points: list[Floats] = field(default_factory=list)
-    elements: list[tuple[str, Integers, Integers]] = field(default_factory=list)
+    elements: list[_Block] = field(default_factory=list)
     node_sets: dict[str, list[_Item]] = field(default_factory=lambda: defaultdict(list))
     of_nodes: set[str] = field(default_factory=set)
+    of_elements: set[str] = field(default_factory=set)
     element_sets: dict[str, list[_Item]] = field(default_factory=lambda: defaultdict(list))
     surfaces: dict[str, list[tuple[str, str]]] = field(default_factory=lambda: defaultdict(list))
+    instances: list[str] = field(default_factory=list)
 
 
 def _read(path: Path) -> MeshFile:
@@ -67,7 +83,8 @@ def _read(path: Path) -> MeshFile:
     Raises
     ------
     InvalidInput
-        For unknown elements of a volume, sets of what is not there, and malformed lines; names the keyword and line.
+        For several parts, unknown elements of a volume, sets of what is not there, and malformed lines; names the
+        keyword and line.
     """
     try:
         return _mesh(path, _content(_whole(path, path.resolve().parent, set())))
@@ -79,9 +96,10 @@ def _whole(path: Path, folder: Path, seen: set[Path]) -> str:
     """The text of a file with that of the files that it includes."""
     found = path.resolve()
     if not found.is_relative_to(folder) or not found.is_file() or found in seen:
-        raise ValueError(
-            f"*INCLUDE of {path.name!r}, which is {'included twice' if found in seen else 'not in its folder'}"
+        reason = (
+            "included twice" if found in seen else "not there" if found.is_relative_to(folder) else "not in its folder"
         )
+        raise ValueError(f"*INCLUDE of {path.name!r}, which is {reason}")
     seen.add(found)
     text = path.read_text(encoding="utf-8", errors="replace")
     return _INCLUDE.sub(lambda name: _whole(folder / name[1].strip('"'), folder, seen), text)
@@ -112,7 +130,15 @@ def _content(text: str) -> _Content:
     for number, keyword, given, lines in _blocks(text):
         try:
             match keyword:
+                case "INSTANCE":
+                    _add_instance(found, given["NAME"], moved=bool(lines))
+                case _ if keyword in _MAKING:
+                    raise ValueError("it makes nodes or elements; have all of them written, each in its row")
+                case "SYSTEM" if lines:
+                    raise ValueError("nodes in coordinates of their own; have them written in the global ones")
                 case "NODE":
+                    if given.get("SYSTEM", "R").upper() != "R":
+                        raise ValueError(f"SYSTEM={given['SYSTEM']}, expected Cartesian coordinates")
                     rows = [_words(line) for line in lines]
                     found.numbers.append(np.array([int(row[0]) for row in rows], dtype=np.int64))
                     xyz = [[float(v) for v in (row[1:4] + ["0"] * 3)[:3]] for row in rows]
@@ -123,13 +149,13 @@ def _content(text: str) -> _Content:
                     _add_elements(found, given, lines)
                 case "NSET" | "ELSET":
                     sets = found.node_sets if keyword == "NSET" else found.element_sets
-                    sets[given[keyword]] += _listed(lines, generate="GENERATE" in given)
+                    sets[given[keyword]] += _listed(found, lines, generate="GENERATE" in given)
                 case "SURFACE":
                     rows = [_words(line) for line in lines]
                     if given.get("TYPE", "ELEMENT").upper() == "NODE":
-                        found.node_sets[given["NAME"]] += [item for row in rows for item in _items(row[:1])]
+                        found.node_sets[given["NAME"]] += [item for row in rows for item in _items(found, row[:1])]
                     else:
-                        found.surfaces[given["NAME"]] += [(row[0], row[1]) for row in rows]
+                        found.surfaces[given["NAME"]] += [(_plain(found, row[0]), row[1]) for row in rows]
         except (ValueError, IndexError, KeyError) as error:
             raise ValueError(f"*{keyword} in line {number}: {error}") from None
     found.node_sets.pop("", None)
@@ -137,19 +163,33 @@ def _content(text: str) -> _Content:
     return found
 
 
+def _add_instance(found: _Content, name: str, *, moved: bool) -> None:
+    """Note the instance of the only part, whose nodes are where it lists them."""
+    found.instances.append(name)
+    if len(found.instances) > 1 or moved:
+        what = "is moved to its place" if moved else f"follows {found.instances[0]!r}"
+        raise ValueError(f"{name!r} {what}, but one that stays is read; {_ALL_LISTED}")
+
+
 def _words(line: str) -> list[str]:
     return [word.strip() for word in line.split(",") if word.strip()]
 
 
-def _items(words: list[str]) -> list[_Item]:
+def _plain(found: _Content, word: str) -> str:
+    """A number or a name without that of its instance: ``Part-1-1.7``."""
+    return next((word[len(name) + 1 :] for name in found.instances if word.startswith(f"{name}.")), word)
+
+
+def _items(found: _Content, words: list[str]) -> list[_Item]:
     """Numbers, and names of other sets."""
-    return [int(word) if word.lstrip("-").isdigit() else word for word in words]
+    plain = [_plain(found, word) for word in words]
+    return [int(word) if word.lstrip("-").isdigit() else word for word in plain]
 
 
-def _listed(lines: list[str], *, generate: bool) -> list[_Item]:
+def _listed(content: _Content, lines: list[str], *, generate: bool) -> list[_Item]:
     """The items of a set."""
     if not generate:
-        return [item for line in lines for item in _items(_words(line))]
+        return [item for line in lines for item in _items(content, _words(line))]
     found: list[_Item] = []
     for line in lines:
         first, last, *step = (int(word) for word in _words(line))
@@ -163,15 +203,18 @@ def _listed(lines: list[str], *, generate: bool) -> list[_Item]:
 def _add_elements(found: _Content, given: dict[str, str], lines: list[str]) -> None:
     """The elements of one keyword; those without nodes of a cell, such as springs, are left out."""
     kind = given["TYPE"].upper()
-    matches = ((family.match(kind), types) for family, types in _FAMILIES)
-    size, types = next(((int(match[1]), types) for match, types in matches if match), (0, {}))
+    matches = ((family.match(kind), types, shell) for family, types, shell in _FAMILIES)
+    size, types, shell = next(
+        ((int(match[1]), types, shell) for match, types, shell in matches if match), (0, {}, False)
+    )
     if size not in types:
         return
     flat = np.array([int(word) for line in lines for word in _words(line)], dtype=np.int64)
     if len(flat) % (size + 1):
         raise ValueError(f"elements {kind} of {size} nodes, but {len(flat)} numbers follow")
     rows = flat.reshape(-1, size + 1)
-    found.elements.append((types[size], rows[:, 0], rows[:, 1:]))
+    found.elements.append(_Block(types[size], rows[:, 0], rows[:, 1:], shell))
+    found.of_elements.add(given.get("ELSET", ""))
     found.element_sets[given.get("ELSET", "")] += rows[:, 0].tolist()
 
 
@@ -194,54 +237,61 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
     if not found.points or not found.elements:
         raise InvalidInput(f"{path}: no nodes, or no elements of a volume or a plane")
     rows, points = NumberedRows.of(np.concatenate(found.numbers)), np.concatenate(found.points)
-    blocks = [(name, ids, rows(nodes)) for name, ids, nodes in found.elements]
-    dimension = max(CELL_TYPES[name].dimension for name, _, _ in blocks)
+    blocks = [replace(block, nodes=rows(block.nodes)) for block in found.elements]
+    cells = [(block.name, block.nodes) for block in blocks]
+    dimension = max(CELL_TYPES[name].dimension for name, _ in cells)
     parts_of: dict[str, list[tuple[int, Integers]]] = defaultdict(list)
     for name, parts in found.surfaces.items():
         for items, side in parts:
             own = np.array([int(items)]) if items.isdigit() else _flat(found.element_sets, items)
-            if dimension == 3 or side.upper() not in ("SPOS", "SNEG"):  # faces of shells in a plane are the mesh
-                parts_of[name] += [(dimension - 1, of.ravel()) for of in _surface(points, blocks, own, side)]
+            for of in _surface(points, blocks, own, side, plane=dimension == 2):
+                parts_of[name].append((dimension - 1, of.ravel()))
     for name in found.node_sets:
         own = np.unique(_flat(found.node_sets, name))
         # the set of all nodes is no patch, except that of both sides of one layer of elements
-        if len(own) < len(points) or (name not in found.of_nodes and _all_outside(blocks, len(points))):
+        if len(own) < len(points) or (name not in found.of_nodes and all_outside(cells, len(points))):
             parts_of[name].append((0, rows(own, f"set {name!r}: node")))
-    for name in found.element_sets:
-        own = _flat(found.element_sets, name)
-        for cell, ids, nodes in blocks:
-            if CELL_TYPES[cell].dimension < dimension and (inside := np.isin(ids, own)).any():
-                parts_of[name].append((CELL_TYPES[cell].dimension, nodes[inside].ravel()))
+    for name, own in _sides(found, blocks, dimension).items():
+        for block in blocks:
+            if (inside := np.isin(block.ids, own)).any():
+                parts_of[name].append((CELL_TYPES[block.name].dimension, block.nodes[inside].ravel()))
     patches, notes = by_name(parts_of)
     nodes_of = {name: nodes for name, nodes in patches.items() if len(nodes)}
-    mesh = assemble_elements(path, points, [(name, nodes) for name, _, nodes in blocks], nodes_of)
+    mesh = assemble_elements(path, points, cells, nodes_of)
     return replace(mesh, notes=(*mesh.notes, *notes))
 
 
-def _all_outside(blocks: list[tuple[str, Integers, Integers]], count: int) -> bool:
-    """Whether all nodes of elements in space are on the boundary."""
-    solids: dict[str, list[Integers]] = defaultdict(list)
-    for name, _, nodes in blocks:
-        if CELL_TYPES[name].dimension == 3:
-            solids[name].append(nodes[:, : CELL_TYPES[name].n_nodes])
-    return bool(solids) and len(boundary_nodes(CellTable.from_arrays(concatenated(solids)))) == count
+def _sides(found: _Content, blocks: list[_Block], dimension: int) -> dict[str, Integers]:
+    """The sets of elements (k,) of lower dimension only, but those named with their elements that others have."""
+    cells = np.concatenate([block.ids for block in blocks if CELL_TYPES[block.name].dimension == dimension])
+    lower = np.concatenate(
+        [block.ids for block in blocks if CELL_TYPES[block.name].dimension < dimension] or [cells[:0]]
+    )
+    flat = {name: _flat(found.element_sets, name) for name in found.element_sets}
+    sets = {name: own for name, own in flat.items() if np.isin(own, lower).any() and not np.isin(own, cells).any()}
+    others = np.concatenate([cells[:0], *(own for name, own in sets.items() if name not in found.of_elements)])
+    return {name: own for name, own in sets.items() if name not in found.of_elements or not np.isin(own, others).all()}
 
 
-def _surface(
-    points: Floats, blocks: list[tuple[str, Integers, Integers]], own: Integers, side: str
-) -> Iterator[Integers]:
-    """Nodes of one side (S1, S2, …; of shells E1, E2, … and SPOS, SNEG) of elements, which may be of several types."""
-    found = re.fullmatch(r"(S|E)([1-9])|SPOS|SNEG", side.upper())
+def _surface(points: Floats, blocks: list[_Block], own: Integers, side: str, *, plane: bool) -> Iterator[Integers]:
+    """Nodes of one side of elements, which may be of several types.
+
+    Sides are S1, S2, …. Those of shells are the faces S1 = SNEG and S2 = SPOS, then the edges S3, S4, … of CalculiX,
+    which are Abaqus' E1, E2, …. Faces of plane elements are SN and SP. In a mesh in the plane, faces are the mesh.
+    """
+    found = re.fullmatch(r"(S|E)([1-9])|S(?:POS|NEG|P|N)", side.upper())
     if found is None:
         raise ValueError(f"side {side!r}, expected S1, S2, …, of shells also E1, E2, …, SPOS, SNEG")
-    table = ABAQUS if found[1] == "S" else SHELLS
-    number = int(found[2] or 1) + 2 * (found[1] == "E")
-    missing = np.setdiff1d(own, np.concatenate([ids for _, ids, _ in blocks]))
+    missing = np.setdiff1d(own, np.concatenate([block.ids for block in blocks]))
     if len(missing):
         raise ValueError(f"element {int(missing[0])} is named, but is not there")
-    for name, ids, nodes in blocks:
-        chosen = nodes[np.isin(ids, own)]
-        yield side_nodes(points, name, chosen, np.full(len(chosen), number), table)
+    for block in blocks:
+        chosen = block.nodes[np.isin(block.ids, own)]
+        as_shell = block.shell or found[1] != "S"
+        number = int(found[2] or 1) + 2 * (found[1] == "E")
+        if not (plane and as_shell and number <= 2):
+            sides = np.full(len(chosen), number)
+            yield side_nodes(points, block.name, chosen, sides, SHELLS if as_shell else ABAQUS)
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:

@@ -1,5 +1,7 @@
 """Kratos' ``.mdpa``: blocks between ``Begin`` and ``End``. Sub-model parts without elements become patches.
 
+Cells are the elements, or the geometries of a file without elements.
+
 https://kratosmultiphysics.github.io/Kratos/pages/Kratos/For_Users/Crash_course/Data_Management/Input_data.html
 """
 
@@ -10,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.cells import CELL_TYPES
 from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_server.files.format import Format
-from mesh_motion_server.files.mesh_file import MeshFile, assemble_elements
+from mesh_motion_server.files.mesh_file import MeshFile, all_outside, assemble_elements
 from mesh_motion_server.files.moved import edit_lines, move_rows
 from mesh_motion_server.files.numbering import NumberedRows
 from mesh_motion_server.files.sides import PLANES, SOLIDS
@@ -22,24 +25,31 @@ __all__ = ["KRATOS"]
 
 _SIZE = re.compile(r"(\d)D(\d+)(N|$)")
 _SOLIDS, _PLANES = SOLIDS | {3: "triangle", 2: "line"}, PLANES | {2: "line"}
+#: Names of geometries, and of elements that are no volumes although their nodes are in space.
+_NAMED = (
+    (re.compile(r"Line"), {2: "line", 3: "line"}),
+    (re.compile(r"Triangle|Quadrilateral|Shell|Membrane"), _PLANES),
+)
 
 
 @dataclass(eq=False)
 class _Part:
-    """A sub-model part: its nodes, conditions, and whether it has elements; numbers of the file."""
+    """A sub-model part: its nodes, conditions, geometries, and whether it has elements; numbers of the file."""
 
     nodes: list[int] = field(default_factory=list)
     conditions: list[int] = field(default_factory=list)
+    geometries: list[int] = field(default_factory=list)
     has_elements: bool = False
 
 
 @dataclass(eq=False)
 class _Content:
-    """``elements`` and ``conditions``: [(our type, numbers (m,), nodes (m, k))]."""
+    """``elements``, ``geometries`` and ``conditions``: [(our type, numbers (m,), nodes (m, k))]."""
 
     numbers: list[Integers] = field(default_factory=list)
     points: list[Floats] = field(default_factory=list)
     elements: list[tuple[str, Integers, Integers]] = field(default_factory=list)
+    geometries: list[tuple[str, Integers, Integers]] = field(default_factory=list)
     conditions: list[tuple[str, Integers, Integers]] = field(default_factory=list)
     parts: dict[str, _Part] = field(default_factory=dict)
 
@@ -87,14 +97,18 @@ def _content(text: str) -> _Content:
                     found.numbers.append(np.array([int(row[0]) for row in rows], dtype=np.int64))
                     xyz = [[float(value) for value in row[1:4]] for row in rows]
                     found.points.append(np.array(xyz, dtype=np.float64).reshape(-1, 3))
-                case "Elements" | "Geometries" if rows:
+                case "Elements" if rows:
                     found.elements.append(_rows(head, rows))
+                case "Geometries" if rows:
+                    found.geometries.append(_rows(head, rows))
                 case "Conditions" if rows:
                     found.conditions.append(_rows(head, rows))
                 case "SubModelPartNodes":
                     part.nodes += [int(word) for row in rows for word in row]
                 case "SubModelPartConditions":
                     part.conditions += [int(word) for row in rows for word in row]
+                case "SubModelPartGeometries":
+                    part.geometries += [int(word) for row in rows for word in row]
                 case "SubModelPartElements":
                     part.has_elements |= bool(rows)
         except (ValueError, IndexError) as error:
@@ -106,8 +120,10 @@ def _rows(head: list[str], rows: list[list[str]]) -> tuple[str, Integers, Intege
     """Our type, numbers and nodes of the rows: a number, a property but for geometries, and the nodes."""
     before = 1 if head[0] == "Geometries" else 2
     size = len(rows[0]) - before
-    named = _SIZE.search(head[1]) if len(head) > 1 else None
-    types = _PLANES if named is not None and (named[1] == "2" or head[0] == "Conditions") else _SOLIDS
+    name = head[1] if len(head) > 1 else ""
+    named = _SIZE.search(name)
+    usual = _PLANES if named is not None and (named[1] == "2" or head[0] == "Conditions") else _SOLIDS
+    types = next((types for form, types in _NAMED if form.search(name)), usual)
     if size == 1:
         return "", np.array([int(row[0]) for row in rows]), np.array([[int(row[-1])] for row in rows])
     if size not in types:
@@ -123,20 +139,39 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
     if not found.points:
         raise ValueError("it has no nodes")
     rows = NumberedRows.of(np.concatenate(found.numbers))
-    elements = [(name, rows(nodes)) for name, _, nodes in found.elements if name]
-    conditions = {
-        int(number): nodes for _, ids, listed in found.conditions for number, nodes in zip(ids, listed, strict=True)
-    }
-    patches = {}
+    points = np.concatenate(found.points)
+    elements = [(name, rows(nodes)) for name, _, nodes in found.elements or found.geometries if name]
+    dimension = max((CELL_TYPES[name].dimension for name, _ in elements), default=0)
+    conditions, geometries = _by_number(found.conditions), _by_number(found.geometries)
+    patches, with_cells = {}, set()
     for name, part in found.parts.items():
-        unknown = next((number for number in part.conditions if number not in conditions), None)
-        if unknown is not None:
-            raise ValueError(f"sub-model part {name!r} names condition {unknown}, which is not there")
-        listed = [np.array(part.nodes, dtype=np.int64), *(conditions[number] for number in part.conditions)]
-        nodes = np.unique(np.concatenate(listed))
-        if len(nodes) and not part.has_elements:
+        of_part = [np.array(part.nodes, dtype=np.int64)]
+        for what, numbers, listed in (("condition", part.conditions, conditions),
+                                      ("geometry", part.geometries, geometries)):  # fmt: skip
+            unknown = next((number for number in numbers if number not in listed), None)
+            if unknown is not None:
+                raise ValueError(f"sub-model part {name!r} names {what} {unknown}, which is not there")
+            of_part += [listed[number][1] for number in numbers]
+        if part.has_elements or any(geometries[number][0] == dimension for number in part.geometries):
+            with_cells.add(name)
+        nodes = np.unique(np.concatenate(of_part))
+        # a part of all nodes gives them a condition or a material, but for both sides of one layer of elements
+        whole = len(nodes) == len(points) and not all_outside(elements, len(points))
+        if len(nodes) and not whole:
             patches[name] = rows(nodes, f"sub-model part {name!r}: node")
-    return assemble_elements(path, np.concatenate(found.points), elements, patches)
+    for name in list(patches):  # a part has what its own parts have
+        if any(f"{other}.".startswith(f"{name}.") for other in with_cells):
+            del patches[name]
+    return assemble_elements(path, points, elements, patches)
+
+
+def _by_number(found: list[tuple[str, Integers, Integers]]) -> dict[int, tuple[int, Integers]]:
+    """Dimension and nodes of conditions or geometries."""
+    return {
+        number: (CELL_TYPES[name].dimension if name else 0, nodes)
+        for name, numbers, listed in found
+        for number, nodes in zip(numbers.tolist(), listed, strict=True)
+    }
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:

@@ -10,11 +10,13 @@ from typing import TypeVar
 
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_protocol.errors import InvalidInput
 
 __all__ = [
     "MeshFile",
+    "all_outside",
     "assemble",
     "assemble_elements",
     "by_corners",
@@ -119,6 +121,15 @@ def assemble_elements(
     own = ((nodes, CELL_TYPES[name].n_nodes) for name, nodes in elements if name in mesh.cells)
     higher = sum(len(nodes) for nodes, corners in own if nodes.shape[1] > corners)
     return replace(mesh, notes=(*mesh.notes, *by_corners(higher)))
+
+
+def all_outside(elements: Sequence[tuple[str, Integers]], count: int) -> bool:
+    """Whether all ``count`` nodes are on the boundary of the elements in space: our type, and nodes (m, k)."""
+    solids: dict[str, list[Integers]] = defaultdict(list)
+    for name, nodes in elements:
+        if name and CELL_TYPES[name].dimension == 3:
+            solids[name].append(nodes[:, : CELL_TYPES[name].n_nodes])
+    return bool(solids) and len(boundary_nodes(CellTable.from_arrays(concatenated(solids)))) == count
 
 
 def concatenated(parts: Mapping[Key, Sequence[Integers]]) -> dict[Key, Integers]:

@@ -37,6 +37,8 @@ _SHAPES = {
     21: ("line", [0, 1]),
     22: ("line", [0, 2]),
     24: ("line", [0, 2]),
+    171: ("line", [0, 1]),  # of an axisymmetric shell; edges, as Cubit writes them
+    172: ("line", [0, 2]),
     **{ten + kind: shape for ten in (40, 50, 60, 70, 80, 90) for kind, shape in _FLAT.items()},
     111: ("tetra", [0, 1, 2, 3]),
     118: ("tetra", [0, 2, 4, 9]),

@@ -162,6 +162,35 @@ def test_from_gmsh_as_its_file_is_read(tmp_path):
         gmsh.finalize()
 
 
+@pytest.mark.parametrize("version", [2.2, 4.1])
+def test_groups_of_gmsh_with_one_number_or_name_as_its_file_is_read(tmp_path, version):
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("Mesh.MshFileVersion", version)
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        for dimension, entities, number, name in (
+            (3, [1], 1, "fluid"),
+            (2, [1], 1, ""),
+            (2, [2, 3], 2, "walls"),
+            (2, [4, 5, 6], 3, ""),
+            (1, [1], 1, ""),
+            (1, [12], 2, "walls"),
+        ):
+            gmsh.model.addPhysicalGroup(dimension, entities, number, name)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+        gmsh.model.mesh.generate(3)
+        gmsh.write(str(tmp_path / "box.msh"))
+        roles = {"1": "moving", "walls": "fixed", "3": "fixed", "curve_1": "fixed"}
+        same(Mesh.from_gmsh(roles), Mesh.load(tmp_path / "box.msh", roles))
+        gmsh.model.mesh.setOrder(2)
+        with pytest.raises(InvalidInput, match=r"cells of the type Line 3; expected line, .*setOrder\(1\)"):
+            Mesh.from_gmsh(roles)
+    finally:
+        gmsh.finalize()
+
+
 def test_load_reads_what_the_server_reads(tmp_path):
     path, cells = tmp_path / "cube.vtu", {"hexahedron": np.array([[0, 1, 3, 2, 4, 5, 7, 6]])}
     write_mesh(path, MeshFile(CUBE, cells, {name: patch.nodes for name, patch in WEDGES.patches.items()}, path))

@@ -309,6 +309,12 @@ def test_med_and_exodus_files_that_do_not_fit(tmp_path: Path) -> None:
         (abaqus, "\n27, ", "\n28, ", "node 27 is named, but is not there"),
         (abaqus, "\n27, ", "\n26, ", "node 26 appears twice"),
         (abaqus, "\n27, ", f"\n{10**20}, ", "too large"),
+        (abaqus, "*ELEMENT, TYPE=C3D8", "*NGEN\n1, 3\n*ELEMENT, TYPE=C3D8", r"\*NGEN in line 32: it makes nodes"),
+        (abaqus, "*Node", "*SYSTEM\n0, 0, 1\n*Node", "coordinates of their own"),
+        (abaqus, "NSET=Nall", "NSET=Nall, SYSTEM=C", "SYSTEM=C, expected Cartesian"),
+        (abaqus, "*STEP", "*INSTANCE, NAME=a, PART=p\n1, 0, 0\n*STEP", "'a' is moved to its place"),
+        (abaqus, "*STEP", "*INSTANCE, NAME=a, PART=p\n*INSTANCE, NAME=b, PART=p\n*STEP", "'b' follows 'a', but one"),
+        (abaqus, "*STEP", "*INCLUDE, INPUT=none.inp\n*STEP", "'none.inp', which is not there"),
         (
             abaqus,
             "*SURFACE",
@@ -325,6 +331,56 @@ def test_text_of_finite_elements_that_does_not_fit(
 ) -> None:
     write(tmp_path / "m.txt")
     one_line(replaced(tmp_path / "m.txt", old, new), message)
+
+
+def test_sets_of_faces_in_abaqus_count_before_those_of_their_lists(tmp_path: Path) -> None:
+    """As Gmsh writes groups: each surface is listed with its name, and a set names the elements of a group."""
+    points = "1, 0, 0, 0\n2, 1, 0, 0\n3, 1, 1, 0\n4, 0, 1, 0\n5, 0.4, 0.4, 1\n"
+    lists = [("CPS4", "Surface1", "1, 1, 2, 3, 4"), ("CPS3", "Surface2", "2, 1, 2, 5\n3, 2, 3, 5"),
+             ("CPS3", "Surface3", "4, 3, 4, 5"), ("C3D5", "Volume1", "9, 1, 2, 3, 4, 5")]  # fmt: skip
+    elements = "".join(f"*ELEMENT, TYPE={kind}, ELSET={name}\n{rows}\n" for kind, name, rows in lists)
+    sets = "*ELSET, ELSET=wall\n1, 2\n*ELSET, ELSET=side\nSurface3\n*ELSET, ELSET=all\n1, 2, 3, 4, 9\n"
+    (tmp_path / "m.inp").write_text(f"*NODE\n{points}{elements}{sets}")
+    found = {name: nodes.tolist() for name, nodes in read_mesh(tmp_path / "m.inp").patches.items()}
+    assert found == {"Surface2": [0, 1, 2, 4], "wall": [0, 1, 2, 3, 4], "side": [2, 3, 4]}
+
+
+def test_sets_of_an_instance_in_abaqus(tmp_path: Path) -> None:
+    """As Abaqus/CAE writes one part: sets of the assembly name nodes, elements and sets of its instance."""
+    nodes = "1, 0, 0\n2, 1, 0\n3, 1, 1\n4, 0, 1\n"
+    part = f"*PART, NAME=p\n*NODE\n{nodes}*ELEMENT, TYPE=CPS4\n1, 1, 2, 3, 4\n*NSET, NSET=of_part\n3,\n*END PART\n"
+    sets = "*NSET, NSET=a\np-1.of_part, p-1.4\n*SURFACE, NAME=s\np-1.1, S1\n*NSET, NSET=b, INSTANCE=p-1\n2,\n"
+    assembly = f"*ASSEMBLY, NAME=x\n*INSTANCE, NAME=p-1, PART=p\n*END INSTANCE\n{sets}*END ASSEMBLY\n"
+    (tmp_path / "m.inp").write_text(part + assembly)
+    assert lists(read_mesh(tmp_path / "m.inp").patches) == {"s": [0, 1], "of_part": [2], "a": [2, 3], "b": [1]}
+
+
+def test_geometries_and_nested_parts_of_kratos(tmp_path: Path) -> None:
+    """Geometries are the cells of a file without elements; a part of a part that has cells has them, too."""
+    points = "".join(f"{k} {x} {y} {z}\n" for k, (x, y, z) in enumerate(
+        [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.4, 0.4, 1), (0.4, 0.4, -1)], start=1))  # fmt: skip
+
+    def part(name: str, what: str, numbers: str, inner: str = "") -> str:
+        listed = f"Begin SubModelPart{what}\n{numbers}\nEnd SubModelPart{what}\n"
+        return f"Begin SubModelPart {name}\n{listed}{inner}End SubModelPart\n"
+
+    parts = part("boundary", "Nodes", "1\n2\n3\n4\n6", part("foot", "Geometries", "9"))
+    parts += part("fluid", "Nodes", "5", part("half", "Geometries", "1")) + part("all", "Nodes", "1\n2\n3\n4\n5\n6")
+    (tmp_path / "m.mdpa").write_text(
+        f"Begin Nodes\n{points}End Nodes\nBegin Geometries Pyramid3D5\n1 1 2 3 4 5\nEnd Geometries\n"
+        f"Begin Geometries Quadrilateral3D4\n9 1 2 3 4\nEnd Geometries\n{parts}"
+    )
+    mesh = read_mesh(tmp_path / "m.mdpa")
+    assert lists(mesh.cells) == {"pyramid": [[0, 1, 2, 3, 4]]}
+    assert lists(mesh.patches) == {"boundary.foot": [0, 1, 2, 3], "boundary": [0, 1, 2, 3, 5]}
+    elements = "Begin Elements MembraneElement3D4N\n3 0 1 2 3 4\nEnd Elements\n"
+    elements += "Begin Elements MembraneElement2D2N\n7 0 1 2\nEnd Elements\n"
+    elements += "Begin Elements Element3D5N\n4 0 1 2 3 4 5\nEnd Elements\n"
+    nested = part("body", "Nodes", "1", part("cells", "Elements", "4"))
+    (tmp_path / "m.mdpa").write_text((tmp_path / "m.mdpa").read_text() + elements + nested)
+    mesh = read_mesh(tmp_path / "m.mdpa")
+    assert lists(mesh.cells) == {"pyramid": [[0, 1, 2, 3, 4]]}
+    assert "body" not in mesh.patches
 
 
 def test_sets_of_abaqus_that_are_generated(tmp_path: Path) -> None:
@@ -464,7 +520,7 @@ def test_abaqus_input_in_several_files(tmp_path: Path) -> None:
     for name, reason in (
         ("../other.inp", "not in its folder"),
         ("deck.inp", "included twice"),
-        ("no.inp", "not in its"),
+        ("no.inp", "not there"),
     ):
         deck.write_text(f"*INCLUDE, INPUT={name}\n")
         one_line(deck, reason)
@@ -764,6 +820,34 @@ def test_a_node_set_of_exodus_with_the_number_or_the_name_of_a_side_set(tmp_path
     assert any(f"{name!r} is the name of a surface and of a point with 1 other node" in note for note in named.notes)
 
 
+def _exodus_of(path: Path, arrays: dict[str, Any], kinds: list[str]) -> None:
+    """Variables of these names, and blocks of elements of these types."""
+    from scipy.io import netcdf_file  # noqa: PLC0415
+
+    with netcdf_file(path, "w", version=2) as file:
+        for name, values in arrays.items():
+            lengths = [f"{name}_{k}" for k in range(values.ndim)]
+            for length, size in zip(lengths, values.shape, strict=True):
+                file.createDimension(length, size)
+            file.createVariable(name, values.dtype, lengths)[:] = values
+        for number, kind in enumerate(kinds, start=1):
+            file.variables[f"connect{number}"].elem_type = kind
+
+
+def test_named_blocks_of_faces_in_exodus_are_patches(tmp_path: Path) -> None:
+    """As Cubit writes blocks of surfaces: with names, of shells or triangles; one without a name is none."""
+    points = np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.4, 0.4, 1)])
+    blocks = {"PYRAMID5": [[1, 2, 3, 4, 5]], "SHELL4": [[1, 2, 3, 4]], "TRI3": [[1, 2, 5]], "TRI": [[2, 3, 5]]}
+    arrays: dict[str, Any] = {f"coord{axis}": points[:, k] for k, axis in enumerate("xyz")}
+    arrays |= {f"connect{k}": np.array(nodes, "i") for k, nodes in enumerate(blocks.values(), start=1)}
+    arrays["eb_names"] = np.array([list(name.ljust(6, "\0")) for name in ("fluid", "wall", "", "side")], "S1")
+    _exodus_of(tmp_path / "m.exo", arrays, list(blocks))
+    mesh = read_mesh(tmp_path / "m.exo")
+    assert lists(mesh.patches) == {"wall": [0, 1, 2, 3], "side": [1, 2, 4]}
+    write_mesh(tmp_path / "moved.exo", replace(mesh, points=mesh.points * 2))
+    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.exo").points, mesh.points * 2)
+
+
 @pytest.mark.parametrize(
     ("axes", "blocks", "sides", "expected"),
     [
@@ -785,8 +869,6 @@ def test_sides_of_exodus_shells_are_two_faces_and_the_edges(
     tmp_path: Path, axes: str, blocks: dict[str, Any], sides: list[list[int]], expected: dict[str, list[int]]
 ) -> None:
     """The numbers are those of libexodus: ex_get_side_set_node_list."""
-    from scipy.io import netcdf_file  # noqa: PLC0415
-
     points = np.array(
         [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.4, 0.4, 1), (0.5, 0, 0), (1, 0.5, 0), (0.5, 1, 0)]
     )
@@ -795,14 +877,7 @@ def test_sides_of_exodus_shells_are_two_faces_and_the_edges(
         arrays |= {f"elem_ss{number}": np.array([1], "i"), f"side_ss{number}": np.array(side, "i")}
     for number, nodes in enumerate(blocks.values(), start=1):
         arrays[f"connect{number}"] = np.array(nodes, "i")
-    with netcdf_file(tmp_path / "m.exo", "w", version=2) as file:
-        for name, values in arrays.items():
-            lengths = [f"{name}_{k}" for k in range(values.ndim)]
-            for length, size in zip(lengths, values.shape, strict=True):
-                file.createDimension(length, size)
-            file.createVariable(name, values.dtype, lengths)[:] = values
-        for number, kind in enumerate(blocks, start=1):
-            file.variables[f"connect{number}"].elem_type = kind
+    _exodus_of(tmp_path / "m.exo", arrays, list(blocks))
     found = read_mesh(tmp_path / "m.exo").patches
     assert {name: nodes.tolist() for name, nodes in found.items()} == expected
 
@@ -815,11 +890,25 @@ def test_sides_of_exodus_shells_are_two_faces_and_the_edges(
         ("", "SPOS", {}),  # the face of the shell is the mesh
         ("*ELEMENT, TYPE=C3D5\n2, 1, 2, 3, 4, 5\n", "SNEG", {"wall": [0, 1, 2, 3]}),
         ("*ELEMENT, TYPE=C3D5\n2, 1, 2, 3, 4, 5\n", "E2", {"wall": [1, 2]}),
+        ("*ELEMENT, TYPE=C3D5\n2, 1, 2, 3, 4, 5\n", "S1", {"wall": [0, 1, 2, 3]}),
+        ("", "S2", {}),
+        ("", "S3", {"wall": [0, 1]}),
+        ("", "S6", {"wall": [0, 3]}),
+        (
+            "*ELEMENT, TYPE=CPS3\n2, 1, 2, 4\n*ELSET, ELSET=e\n2,\n*SURFACE, NAME=w\ne, S1\n",
+            "S5",
+            {"w": [0, 1], "wall": [2, 3]},
+        ),
+        ("*ELEMENT, TYPE=CPS3\n2, 1, 2, 4\n*SURFACE, NAME=w\n2, SP\n", "S4", {"wall": [1, 2]}),
     ],
 )
 def test_surfaces_of_shells_in_abaqus(tmp_path: Path, solid: str, side: str, expected: dict[str, list[int]]) -> None:
-    """Edges E1, E2, … and faces SPOS, SNEG, as Abaqus' manual names them."""
-    apex = "5, 0.4, 0.4, 1\n" if solid else ""
+    """Edges E1, E2, … and faces SPOS, SNEG, as Abaqus' manual names them.
+
+    CalculiX counts: S1 and S2 are the faces of shells, their edges begin with S3; of plane elements with S1 (its
+    ``surfaces.f``).
+    """
+    apex = "5, 0.4, 0.4, 1\n" if "C3D5" in solid else ""
     (tmp_path / "m.inp").write_text(
         f"*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n3, 1, 1, 0\n4, 0, 1, 0\n{apex}*ELEMENT, TYPE=S4R\n1, 1, 2, 3, 4\n{solid}"
         f"*SURFACE, NAME=wall\n1, {side}\n"

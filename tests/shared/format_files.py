@@ -90,7 +90,7 @@ def fluent(path: Path) -> None:
 
 
 def fluent_binary(path: Path) -> None:
-    """The same with nodes and faces in binary."""
+    """The same with nodes and faces in binary, one zone of faces of any size."""
     fluent(path)
     text = path.read_bytes()
     begin, end = text.index(b"(10 (1"), text.index(b"(12 (0")
@@ -101,13 +101,16 @@ def fluent_binary(path: Path) -> None:
         + b")\nEnd of Binary Section   3010)\n"
         + text[end:]
     )
-    for name, zone in (("wall", 5), ("sides", 4)):
+    for name, zone, size in (("wall", 5, []), ("sides", 4, [4])):
         begin = text.index(b"(13 (%x " % zone)
         body = text.index(b"(\n", begin)
         end = text.index(b"))\n", begin) + 3
-        own = [[*(n + 1 for n in face.nodes[::-1]), face.cells[0] + 1, 0] for face in FACES if face.patch == name]
-        packed = np.array(own, "<i4").tobytes()
+        faces = [face for face in FACES if face.patch == name]
+        packed = np.array(
+            [[*size, *(n + 1 for n in of.nodes[::-1]), of.cells[0] + 1, 0] for of in faces], "<i4"
+        ).tobytes()
         head = text[begin:body].replace(b"(13", b"(2013")
+        head = head.replace(b" 4)", b" 0)") if size else head
         text = text[:begin] + head + b"(" + packed + b")\nEnd of Binary Section   2013)\n" + text[end:]
     path.write_bytes(text)
 
@@ -355,13 +358,13 @@ def foam(path: Path) -> None:
 
 
 def universal(path: Path) -> None:
-    """As Salome writes it: a group of faces, one of nodes, one of both kinds, and one of the cells."""
+    """As Salome writes it: a group of faces, one of nodes, one of both kinds, one of the cells; edges as Cubit."""
     nodes = "".join(
         f"{k:10}{1:10}{1:10}{11:10}\n" + "".join(f"{v:25.16E}".replace("E", "D") for v in xyz) + "\n"
         for k, xyz in enumerate(POINTS.tolist(), start=1)
     )
     outer = [face for face in FACES if face.patch]
-    listed = [(94, face.nodes) for face in outer] + [(115, cell) for cell in CELLS.tolist()]
+    listed = [(94, face.nodes) for face in outer] + [(115, cell) for cell in CELLS.tolist()] + [(171, CELLS[0][:2])]
     elements = "".join(
         "".join(f"{v:10}" for v in (number, code, 2, 1, 7, len(own)))
         + "\n"

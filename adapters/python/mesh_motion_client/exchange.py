@@ -137,7 +137,8 @@ def from_meshio(mesh: Any, wanted: Iterable[str]) -> Content:
 def from_gmsh() -> Content:
     """The content of Gmsh's current model; its physical groups below the cells' dimension are the patches.
 
-    Nodes are in the order of their tags. A group without a name has its number.
+    Nodes are in the order of their tags. A group without a name has its number; where a surface has that number, a
+    curve is ``curve_<number>``, a point ``point_<number>``, as in files. Groups with one name are one patch.
     """
     gmsh = optional_package("gmsh")
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
@@ -147,18 +148,25 @@ def from_gmsh() -> Content:
     cells: dict[str, Ints] = {}
     for kind, _, nodes in zip(*gmsh.model.mesh.getElements(), strict=True):
         name, dimension, _, count, *_ = gmsh.model.mesh.getElementProperties(kind)
+        if dimension and int(kind) not in names:
+            raise InvalidInput(
+                f"Gmsh's model has cells of the type {name}; expected {', '.join(_TYPES)}",
+                hint="gmsh.model.mesh.setOrder(1) makes them straight; Mesh.load of a file takes their corners",
+            )
         if dimension:
-            cells[names.get(int(kind), f"Gmsh's type {name}")] = np.searchsorted(tags, nodes).reshape(-1, count)
+            cells[names[int(kind)]] = np.searchsorted(tags, nodes).reshape(-1, count)
     if not cells:
         raise InvalidInput("Gmsh's model has no mesh", hint="call gmsh.model.mesh.generate(…) before")
-    highest = max(_TYPES[name][0] for name in cells if name in _TYPES) if set(cells) & set(_TYPES) else 0
-    patches = {
-        gmsh.model.getPhysicalName(dimension, number) or str(number): np.unique(
-            np.searchsorted(tags, gmsh.model.mesh.getNodesForPhysicalGroup(dimension, number)[0])
-        )
-        for dimension, number in gmsh.model.getPhysicalGroups()
-        if dimension < highest
-    }
+    highest = max(_TYPES[name][0] for name in cells)
+    groups = [group for group in gmsh.model.getPhysicalGroups() if group[0] < highest]
+    named = {group: gmsh.model.getPhysicalName(*group) for group in groups}
+    patches: dict[str, Ints] = {}
+    for dimension, number in sorted(groups, key=lambda group: (not named[group], -group[0])):
+        name = named[dimension, number]
+        if not name:
+            name = str(number) if str(number) not in patches else f"{('point', 'curve', 'surface')[dimension]}_{number}"
+        found = np.searchsorted(tags, gmsh.model.mesh.getNodesForPhysicalGroup(dimension, number)[0])
+        patches[name] = _nodes([patches.get(name, found), found])
     return _content(points, cells, patches)
 
 
