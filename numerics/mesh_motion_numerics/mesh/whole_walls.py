@@ -34,12 +34,18 @@ def whole_walls(points: Floats, facets: Mapping[str, Integers], patches: Mapping
         width = {1: 1, 2: 2, 3: 4}[points.shape[1]]
         table = np.concatenate([widened(block, width) for block in facets.values()])
         lost = np.flatnonzero(_inside(np.logical_or.reduce(list(listed.values())), table))
+        lost = orphans = lost[~np.logical_or.reduce([_inside(marks, table[lost]) for marks in listed.values()])]
         while len(lost := lost[~np.logical_or.reduce([_inside(marks, table[lost]) for marks in listed.values()])]):
             added = _continued(points, table, lost, listed, walls)
             if not any(map(len, added.values())):
                 break
             for name, nodes in added.items():
                 listed[name][nodes] = True
+        for name in walls:
+            gained = _inside(listed[name], table) & ~_inside(_marks(patches[name].nodes, len(points)), table)
+            gained[orphans] = False
+            if gained.any():  # two rims that are one cell apart: a facet of another patch would be one of this wall
+                listed[name] = _marks(patches[name].nodes, len(points))
     return {name: np.flatnonzero(listed[name]) for name in walls}
 
 
