@@ -82,3 +82,14 @@ def test_the_side_of_a_body_is_no_part_of_planes_that_are_one_cell_apart(role: s
     moved = model.move(points, points[model.roles.moving] + [0.05, 0.02, 0.0])
     assert not any("leaves the plane" in warning for warning in moved.warnings)
     np.testing.assert_array_equal(moved.points[:, 2], points[:, 2])
+
+
+def test_a_body_that_passes_a_plane_between_periodic_sides_names_its_patch() -> None:
+    """Where sides bend it is not proven that no mesh exists; the reason is the same."""
+    points = (mesh := box_mesh("quad")).points
+    sides = {f"{'xy'[axis]}{end}": np.flatnonzero(points[:, axis] == end) for axis in (0, 1) for end in (0, 1)}
+    patches = {"body": Patch("moving", mesh.body)}
+    patches |= {name: Patch("periodic" if name[0] == "x" else "slip", nodes) for name, nodes in sides.items()}
+    model = MotionModel.build(points, mesh.cells, patches, Method())
+    with pytest.raises(QualityRefused, match=r"node \d+ passes the plane of the slip patch 'y1'"):
+        model.move(points, shifted(model, 0.0, 0.7))
