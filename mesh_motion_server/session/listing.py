@@ -20,7 +20,7 @@ from mesh_motion_server.session.journal.files import MANIFEST, SLOTS, read_ledge
 from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, unreadable
 from mesh_motion_server.session.journal.ledger import Ledger
 from mesh_motion_server.session.journal.mesh_store import MESH, verifies
-from mesh_motion_server.session.spec import SPEC, StoredSpec, check_digest
+from mesh_motion_server.session.spec import MOST_SPEC_BYTES, SPEC, StoredSpec, check_digest
 from mesh_motion_server.session.state import State
 
 __all__ = ["UNREADABLE", "Listing", "Remembered", "StoredSession"]
@@ -153,7 +153,7 @@ class Listing:
 
         def read() -> tuple[bytes, StoredSpec | DataLoss]:
             try:
-                raw = read_whole(self._files, folder / SPEC)
+                raw = read_whole(self._files, folder / SPEC, MOST_SPEC_BYTES)
             except OSError as error:
                 raise unreadable("the session's spec", error) from error
             try:

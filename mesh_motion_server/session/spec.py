@@ -11,12 +11,16 @@ from typing import Any
 
 from mesh_motion_protocol.errors import DataLoss, InvalidInput
 
+from mesh_motion_server.session.journal.filesystem import PosixFileSystem, read_whole, unreadable
 from mesh_motion_server.settings import MethodSettings
 
-__all__ = ["SPEC", "SessionSpec", "StoredSpec", "check_digest", "spec_bytes"]
+__all__ = ["MOST_SPEC_BYTES", "SPEC", "SessionSpec", "StoredSpec", "check_digest", "spec_bytes"]
 
 SPEC = "spec.json"
 """The file in a session's folder that says what OPEN fixed."""
+
+MOST_SPEC_BYTES = 1 << 20
+"""What OPEN fixes comes in a header of at most 64 KiB; defaults are filled in."""
 
 _FORMAT = 1
 #: What has no key: versions that do not know it read the file.
@@ -177,11 +181,13 @@ def spec_bytes(folder: Path) -> bytes:
     Raises
     ------
     DataLoss
-        If the folder has none: it is no session's.
+        If the folder has none: it is no session's; RESOURCE_EXHAUSTED.DISK if the file cannot be read.
     """
     try:
-        return (folder / SPEC).read_bytes()
+        return read_whole(PosixFileSystem(), folder / SPEC, MOST_SPEC_BYTES)
     except OSError as error:
+        if not isinstance(error, FileNotFoundError | NotADirectoryError):
+            raise unreadable("the session's spec", error) from error
         raise DataLoss(
             f"{folder} is no session's folder: {error.strerror or error}",
             hint="give a folder below STATE FOLDER/sessions, or a copy of one",

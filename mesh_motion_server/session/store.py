@@ -43,7 +43,7 @@ from mesh_motion_server.session.journal.ledger import Foundation
 from mesh_motion_server.session.journal.mesh_store import MESH, read_mesh, write_mesh
 from mesh_motion_server.session.listing import UNREADABLE, Listing, Remembered, StoredSession
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
-from mesh_motion_server.session.spec import SPEC, SessionSpec, StoredSpec, check_digest
+from mesh_motion_server.session.spec import MOST_SPEC_BYTES, SPEC, SessionSpec, StoredSpec, check_digest
 from mesh_motion_server.session.unbuilt import UNBUILT, mark_built, never_built
 
 __all__ = ["SessionFolder", "SessionStore", "StoredSession"]
@@ -59,7 +59,7 @@ class SessionFolder:
 
     def __init__(self, path: Path, files: FileSystem, lock: int) -> None:
         self.path = path
-        self._raw_spec = read_whole(files, path / SPEC)
+        self._raw_spec = read_whole(files, path / SPEC, MOST_SPEC_BYTES)
         self.spec = StoredSpec.from_bytes(self._raw_spec)
         self._files = files
         self._lock: int | None = lock

@@ -178,6 +178,18 @@ def test_a_connectivity_that_is_too_long_takes_no_eight_bytes_for_each_of_its_ow
         tracemalloc.stop()
 
 
+@pytest.mark.parametrize("announced", ["NumberOfPoints", "NumberOfCells"])
+def test_fewer_values_than_a_piece_announces_are_refused(tmp_path: Path, announced: str) -> None:
+    """Part of a mesh is a valid mesh too."""
+    path = tmp_path / "m.vtu"
+    write_vtu(path, *fan(20, 39))
+    counts = re.search(rb'%s="(\d+)"' % announced.encode(), path.read_bytes())
+    assert counts
+    path.write_bytes(path.read_bytes().replace(counts[0], counts[0].replace(counts[1], b"%d" % (2 * int(counts[1])))))
+    with pytest.raises(InvalidInput, match=rf"values, but its piece has {2 * int(counts[1])} points or cells"):
+        read_mesh(path)
+
+
 def test_appended_data_that_ends_too_soon_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "m.vtu"
     write_vtu(path, *fan(20, 39))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from box_meshes import box_mesh
+from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.motion import MotionModel
@@ -64,3 +65,31 @@ def test_a_body_that_passes_a_plane_names_its_patch(correction: str, kind: str, 
     with pytest.raises(QualityRefused, match="no valid mesh exists") as caught:
         model.move(points, shifted(model, 0.9, 0.0))
     assert "passes" not in caught.value.message  # it leaves through the ends
+
+
+@pytest.mark.parametrize("role", ["slip", "symmetry"])
+def test_the_side_of_a_body_is_no_part_of_planes_that_are_one_cell_apart(role: str) -> None:
+    """One layer of cells, whose planes lack the nodes of the body."""
+    mesh = box_mesh("quad")
+    n = len(mesh.points)
+    points = np.vstack([np.column_stack([mesh.points, np.full(n, z)]) for z in (0.0, 0.1)])
+    quads = next(iter(mesh.cells)).nodes
+    cells = CellTable.from_arrays({"hexahedron": np.column_stack([quads, quads + n])})
+    body, outer = (np.r_[nodes, nodes + n] for nodes in (mesh.body, mesh.outer))
+    planes = np.setdiff1d(np.arange(2 * n), np.union1d(body, outer))
+    patches = {"body": Patch("moving", body), "outer": Patch("fixed", outer), "planes": Patch(role, planes)}
+    model = MotionModel.build(points, cells, patches, Method(correction="none"))
+    moved = model.move(points, points[model.roles.moving] + [0.05, 0.02, 0.0])
+    assert not any("leaves the plane" in warning for warning in moved.warnings)
+    np.testing.assert_array_equal(moved.points[:, 2], points[:, 2])
+
+
+def test_a_body_that_passes_a_plane_between_periodic_sides_names_its_patch() -> None:
+    """Where sides bend it is not proven that no mesh exists; the reason is the same."""
+    points = (mesh := box_mesh("quad")).points
+    sides = {f"{'xy'[axis]}{end}": np.flatnonzero(points[:, axis] == end) for axis in (0, 1) for end in (0, 1)}
+    patches = {"body": Patch("moving", mesh.body)}
+    patches |= {name: Patch("periodic" if name[0] == "x" else "slip", nodes) for name, nodes in sides.items()}
+    model = MotionModel.build(points, mesh.cells, patches, Method())
+    with pytest.raises(QualityRefused, match=r"node \d+ passes the plane of the slip patch 'y1'"):
+        model.move(points, shifted(model, 0.0, 0.7))

@@ -104,6 +104,30 @@ def test_with_nothing_set_slip_walls_are_never_worse_than_fixed_ones(kind, shift
     assert least["slip"] >= least["fixed"] - 1e-9
 
 
+@pytest.mark.parametrize("kind", ["quad", "quad + triangle", "tetra", "hexahedron", "wedge"])
+@pytest.mark.parametrize("roles", [("slip", "slip"), ("symmetry", "symmetry"), ("fixed", "slip")], ids="/".join)
+def test_walls_whose_patches_share_no_node_are_those_that_do(kind: str, roles: tuple[str, ...]) -> None:
+    """Many codes list a node with one patch only; the corner of two walls then is on the first of them."""
+    mesh = box_mesh(kind, 10 if kind.startswith("quad") else 5)
+    found = []
+    for disjoint in (False, True):
+        patches, taken = {"body": Patch("moving", mesh.body)}, np.empty(0, dtype=np.int64)
+        for name, wall in walls_of(mesh.points, "slip").items():
+            nodes = np.setdiff1d(wall.nodes, taken) if disjoint else wall.nodes
+            patches[name] = Patch(roles[name[0] != "x"], nodes)
+            taken = np.union1d(taken, nodes)
+        model = MotionModel.build(mesh.points, mesh.cells, patches, Method())
+        shift = np.resize([0.2, 0.0, 0.0], mesh.points.shape[1])
+        found.append(model.move(mesh.points, mesh.points[model.roles.moving] + shift).points)
+    np.testing.assert_array_equal(found[1], found[0])
+    for side in walls_of(mesh.points, "slip").values():  # the domain is what it was
+        on = mesh.points[side.nodes]
+        across = int(np.argmin(np.ptp(on, axis=0)))
+        np.testing.assert_array_equal(found[1][side.nodes, across], on[:, across])
+    corners = ((mesh.points == 0.0) | (mesh.points == 1.0)).all(axis=1)
+    np.testing.assert_array_equal(found[1][corners], mesh.points[corners])
+
+
 @pytest.mark.parametrize("tilt", [0.1, 0.35])
 def test_no_node_of_a_tank_passes_its_corner(tilt: float) -> None:
     model, targets = tank(tilt)

@@ -208,6 +208,31 @@ def test_an_error_of_the_disk_is_no_missing_file(store: SessionStore, name: str,
         assert caught.value.code == "RESOURCE_EXHAUSTED.DISK"
 
 
+class Counting(PosixFileSystem):
+    """Refuses to read more than a small session has."""
+
+    def read(self, handle: int, offset: int, size: int) -> bytes:
+        assert size <= 4 << 20
+        return super().read(handle, offset, size)
+
+
+@pytest.mark.parametrize("damaged", [False, True])
+@pytest.mark.parametrize("name", [SPEC, "manifest", "mesh.bin"])
+def test_a_file_that_seems_huge_is_not_read(store: SessionStore, name: str, damaged: bool) -> None:
+    """A length that a damaged file system gives: one session's, whatever its first bytes are."""
+    folder = build(store)
+    if damaged:
+        (folder / name).write_bytes(b"")
+    os.truncate(folder / name, 1 << 42)
+    counting = SessionStore(store.root, files=Counting())
+    assert {found.state for found in counting.sessions()} <= {UNREADABLE, State.FAILED}
+    with pytest.raises(MeshMotionError):
+        load(counting)
+    shown = inspect_session(folder)
+    assert shown.state == "damaged"
+    assert any("4398046511104 bytes" in check.message or "digest" in check.message for check in shown.checks)
+
+
 @pytest.mark.parametrize("name", ["exists", "make_folder", "sync_folder"])
 def test_a_session_is_not_removed_by_a_create_that_fails(
     store: SessionStore, monkeypatch: pytest.MonkeyPatch, name: str

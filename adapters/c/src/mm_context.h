@@ -76,4 +76,14 @@ mm_result mmi_fail_forked(mm_context *context);
         BEGIN((session)->context);                                                                                     \
     } while (0)
 
+/* For settings that OPEN sends. */
+#define BEGIN_UNOPENED(session)                                                                                        \
+    do {                                                                                                               \
+        BEGIN_SESSION(session);                                                                                        \
+        if ((session)->joined) {                                                                                       \
+            mmi_fail((session)->context, "FAILED_PRECONDITION.STATE", "", "the session is open already");              \
+            return (session)->context->error;                                                                          \
+        }                                                                                                              \
+    } while (0)
+
 #endif

@@ -71,16 +71,6 @@ void mm_session_free(mm_session *session)
     free(session);
 }
 
-/* For settings that OPEN sends. */
-#define BEGIN_UNOPENED(session)                                                                                        \
-    do {                                                                                                               \
-        BEGIN_SESSION(session);                                                                                        \
-        if ((session)->joined) {                                                                                       \
-            mmi_fail((session)->context, "FAILED_PRECONDITION.STATE", "", "the session is open already");              \
-            return (session)->context->error;                                                                          \
-        }                                                                                                              \
-    } while (0)
-
 /* The place of a setting; a key that was set before keeps its place. */
 static setting *place_of(mm_session *session, const char *key)
 {
@@ -412,6 +402,16 @@ outcome mmi_check_joined(mm_session *session)
     return session->joined ? DONE
                            : mmi_fail(session->context, "FAILED_PRECONDITION.STATE",
                                       "mm_open, mm_join or mm_resume first", "the session is not open");
+}
+
+outcome mmi_check_shape(mm_session *session, size_t first, size_t second)
+{
+    return first != MMI_OTHER_SHAPE && second != MMI_OTHER_SHAPE
+               ? DONE
+               : mmi_fail(session->context, "INVALID_ARGUMENT.SHAPE",
+                          "arrays are (dimension, nodes), and of several vectors (dimension, vectors, nodes)",
+                          "the first dimension of each array must be %d, and the number of vectors one for all",
+                          session->dimension);
 }
 
 /* --- credentials -------------------------------------------------------------------------------------------------- */

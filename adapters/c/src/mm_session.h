@@ -74,6 +74,10 @@ struct mm_session {
 
 /* FAILED unless the session is open. */
 outcome mmi_check_joined(mm_session *session);
+/* So many rows has a Fortran array of another shape. */
+#define MMI_OTHER_SHAPE ((size_t)INT64_MAX)
+/* That neither of two numbers of rows is this one. */
+outcome mmi_check_shape(mm_session *session, size_t first, size_t second);
 /* OPEN and JOIN, repeated while the server cannot answer: a session without an upload costs nothing. */
 outcome mmi_open_patiently(mm_session *session);
 /* What an OPEN and a MOVE say about times, velocities, swept faces and the headroom, and what MOVED has of them. */

@@ -22,7 +22,7 @@ static outcome check_move(mm_session *session, size_t moving, const double *disp
                           const double *to)
 {
     mm_context *context = session->context;
-    if (check_built(session) != DONE) {
+    if (check_built(session) != DONE || mmi_check_shape(session, moving, nodes) != DONE) {
         return FAILED;
     }
     if (moving != session->moving_count || (session->nodes && nodes != session->nodes)) {
@@ -138,7 +138,7 @@ static outcome check_vectors(mm_session *session, size_t vectors, size_t moving,
                              const void *to)
 {
     mm_context *context = session->context;
-    if (check_built(session) != DONE) {
+    if (check_built(session) != DONE || mmi_check_shape(session, moving, nodes) != DONE) {
         return FAILED;
     }
     if (moving != session->moving_count || nodes != session->nodes) {
@@ -248,6 +248,9 @@ mm_result mm_commit(mm_session *session)
     answer committed = {0};
     request commit = mmi_session_request(session, "COMMIT", "COMMITTED");
     mmi_add_integer(&commit, "step", session->step + 1);
+    if (session->has_time) {
+        mmi_add_number(&commit, "time", session->time);
+    }
     if (session->final_step) {
         mmi_add_integer(&commit, "final_step", session->final_step);
     }
@@ -284,7 +287,7 @@ mm_result mm_rollback(mm_session *session)
 mm_result mm_fetch(mm_session *session, mm_frame which, size_t nodes, double *points)
 {
     BEGIN_SESSION(session);
-    if (mmi_check_joined(session) != DONE) {
+    if (mmi_check_joined(session) != DONE || mmi_check_shape(session, nodes, 0) != DONE) {
         return session->context->error;
     }
     if ((nodes && !points) || (session->nodes && nodes != session->nodes)) {

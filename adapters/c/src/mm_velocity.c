@@ -9,7 +9,7 @@
 
 mm_result mm_set_time_levels(mm_session *session, double start, const char *scheme)
 {
-    BEGIN_SESSION(session);
+    BEGIN_UNOPENED(session);
     if (!isfinite(start)) {
         return mmi_invalid(session->context, "the time of the mesh as uploaded must be finite%s", "");
     }
@@ -61,7 +61,7 @@ mm_result mm_set_boundary_velocity(mm_session *session, size_t moving, const dou
 {
     BEGIN_SESSION(session);
     size_t columns = (size_t)session->dimension;
-    if (mmi_check_joined(session) != DONE) {
+    if (mmi_check_joined(session) != DONE || mmi_check_shape(session, moving, 0) != DONE) {
         return session->context->error;
     }
     if (moving != session->moving_count || (moving && !velocity)) {

@@ -147,6 +147,8 @@ class _Values:
             else:
                 most = most_unpacked(self._packed) if rows is None else int(rows) * max(width, 1) * dtype.itemsize
                 values = np.frombuffer(self._bytes(array, text, most), dtype)
+            if rows is not None and int(rows) and values.size != int(rows) * max(width, 1):  # half of a mesh is no mesh
+                raise ValueError(f"{values.size} values, but its piece has {rows} points or cells")
             return values.reshape(-1, width) if width > 1 else values
         except ValueError as error:
             raise ValueError(f"array {name!r}: {error}") from None

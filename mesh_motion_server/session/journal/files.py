@@ -8,7 +8,7 @@ from mesh_motion_numerics.arrays import Floats
 from mesh_motion_protocol.digests import state_digest
 from mesh_motion_protocol.errors import DataLoss
 
-from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, reading, unreadable
+from mesh_motion_server.session.journal.filesystem import FileSystem, bounded_size, read_whole, reading, unreadable
 from mesh_motion_server.session.journal.ledger import Foundation, Ledger, slot_of
 from mesh_motion_server.session.journal.records import PAGE, Record, unpack_record
 from mesh_motion_server.session.journal.recovery import Findings, SlotView, examine, read_chain, sum_up
@@ -35,6 +35,8 @@ SLOTS = ("slot-0", "slot-1")
 KEPT_COMMITS = 8
 #: Of a manifest that is listed, so much is read at first: some ten commits.
 _FIRST_BYTES = 16 * PAGE
+#: More than any manifest has: 24 records of 256 partitions, and what level "replay" logs.
+_MOST_BYTES = 1 << 28
 
 
 def read_journal(folder: Path, files: FileSystem) -> Findings:
@@ -51,7 +53,7 @@ def read_journal(folder: Path, files: FileSystem) -> Findings:
         return first, second
 
     try:
-        return examine(read_whole(files, folder / MANIFEST), view_slots, keep=KEPT_COMMITS)
+        return examine(read_whole(files, folder / MANIFEST, _MOST_BYTES), view_slots, keep=KEPT_COMMITS)
     except OSError as error:
         raise unreadable("the journal", error) from error
 
@@ -73,7 +75,7 @@ def read_ledger(folder: Path, files: FileSystem) -> Ledger:
 def _read_chain(files: FileSystem, path: Path) -> list[Record]:
     """A manifest's records; of the empty rest, most of a young session's manifest, little is read."""
     with reading(files, path) as handle:
-        size, part = files.size(handle), _FIRST_BYTES
+        size, part = bounded_size(files, handle, _MOST_BYTES), _FIRST_BYTES
         while part < size:
             data = files.read(handle, 0, part)
             with suppress(DataLoss):

@@ -20,6 +20,7 @@ from mesh_motion_server.operation.tally import TALLY
 __all__ = [
     "FileSystem",
     "PosixFileSystem",
+    "bounded_size",
     "disk_failure",
     "make_durable_folder",
     "read_whole",
@@ -100,10 +101,18 @@ def write_all(files: FileSystem, handle: int, offset: int, data: Buffer) -> int:
     return offset
 
 
-def read_whole(files: FileSystem, path: Path) -> bytes:
-    """All bytes of a file."""
+def read_whole(files: FileSystem, path: Path, most: int) -> bytes:
+    """All bytes of a file; OSError if it has more than ``most``, as a damaged file system may say."""
     with reading(files, path) as handle:
-        return files.read(handle, 0, files.size(handle))
+        return files.read(handle, 0, bounded_size(files, handle, most))
+
+
+def bounded_size(files: FileSystem, handle: int, most: int) -> int:
+    """Length in bytes; OSError if it is more than ``most``."""
+    size = files.size(handle)
+    if size > most:
+        raise OSError(errno.EFBIG, f"it has {size} bytes, expected at most {most}")
+    return size
 
 
 @contextmanager

@@ -23,7 +23,7 @@ from mesh_motion_protocol.errors import DataLoss
 from numpy.typing import NDArray
 
 from mesh_motion_server.failpoints import failpoint
-from mesh_motion_server.session.journal.filesystem import FileSystem, read_whole, reading, unreadable, write_all
+from mesh_motion_server.session.journal.filesystem import FileSystem, reading, unreadable, write_all
 from mesh_motion_server.session.partitions.facets import FACET_NODES
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 
@@ -69,7 +69,10 @@ def read_mesh(path: Path, files: FileSystem, digest: bytes) -> list[PartitionMes
     """
     try:
         failpoint("store.mesh.read")
-        data = read_whole(files, path)
+        with reading(files, path) as handle:
+            magic = files.read(handle, 0, len(_MAGIC))
+            other_format = magic[:6] == _MAGIC[:6] and magic != _MAGIC
+            data = files.read(handle, 0, files.size(handle)) if other_format or has_its_length(path, files) else b""
     except OSError as error:
         raise unreadable("the mesh", error) from error
     if hashlib.sha256(data).digest() != digest:

@@ -21,6 +21,7 @@ from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_numerics.mesh.surface_constraints import OnPlanes
+from mesh_motion_numerics.mesh.whole_walls import whole_walls
 
 __all__ = ["BoundaryConstraint", "RegionConstraint"]
 
@@ -69,7 +70,7 @@ class BoundaryConstraint:
                 released[patch.nodes] = False
         if sliding is not None:
             released[sliding.nodes] = sliding.freedom() > 0
-        released &= ~_on_other_facets(len(points), facets, patches)
+        released &= ~_on_other_facets(points, facets, patches)
         if periodic is not None:
             released &= ~_torn(released, periodic) & ~_sliding_on_axis(periodic, sliding)
         if not released.any():
@@ -215,9 +216,11 @@ def _sliding_on_axis(periodic: PeriodicNodes, sliding: SlidingSurfaces | None) -
     return found
 
 
-def _on_other_facets(n: int, facets: Mapping[str, Integers], patches: Mapping[str, Patch]) -> Marks:
+def _on_other_facets(points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch]) -> Marks:
     """(n,) nodes with a boundary facet that belongs to no sliding and no periodic patch."""
-    sides = [patch.nodes for patch in patches.values() if patch.role in ("periodic", *SLIDING_ROLES)]
+    n = len(points)
+    sides = [patch.nodes for patch in patches.values() if patch.role == "periodic"]
+    sides += whole_walls(points, facets, patches).values()
     found = np.zeros(n, dtype=bool)
     for rows in facets.values():
         other = np.ones(len(rows), dtype=bool)

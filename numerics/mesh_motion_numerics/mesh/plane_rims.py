@@ -13,8 +13,9 @@ from mesh_motion_protocol.errors import InvalidInput
 
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.points import bounding_box
-from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
+from mesh_motion_numerics.mesh.roles import Patch
 from mesh_motion_numerics.mesh.smooth_pieces import smooth_pieces
+from mesh_motion_numerics.mesh.whole_walls import whole_walls
 
 __all__ = ["PlaneRims"]
 
@@ -52,15 +53,15 @@ class PlaneRims:
     ) -> PlaneRims:
         """Find them in a mesh with reference ``points`` (n, d) and the ``facets`` (f, k) of its whole boundary."""
         rims, planes = [], []
-        walls = {name: patch for name, patch in sorted(patches.items()) if patch.role in SLIDING_ROLES}
-        for name, patch in walls.items():
-            for piece in smooth_pieces(points, facets, _with_rim(patch.nodes, facets, moving, len(points))):
+        for name, nodes in whole_walls(points, facets, patches).items():
+            role = patches[name].role
+            for piece in smooth_pieces(points, facets, nodes):
                 if piece.normal is None:
                     continue
-                planes.append((name, patch.role, bounding_box(points[piece.nodes]), piece.normal))
+                planes.append((name, role, bounding_box(points[piece.nodes]), piece.normal))
                 rows = np.flatnonzero(np.isin(moving, piece.nodes))
                 if len(rows):
-                    rims.append((name, patch.role, rows, piece.normal))
+                    rims.append((name, role, rows, piece.normal))
         return cls(moving, points[moving], _ON_PLANE * float(np.ptp(points, axis=0).max()), tuple(rims), tuple(planes))
 
     def refuse(self, targets: Floats) -> None:
@@ -108,14 +109,3 @@ class PlaneRims:
             farthest = int(np.argmax(away))
             if away[farthest] > self.closest:
                 yield name, role, int(self.moving[rows[farthest]]), float(away[farthest])
-
-
-def _with_rim(nodes: Integers, facets: Mapping[str, Integers], moving: Integers, n_nodes: int) -> Integers:
-    """A wall's nodes, and the moving nodes at its rim: many codes list a node with one patch only."""
-    own, moves = np.zeros((2, n_nodes), dtype=bool)
-    own[nodes], moves[moving] = True, True
-    rim = [nodes]
-    for rows in facets.values():
-        mixed = rows[(own[rows] | moves[rows]).all(axis=1) & (own[rows] & ~moves[rows]).any(axis=1)]
-        rim.append(mixed[moves[mixed]])
-    return np.unique(np.concatenate(rim))

@@ -13,11 +13,11 @@ from scipy.sparse.csgraph import connected_components
 
 from mesh_motion_numerics.arrays import Floats, Integers
 
-__all__ = ["Piece", "area_vectors", "as_simplices", "sides", "smooth_pieces", "widened"]
+__all__ = ["SMOOTH_COSINE", "Piece", "area_vectors", "as_simplices", "sides", "smooth_pieces", "widened"]
 
 
 #: Edges with a larger angle are sharp: a circle of ten segments is still smooth, a hexagon is not.
-_SMOOTH_COSINE = float(np.cos(np.radians(40.0)))
+SMOOTH_COSINE = float(np.cos(np.radians(40.0)))
 #: A piece is planar if its nodes lie this close to a plane, relative to its extent (single-precision files give 1e-7).
 _PLANAR = 1e-6
 #: Normals this close to a coordinate axis are set to that axis: the coordinate then stays bitwise.
@@ -123,7 +123,7 @@ def _components(facets: Integers, areas: Floats) -> Integers:
     adjacent = (keys[1:] == keys[:-1]).all(axis=1)
     a, b = owners[:-1][adjacent], owners[1:][adjacent]
     lengths = np.linalg.norm(areas, axis=1)
-    smooth = np.einsum("ij,ij->i", areas[a], areas[b]) >= _SMOOTH_COSINE * lengths[a] * lengths[b]
+    smooth = np.einsum("ij,ij->i", areas[a], areas[b]) >= SMOOTH_COSINE * lengths[a] * lengths[b]
     graph = coo_array((np.ones(int(smooth.sum())), (a[smooth], b[smooth])), shape=(len(facets),) * 2)
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 

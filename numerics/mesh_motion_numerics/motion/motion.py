@@ -142,9 +142,8 @@ class MotionModel(DifferentiableMesh):
                 fraction = self._acceptable_fraction(step, whole, refusal)
             except Timeout:
                 fraction = None
-            passed = self.rims.passed(targets) if isinstance(refusal, NoMeshExists) else ""
             raise QualityRefused(
-                refusal.message + passed,
+                refusal.message + self.rims.passed(targets),
                 best=refusal.best,
                 cells=refusal.cells,
                 fraction=fraction,

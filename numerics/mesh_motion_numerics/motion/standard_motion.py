@@ -47,8 +47,9 @@ from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.mesh.paths import RigidMotion, fit_rigid_motion, substeps
 from mesh_motion_numerics.mesh.periodic_nodes import PeriodicNodes
 from mesh_motion_numerics.mesh.points import bounding_box
-from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, BoundaryRoles, Patch
+from mesh_motion_numerics.mesh.roles import BoundaryRoles, Patch
 from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
+from mesh_motion_numerics.mesh.whole_walls import whole_walls
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
 from mesh_motion_numerics.motion.stage import Stage
@@ -136,7 +137,7 @@ class StandardMotion:
         periodic = PeriodicNodes.build(points, facets, patches, roles)
         sliding = None
         if len(roles.sliding):
-            surfaces = {name: patch.nodes for name, patch in patches.items() if patch.role in SLIDING_ROLES}
+            surfaces = whole_walls(points, facets, patches)
             images = () if periodic is None else periodic.generators
             mirrors = [name for name in surfaces if patches[name].role == "symmetry"]
             sliding = SlidingSurfaces.build(points, facets, surfaces, roles.sliding, images=images, mirrors=mirrors)

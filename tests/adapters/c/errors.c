@@ -120,7 +120,14 @@ int main(int count, char **arguments)
     mm_clear_error(server);
     EXPECT(mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_OK && mm_iteration(session) == 1);
     EXPECT(mm_report_count(mm_moved(session), "faces") == 0);
-    EXPECT(mm_commit(session) == MM_OK && mm_step(session) == 1);
+    EXPECT(mm_set_time(session, 0.5) == MM_OK && mm_move(session, MM_SINCE_COMMITTED, 2, rows, 4, answer) == MM_OK);
+    EXPECT(mm_set_time(session, 0.7) == MM_OK && mm_commit(session) == MM_INVALID_ARGUMENT); /* at another time */
+    EXPECT(strstr(mm_error_message(server), "0.7") && strstr(mm_error_message(server), "0.5"));
+    mm_clear_error(server);
+    EXPECT(mm_set_time(session, 0.5) == MM_OK && mm_commit(session) == MM_OK && mm_step(session) == 1);
+    EXPECT(mm_set_time_levels(session, 0, "bdf2") == MM_FAILED_PRECONDITION); /* OPEN has sent them */
+    mm_clear_error(server);
+    EXPECT(mm_set_time(session, 0.9) == MM_OK);
 
     /* derivatives of two vectors: the left side has the velocities, the right one rests */
     double two[] = {1, 2, 3, 4, 5, 6, 7, 8}, all[16], back[8];
@@ -130,6 +137,9 @@ int main(int count, char **arguments)
     EXPECT(mm_cotangent(session, 2, 4, all, 2, back) == MM_OK && memcmp(back, two, sizeof two) == 0);
     EXPECT(mm_tangent(session, 1, 4, two, 4, all) == MM_INVALID_ARGUMENT);
     EXPECT(mm_error_is(server, "INVALID_ARGUMENT.SHAPE"));
+    mm_clear_error(server);
+    EXPECT(mm_tangent(session, 2, 2, two, INT64_MAX, all) == MM_INVALID_ARGUMENT); /* a Fortran array of another shape */
+    EXPECT(strstr(mm_error_message(server), "the first dimension of each array must be 2") != NULL);
     mm_clear_error(server);
     EXPECT(mm_cotangent(session, 0, 4, all, 2, back) == MM_INVALID_ARGUMENT);
     mm_clear_error(server);

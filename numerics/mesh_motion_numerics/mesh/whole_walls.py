@@ -1,0 +1,99 @@
+"""The facets of sliding walls, where patches do not share the nodes of their common rim.
+
+Many codes list a node with one patch only: the corner of two walls is on the first of them, and the last facet of the
+second one has all its nodes in no patch. A wall that ended there would let its corner slide, and change the domain. So
+each such facet belongs to the patch whose own facets it continues most smoothly.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from mesh_motion_numerics.arrays import Floats, Integers, Marks
+from mesh_motion_numerics.mesh.roles import SLIDING_ROLES, Patch
+from mesh_motion_numerics.mesh.smooth_pieces import SMOOTH_COSINE, area_vectors, widened
+
+__all__ = ["whole_walls"]
+
+
+def whole_walls(points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch]) -> dict[str, Integers]:
+    """Nodes (p,) of each slip or symmetry patch, with those of the facets at its rim that only it continues.
+
+    Parameters
+    ----------
+    points : (n, d) array, mesh length unit
+    facets : dict of (f, k) int64 arrays
+        Of the whole boundary, pointing outwards, by type.
+    patches : dict of Patch
+        Of every role.
+    """
+    listed = {name: _marks(patch.nodes, len(points)) for name, patch in sorted(patches.items())}
+    walls = [name for name in listed if patches[name].role in SLIDING_ROLES]
+    if walls and facets:
+        width = {1: 1, 2: 2, 3: 4}[points.shape[1]]
+        table = np.concatenate([widened(block, width) for block in facets.values()])
+        lost = np.flatnonzero(_inside(np.logical_or.reduce(list(listed.values())), table))
+        lost = orphans = lost[~np.logical_or.reduce([_inside(marks, table[lost]) for marks in listed.values()])]
+        while len(lost := lost[~np.logical_or.reduce([_inside(marks, table[lost]) for marks in listed.values()])]):
+            added = _continued(points, table, lost, listed, walls)
+            if not any(map(len, added.values())):
+                break
+            for name, nodes in added.items():
+                listed[name][nodes] = True
+        for name in walls:
+            gained = _inside(listed[name], table) & ~_inside(_marks(patches[name].nodes, len(points)), table)
+            gained[orphans] = False
+            if gained.any():  # two rims that are one cell apart: a facet of another patch would be one of this wall
+                listed[name] = _marks(patches[name].nodes, len(points))
+    return {name: np.flatnonzero(listed[name]) for name in walls}
+
+
+def _continued(
+    points: Floats, table: Integers, lost: Integers, listed: Mapping[str, Marks], walls: list[str]
+) -> dict[str, Integers]:
+    """Nodes that each wall gains by those of the ``lost`` facets (rows of the table) that continue it."""
+    normals = area_vectors(points, table)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    at = _incidence(table, len(points))
+    likeness = np.stack([_likeness(at, normals, lost, marks, _inside(marks, table)) for marks in listed.values()])
+    best = np.argmax(likeness, axis=0)
+    added = {}
+    for number, name in enumerate(listed):
+        if name in walls:
+            nodes = np.unique(table[lost[(best == number) & (likeness[number] >= SMOOTH_COSINE)]])
+            nodes = nodes[nodes >= 0]
+            added[name] = nodes[~listed[name][nodes]]
+    return added
+
+
+def _marks(nodes: Integers, n_points: int) -> Marks:
+    """(n,) whether each node is among these."""
+    marks = np.zeros(n_points, dtype=bool)
+    marks[nodes] = True
+    return marks
+
+
+def _inside(marks: Marks, table: Integers) -> Marks:
+    """(f,) whether all corners of each facet are marked."""
+    return np.asarray((marks[table] | (table < 0)).all(axis=1))
+
+
+def _incidence(table: Integers, n_points: int) -> csr_array:
+    """(f, n) with a one for each corner of each facet."""
+    rows, columns = np.nonzero(table >= 0)
+    return csr_array((np.ones(len(rows)), (rows, table[rows, columns])), shape=(len(table), n_points))
+
+
+def _likeness(at: csr_array, normals: Floats, lost: Integers, listed: Marks, own: Marks) -> Floats:
+    """(l,) largest cosine between each lost facet and the patch's own facets at the patch's nodes of it.
+
+    −1 without any; just enough where the patch has no facet of its own.
+    """
+    touched = at[lost].multiply(listed[None, :]).tocsr()
+    if not own.any():
+        return np.where(touched.sum(axis=1) > 0, SMOOTH_COSINE, -1.0)
+    rows, columns = (touched @ at[own].T).nonzero()
+    found = np.full(len(lost), -1.0)
+    np.maximum.at(found, rows, np.einsum("ij,ij->i", normals[lost][rows], normals[own][columns]))
+    return found
