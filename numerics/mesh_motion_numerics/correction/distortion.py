@@ -155,9 +155,9 @@ def corner_simplices(
     """
     nodes, ideals, offsets = [], [], []
     all_sizes, skews = sizes_of(reference_sizes), skews_of(reference_sizes)
-    for block, first in cells.numbered():
+    for block, rows in cells.numbered:
         corners = block.nodes[:, block.type.corner_array]  # (m, k, d + 1)
-        rows, count = slice(first, first + len(block)), corners.shape[1]
+        count = corners.shape[1]
         nodes.append(corners.reshape(-1, corners.shape[2]).astype(np.int32, order="C"))
         itself, offset = np.full(len(block), at_rest or not block.type.is_simplex), np.zeros(len(block))
         if skews is not None and block.type.is_simplex:
