@@ -226,6 +226,11 @@ class CellTable:
         return tuple(int(n) for n in np.cumsum([0, *(len(block) for block in self.blocks)]))
 
     @cached_property
+    def nodes(self) -> tuple[Shorts, ...]:
+        """Nodes (m, n_nodes) of each block, contiguous, as the compiled loops take them."""
+        return tuple(np.ascontiguousarray(block.nodes) for block in self.blocks)
+
+    @cached_property
     def numbered(self) -> tuple[tuple[CellBlock, slice], ...]:
         """Each block with the slice of cell numbers that belongs to it."""
         return tuple(zip(self.blocks, map(slice, self.offsets, self.offsets[1:]), strict=True))

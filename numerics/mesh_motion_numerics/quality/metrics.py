@@ -215,9 +215,16 @@ def empty_quality(count: int) -> CellQuality:
     return CellQuality(np.empty(count), np.empty(count), np.empty(count, dtype=np.bool_))
 
 
-def judged(cells: CellTable, rest: AtRest, metric: str) -> tuple[list[Shorts], Floats, tuple[Floats, Floats], int]:
-    """Arguments of loops over all cells: the nodes of each block, the reference sizes, skews and points at rest where
-    the metric needs them, and its number; InvalidInput on an unknown metric, or without what it needs.
+def judged(
+    cells: CellTable, rest: AtRest, metric: str
+) -> tuple[tuple[Shorts, ...], Floats, tuple[Floats, Floats], int]:
+    """Arguments of loops over all cells: the nodes of each block, the reference sizes, the skews and points at rest
+    (empty unless the metric needs them), and the metric's number.
+
+    Raises
+    ------
+    InvalidInput
+        On an unknown metric, or one that needs the cells at rest if they are not known.
     """
     code, skews, points = metric_code(metric), *_NOTHING
     if metric == _RELATIVE:

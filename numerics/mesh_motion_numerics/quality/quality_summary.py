@@ -130,8 +130,8 @@ class QualitySummary:
         cls, found: Mapping[str, Distribution], metric: str, *, inverted: int, cells: int, worst: tuple[WorstCell, ...]
     ) -> QualitySummary:
         """Build it from the distributions of :func:`reported_metrics`, by name."""
-        size, skew, size_skew = (found[name] for name in ("size", "skew", "size-skew"))
-        return cls(metric, found[metric], size, skew, size_skew, inverted, cells, worst)
+        reported = found[metric], found["size"], found["skew"], found["size-skew"]
+        return cls(metric, *reported, inverted, cells, worst)
 
     @property
     def reported(self) -> dict[str, Distribution]:
