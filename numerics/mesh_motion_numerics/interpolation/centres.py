@@ -78,10 +78,6 @@ class CentreLayout:
         """Whether every centre is visited for every point."""
         return self.starts.size == 2
 
-    def sort(self, weights: Floats) -> Floats:
-        """(k, nc) sorted rows of (nc, k) weights."""
-        return np.ascontiguousarray(weights[self.order].T)
-
     @cached_property
     def grid(self) -> tuple[Floats, float, Integers, Integers]:
         """The arguments of the compiled loops for the grid."""
@@ -122,6 +118,8 @@ class CentreLayout:
         weights: Floats,
         out: Floats,
     ) -> Floats:
-        """``sum_values`` or ``sum_gradients`` at (n, d) points with (k, nc) sorted weights, into ``out``, returned."""
-        kernel(basis.code, padded(points), self.coordinates, weights, 1.0 / support_radius, *self.grid, out)
+        """``sum_values`` or ``sum_gradients`` at (n, d) points with weights (nc, k) in the layout's order, into
+        ``out``, returned."""
+        rows = np.ascontiguousarray(weights.T)
+        kernel(basis.code, padded(points), self.coordinates, rows, 1.0 / support_radius, *self.grid, out)
         return out

@@ -83,7 +83,7 @@ def displacement(
         return out
     _check_dimension(interpolant, points)
     layout = interpolant.layout
-    weights, radius = layout.sort(interpolant.weights), interpolant.support_radius
+    weights, radius = interpolant.weights[layout.order], interpolant.support_radius
     layout.sum(kernels.sum_values, interpolant.basis, radius, points, weights, out)
     if interpolant.polynomial is not None:
         out += interpolant.polynomial(points)
@@ -112,7 +112,7 @@ def gradient(interpolant: AnyInterpolant, points: Floats) -> Floats:
         return out
     _check_dimension(interpolant, points)
     layout = interpolant.layout
-    weights, radius = layout.sort(interpolant.weights), interpolant.support_radius
+    weights, radius = interpolant.weights[layout.order], interpolant.support_radius
     layout.sum(kernels.sum_gradients, interpolant.basis, radius, points, weights, out)
     if interpolant.polynomial is not None:
         out += interpolant.polynomial.gradient

@@ -85,7 +85,8 @@ class WindingBody:
 
     def edges_at(self, points: Floats) -> Floats:
         """The edges (p, d, d) with the mesh's nodes at ``points`` (n, d)."""
-        return points[self.chain[:, 1:]] - points[self.chain[:, :1]]
+        edges: Floats = points[self.chain[:, 1:]] - points[self.chain[:, :1]]
+        return edges
 
 
 @dataclass(frozen=True, eq=False)

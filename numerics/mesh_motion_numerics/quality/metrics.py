@@ -232,7 +232,7 @@ def judged(
             raise _unknown_rest()
         skews, points = np.ascontiguousarray(rest.skews), np.ascontiguousarray(rest.points)
     return (
-        [np.ascontiguousarray(block.nodes) for block in cells.blocks],
+        cells.nodes,
         np.ascontiguousarray(sizes_of(rest)),
         (skews, points),
         code,

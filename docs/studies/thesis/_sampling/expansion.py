@@ -69,7 +69,7 @@ def expand(interpolant: Interpolant, points: Floats) -> Floats:
     """
     layout, d = interpolant.layout, interpolant.dimension
     terms = monomials(d)
-    weights = layout.sort(interpolant.weights)
+    weights = np.ascontiguousarray(interpolant.weights[layout.order].T)
     out = np.empty((len(points), weights.shape[0], len(terms)))
     derivatives = radial_derivatives(interpolant.basis.name, 3)
     kernels.expand(
