@@ -13,6 +13,7 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.mesh.boundary_facets import boundary_nodes
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
 from mesh_motion_protocol.errors import InvalidInput
+from mesh_motion_protocol.flat_points import is_flat
 
 __all__ = [
     "MeshFile",
@@ -210,15 +211,12 @@ def chosen_zone(path: Path, names: Sequence[str], zone: str) -> str:
 
 
 def _drop_coordinates(points: Floats, dimension: int, path: Path) -> Floats:
-    """(n, dimension) the coordinates in use; those beyond the cells' dimension must be constant, but for rounding.
-
-    Single precision rounds to 6e-8 of the size, and programs that turn or compute a plane mesh leave no less in it.
-    """
+    """(n, dimension) the coordinates in use; those beyond the cells' dimension must be constant, but for rounding."""
     if points.ndim != 2 or points.shape[1] < dimension:
         raise InvalidInput(f"{path}: {dimension}D cells, but points of shape {points.shape}")
     _check_points(points, path)
-    extra = points[:, dimension:]
-    if extra.size and np.ptp(extra, axis=0).max() > 1e-6 * np.ptp(points, axis=0).max():
+    if not is_flat(points, dimension):
+        extra = points[:, dimension:]
         raise InvalidInput(
             f"{path}: the cells are {dimension}D, but the coordinate {'xyz'[dimension]} varies "
             f"between {extra[:, 0].min():g} and {extra[:, 0].max():g}",

@@ -88,9 +88,7 @@ def edit_lines(source: Path, target: Path, change: Callable[[list[bytes]], None]
     edit(source, target, changed)
 
 
-def move_rows(
-    lines: list[bytes], first: int, points: Floats, *, column: int = 0, comment: bytes = b"", number: str = "%r"
-) -> int:
+def move_rows(lines: list[bytes], first: int, points: Floats, *, column: int = 0, comment: bytes = b"") -> int:
     """Replace the coordinates in the rows from line ``first`` on, one for each node; the line after the last one.
 
     Parameters
@@ -99,8 +97,6 @@ def move_rows(
         The numbers ``column`` to ``column + d - 1`` of the rows, counted from 0. Other numbers of a row stay.
     comment : bytes
         Lines that begin so are no rows; nor are blank ones.
-    number : str
-        How a coordinate is written, as of Python's operator %.
 
     Raises
     ------
@@ -122,7 +118,7 @@ def move_rows(
             )
         parts, end = [], 0
         for (begin, stop), value in zip(found, values, strict=True):
-            parts += [line[end:begin], (number % value).encode()]
+            parts += [line[end:begin], repr(value).encode()]
             end = stop
         lines[place] = b"".join([*parts, line[end:]])
         place += 1

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from mesh_motion_server.absence import is_missing
 
-__all__ = ["DiskRoom", "anonymous_bytes", "available_memory", "disk_room", "resident_bytes"]
+__all__ = ["DiskRoom", "available_memory", "disk_room", "resident_bytes"]
 
 _PROC = Path("/proc")
 _CGROUPS = Path("/sys/fs/cgroup")
@@ -56,19 +56,8 @@ def available_memory(proc: Path = _PROC, cgroups: Path = _CGROUPS) -> int | None
 
 def resident_bytes(pid: int, proc: Path = _PROC) -> int:
     """Return the resident memory of a process, 0 if it is gone."""
-    return _pages(pid, proc)[0] * os.sysconf("SC_PAGE_SIZE")
-
-
-def anonymous_bytes(pid: int, proc: Path = _PROC) -> int:
-    """Return the resident bytes that no file backs: the system cannot drop them and read them again from a file."""
-    resident, of_files = _pages(pid, proc)
-    return (resident - of_files) * os.sysconf("SC_PAGE_SIZE")
-
-
-def _pages(pid: int, proc: Path) -> tuple[int, int]:
-    """Return resident pages, and those of them that are shared or backed by files; 0 and 0 if the process is gone."""
     fields = _read(proc / str(pid) / "statm").split()
-    return (int(fields[1]), int(fields[2])) if len(fields) > 2 else (0, 0)
+    return int(fields[1]) * os.sysconf("SC_PAGE_SIZE") if len(fields) > 1 else 0
 
 
 def _machine(proc: Path) -> int | None:

@@ -5,17 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from mesh_motion_protocol.errors import MeshMotionError, SessionError, Timeout
 from mesh_motion_protocol.messages import Committed, ErrorReply, Message, SessionMessage
-from numpy.typing import NDArray
 
 from mesh_motion_server.failpoints import failpoint
 from mesh_motion_server.service import build, commit, correct, differentiate, fetch, judge, move, rollback, upload
 from mesh_motion_server.service.commands import Collective, Single, id_of
-from mesh_motion_server.service.counting import count_executed
 from mesh_motion_server.service.envelope import Envelope
 from mesh_motion_server.service.failures import failure_reply, known_error
 from mesh_motion_server.service.gathering import Arrival, Gathering
@@ -69,7 +66,7 @@ class Execution:
         self._gathering: Gathering | None = None
         for entry in session.commits:
             for request_id, reply in commit.replies_of(entry):
-                self._stored.store(request_id, reply, _nbytes(reply))
+                self._stored.store(request_id, reply, _sealed(reply))
         failpoint("request.replies.known")
 
     @property
@@ -160,12 +157,10 @@ class Execution:
             return self._failed(arrivals, known_error(error))
         seconds = time.perf_counter() - started
         for arrival, reply in zip(arrivals, replies, strict=True):
-            _seal(reply)
-            self._stored.store(arrival.request_id, reply, _nbytes(reply))
+            self._stored.store(arrival.request_id, reply, _sealed(reply))
         failpoint("request.stored")
         reply = move.of_all(replies)
-        count_executed(reply, seconds)  # last: the stored reply exists already, even if counting fails
-        self._recorder.executed(reply, seconds, iteration)
+        self._recorder.executed(reply, seconds, iteration)  # last: the reply is stored, even if counting fails
         return [_answer_to(a, reply) for a, reply in zip(arrivals, replies, strict=True)]
 
     def _failed(self, arrivals: Sequence[Arrival], error: MeshMotionError) -> list[Envelope]:
@@ -174,7 +169,7 @@ class Execution:
         replies: list[Committed | ErrorReply] = []
         for arrival in arrivals:
             made = journaled.get(arrival.request_id)
-            self._stored.store(arrival.request_id, made, _nbytes(made) if made else 0)
+            self._stored.store(arrival.request_id, made, _sealed(made) if made else 0)
             replies.append(made or failure_reply(arrival.request, error, self._session))
         if isinstance(replies[0], Committed):
             self._recorder.executed(replies[0], 0.0, 0)
@@ -225,16 +220,11 @@ def _answer_to(arrival: Arrival, reply: Message) -> Envelope:
     return Envelope(arrival.peer, reply, getattr(arrival.request, "memory", {}))
 
 
-def _arrays(reply: Message) -> list[NDArray[Any]]:
-    return [value for value in vars(reply).values() if isinstance(value, np.ndarray)]
-
-
-def _seal(reply: Message) -> None:
-    """Make the arrays read-only, so that an in-process receiver cannot change the stored reply."""
-    for array in _arrays(reply):
-        array.flags.writeable = False
-
-
-def _nbytes(reply: Message) -> int:
-    """Memory of a stored reply in bytes."""
-    return _HEADER_BYTES + sum(array.nbytes for array in _arrays(reply))
+def _sealed(reply: Message) -> int:
+    """Make the arrays read-only, so that an in-process receiver cannot change the stored reply; its bytes in memory."""
+    nbytes = _HEADER_BYTES
+    for array in vars(reply).values():
+        if isinstance(array, np.ndarray):
+            array.flags.writeable = False
+            nbytes += array.nbytes
+    return nbytes

@@ -1,4 +1,5 @@
-"""Records each request in the session's history: made from the replies themselves, once for all partitions.
+"""Records each request in the session's history, and counts it for the operator: made from the replies themselves, once
+for all partitions. Counts have the number, duration and quality of what was executed, not the client's identity.
 
 A repeat that gets its stored reply is not recorded. Two kinds of refusals are not recorded either: those of a peer that
 has not joined the session, such as the previous holder; and those beyond a limit for each code in a row, when a client
@@ -7,6 +8,7 @@ repeats a refused request.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from typing import Any
 
@@ -14,6 +16,7 @@ import msgpack
 from mesh_motion_protocol.messages import Built, Committed, ErrorReply, Judged, Message, Moved, RolledBack
 
 from mesh_motion_server import __version__
+from mesh_motion_server.operation.tally import TALLY
 from mesh_motion_server.service.reports import mesh_report
 from mesh_motion_server.session.journal.ledger import Commit
 from mesh_motion_server.session.replay import maker
@@ -22,6 +25,10 @@ from mesh_motion_server.session.state import State
 
 __all__ = ["Recorder"]
 
+#: Steps of a headroom that is left out, since it takes more.
+_BEYOND = 100.0
+#: Name of the operation in the metrics, by the type of its reply.
+_NAMES = {Built.type: "build", Moved.type: "move", Committed.type: "commit"}
 #: How many refusals of one code in a row are recorded, with nothing executed in between; others are only counted.
 _MOST_REFUSALS = 100
 #: States that are recorded when they are first seen, because no request reports them.
@@ -39,17 +46,18 @@ class Recorder:
         self._unjudged: dict[str, Any] = {}
 
     def executed(self, reply: Message, seconds: float, iteration: int) -> None:
-        """Record a request that took effect.
+        """Count and record a request that took effect.
 
         Parameters
         ----------
         reply : Message
-            The reply to one of the partitions.
+            The reply to one of the partitions, of several what :func:`.move.of_all` makes.
         seconds : float
             Duration of the request.
         iteration : int
             The trial's iteration before the request.
         """
+        _count(reply, seconds)
         self._history.attempt(lambda: self._executed(reply, seconds, iteration))
 
     def refused(self, request: Message, reply: ErrorReply, *, by_holder: bool = True) -> None:
@@ -137,6 +145,31 @@ class Recorder:
 
     def _built(self, mesh: dict[str, Any], settings: dict[str, Any], **further: Any) -> None:
         self._record("built", **mesh, settings=settings, version=__version__, maker=maker(), **further)
+
+
+def _count(reply: Message, seconds: float) -> None:
+    """Count an operation that took so many ``seconds``."""
+    name = _NAMES.get(reply.type)
+    if name is None:
+        return
+    TALLY.count(f"{name}s")
+    TALLY.observe(f"{name}_seconds", seconds)
+    if isinstance(reply, Moved) and "standard" in reply.quality:
+        _count_motion(reply)
+
+
+def _count_motion(moved: Moved) -> None:
+    """Count the predicted quality and what the correction did."""
+    inverted = moved.quality["standard"]["inverted"]
+    if inverted:
+        TALLY.count("predicted_inverted_cells", inverted)
+    lowest = moved.quality["corrected"].get("metric", {}).get("min")
+    if lowest is not None and math.isfinite(lowest):
+        TALLY.observe("move_min_quality", lowest)
+    if moved.headroom.get("along") == "step":
+        TALLY.observe("move_headroom_steps", moved.headroom.get("inversion", _BEYOND))
+    if moved.correction["iterations"]:
+        TALLY.count("corrections", label=moved.correction["method"])
 
 
 def _motion(moved: Moved) -> dict[str, Any]:

@@ -19,7 +19,7 @@ import numpy as np
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.distributed.field import Field
 from mesh_motion_numerics.distributed.region import Region
-from mesh_motion_numerics.motion.acceptance import quality_warnings, refuse_unacceptable
+from mesh_motion_numerics.motion.acceptance import refuse_unacceptable
 from mesh_motion_numerics.motion.time_levels import STORED_ARRAYS, TimeLevel
 from mesh_motion_numerics.quality.quality_summary import QualitySummary
 from mesh_motion_protocol.digests import state_digest
@@ -246,11 +246,10 @@ class Session(Answers):
             self._swap(state=state, trial=replace(trial, standard=quality))
             return Verdict(quality, first_extent(method, self.spec.dimension))
         reached = quality.metric.min >= method.quality_threshold
-        refuse_unacceptable(method, quality, reached)
+        warnings = refuse_unacceptable(method, quality, reached)
         self._swap(state=state, trial=replace(trial, quality=quality))
         further = () if trial.correction is None else trial.correction.warnings
-        warnings = [*quality_warnings(method, quality, reached), *further]
-        return Verdict(trial.standard or quality, None, warnings, trial.correction)
+        return Verdict(trial.standard or quality, None, [*warnings, *further], trial.correction)
 
     def correct(self, what: str, regions: Sequence[Region]) -> CorrectOutcome:
         """Correct the region that the ranks send.

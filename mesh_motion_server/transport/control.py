@@ -22,8 +22,7 @@ from mesh_motion_server.security.authorisation import Verdict, decide, not_found
 from mesh_motion_server.service.error_replies import error_reply
 from mesh_motion_server.settings import ServerSettings
 from mesh_motion_server.transport.late_replies import LateReplies
-from mesh_motion_server.transport.opening import check_open, check_room
-from mesh_motion_server.transport.places import check_place, gives_way
+from mesh_motion_server.transport.opening import check_open, check_place, check_room, gives_way
 from mesh_motion_server.transport.processes import Child
 from mesh_motion_server.transport.registry import Asked, Live, Registry, RequestBook, fit
 from mesh_motion_server.transport.replies import encoded

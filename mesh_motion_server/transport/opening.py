@@ -1,13 +1,20 @@
-"""Checks that can refuse an OPEN before a worker is started."""
+"""Checks that can refuse an OPEN before a worker is started, and which session gives its place up to another one.
 
-from mesh_motion_protocol.errors import InvalidInput, ResourceExhausted
+A session whose lease has ended needs no worker: it is stored, and RESUME starts another. So the one that has been
+suspended for longest gives way to a request that finds no place, port or memory for its own worker.
+"""
+
+from mesh_motion_protocol.errors import InvalidInput, MeshMotionError, ResourceExhausted
 from mesh_motion_protocol.messages import Open
 
 from mesh_motion_server.operation.disk_watch import DiskWatch
 from mesh_motion_server.operation.room import available_memory
 from mesh_motion_server.settings import MethodSettings, ServerSettings, check_durability, check_evaluation
+from mesh_motion_server.transport.registry import Live, Registry
 
-__all__ = ["check_open", "check_room"]
+__all__ = ["check_open", "check_place", "check_room", "gives_way"]
+
+_NO_PLACE = "RESOURCE_EXHAUSTED.SESSIONS"
 
 
 def check_open(request: Open, limits: ServerSettings) -> str:
@@ -71,3 +78,56 @@ def check_room(request: Open, limits: ServerSettings, disk: DiskWatch) -> None:
             hint="close a session, or give the machine or its container more memory",
             details={"free": memory, "expected": wanted},
         )
+
+
+class QuotaReached(ResourceExhausted):
+    """A user has as many sessions as each user may have; only another one of his can give way."""
+
+    def __init__(self, user: str, most: int) -> None:
+        super().__init__(
+            f"{most} sessions of this key are open, which is the limit of each key on this server",
+            code=_NO_PLACE,
+            hint="close one, or raise max_sessions_per_key",
+            details={"expected": most},
+        )
+        self.user = user
+
+
+def check_place(registry: Registry, settings: ServerSettings, user: str) -> None:
+    """Raise if there is no place for one more worker, or none for this user.
+
+    Raises
+    ------
+    ResourceExhausted
+        RESOURCE_EXHAUSTED.SESSIONS.
+    """
+    working, most = registry.working(), settings.max_sessions_per_key
+    if user and most is not None and sum(live.owner == user for live in working) >= most:
+        raise QuotaReached(user, most)
+    if len(working) >= settings.max_sessions:
+        raise ResourceExhausted(
+            f"{settings.max_sessions} sessions are open, which is the limit of this server",
+            code=_NO_PLACE,
+            hint="close one, or raise max_sessions",
+            details={"expected": settings.max_sessions},
+        )
+
+
+def gives_way(registry: Registry, error: MeshMotionError) -> Live | None:
+    """Return the session that gives way to the request that this error refuses, marked so; None if there is none."""
+    if error.code != _NO_PLACE:
+        return None
+    owner = error.user if isinstance(error, QuotaReached) else None
+    live = min((live for live in registry.working() if _may(live, owner)), key=_since, default=None)
+    if live is not None:
+        live.giving_way = True
+    return live
+
+
+def _may(live: Live, owner: str | None) -> bool:
+    idle = live.status == "alive" and live.suspended_at is not None and live.asked is None
+    return idle and not live.giving_way and owner in (None, live.owner)
+
+
+def _since(live: Live) -> float:
+    return live.suspended_at or 0.0

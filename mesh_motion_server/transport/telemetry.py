@@ -1,24 +1,87 @@
 """Structured logs to standard error: one line per event, never a payload, a token or a coordinate.
 
-Limits of frequency, length and exceptions: :mod:`.log_bounds`; streams that accept no line: :mod:`.log_stream`.
+A client that sends a hundred thousand wrong messages gets as many answers but not as many lines: for each event a burst
+is written, then a few lines a second, and one line gives the number of omitted ones. Debug lines have no limit; they
+are for short investigations.
+
+All processes of a server write to one standard error, which other programs may share, so this process cannot make it
+non-blocking. So a line is written only when the stream is ready for it, and lost otherwise.
 """
 
+from __future__ import annotations
+
+import contextlib
+import io
 import json
 import logging
+import os
+import select
+import stat
 import sys
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from typing import Any
+from types import TracebackType
+from typing import Any, TextIO
 
-from mesh_motion_server.transport.log_bounds import Throttle, places_of_exception, shortened
-from mesh_motion_server.transport.log_stream import Unfailing
 from mesh_motion_server.transport.processes import name_process
 
 __all__ = ["configure", "log", "log_suppressed", "name_session"]
 
-_THROTTLE = Throttle()
+#: Lines of one event in a burst, and then per second.
+_BURST = 100.0
+_RATE = 1.0
+#: Largest number of characters of a value.
+_LONGEST = 300
+#: Largest number of distinct events; events are words of the program, of which there are some dozens.
+_EVENTS = 500
+#: The texts of these exceptions name modules and files only.
+_OF_THE_SYSTEM = (ImportError, OSError)
+#: A pipe that is ready for writing accepts this many bytes without blocking (POSIX: PIPE_BUF).
+_PIECE = select.PIPE_BUF
+#: Wait this long for a slow reader; after one wait without success, do not wait again until the reader reads.
+_PATIENCE_MILLISECONDS = 200
 _LOGGER = logging.getLogger("mesh_motion_server.transport")
 #: Values in every line of this process.
 _NAMES: dict[str, str] = {}
+
+
+class Throttle:
+    """A token bucket for the lines of each event.
+
+    Parameters
+    ----------
+    clock : callable
+        Monotonic seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._buckets: dict[str, tuple[float, float]] = {}
+        self.suppressed: Counter[str] = Counter()
+
+    def admits(self, event: str) -> bool:
+        """Return whether a line of this event may be written now; count it if not."""
+        now = self._clock()
+        if event not in self._buckets and len(self._buckets) >= _EVENTS:
+            event = "others"
+        filled, when = self._buckets.get(event, (_BURST, now))
+        filled = min(_BURST, filled + _RATE * (now - when))
+        admitted = filled >= 1.0
+        self._buckets[event] = (filled - admitted, now)
+        self.suppressed[event] += not admitted
+        return admitted
+
+    def take(self) -> dict[str, int]:
+        """Return how many lines were omitted since the last call, by event."""
+        taken = {event: count for event, count in self.suppressed.items() if count}
+        self.suppressed.clear()
+        return taken
+
+
+_THROTTLE = Throttle()
 
 
 class _Log:
@@ -106,3 +169,70 @@ def _seldom(record: logging.LogRecord) -> bool:
 def log() -> _Log:
     """Return the logger of this process."""
     return _LOG
+
+
+def shortened(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Shorten each value to the length limit, because clients choose some of them."""
+    return {
+        key: f"{value[:_LONGEST]}… ({len(value)} characters)"
+        if isinstance(value, str) and len(value) > _LONGEST
+        else value
+        for key, value in values.items()
+    }
+
+
+def places_of_exception(raised: BaseException | None) -> dict[str, Any]:
+    """Return type and places of an exception; its text may quote a client's data, which only that client may see."""
+    if raised is None:
+        return {}
+    fields = {"exception": type(raised).__name__, "trace": _places(raised.__traceback__)}
+    return fields | {"reason": str(raised)} if isinstance(raised, _OF_THE_SYSTEM) else fields
+
+
+def _places(trace: TracebackType | None) -> list[str]:
+    """Return file, line and function of each frame, outermost first."""
+    frames = traceback.extract_tb(trace)
+    return [f"{frame.filename}:{frame.lineno} {frame.name}" for frame in frames[-20:]]
+
+
+class Unfailing(io.TextIOBase):
+    """A stream that loses a line instead of failing or blocking."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._poll = _poll_of(stream)
+        self._patience = _PATIENCE_MILLISECONDS
+
+    def write(self, text: str) -> int:
+        with contextlib.suppress(OSError, ValueError):
+            if self._poll is None:
+                self._stream.write(text)
+            else:
+                self._offer(self._poll, text.encode("utf-8", errors="replace"))
+        return len(text)
+
+    def _offer(self, poll: select.poll, data: bytes) -> None:
+        """Write in pieces while each is accepted; drop the rest of the line otherwise."""
+        descriptor = self._stream.fileno()
+        for start in range(0, len(data), _PIECE):
+            if not poll.poll(self._patience):
+                self._patience = 0
+                return
+            os.write(descriptor, data[start : start + _PIECE])
+            self._patience = _PATIENCE_MILLISECONDS
+
+    def flush(self) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            self._stream.flush()
+
+
+def _poll_of(stream: TextIO) -> select.poll | None:
+    """Return a poll object for writing; None for a file, which is always ready, or without a descriptor."""
+    try:
+        if stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+            return None
+    except (OSError, ValueError):
+        return None
+    poll = select.poll()
+    poll.register(stream.fileno(), select.POLLOUT)
+    return poll

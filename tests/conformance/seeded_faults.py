@@ -194,7 +194,7 @@ def does_not_look_at_the_step(patch):
 
 @fault("23.8-bad-quality-is-refused")
 def takes_any_quality(patch):
-    patch.setattr(session_module, "refuse_unacceptable", nothing)
+    patch.setattr(session_module, "refuse_unacceptable", lambda *_: [])
 
 
 @fault("23.7-bad-cells-are-corrected", "23.7-larger-region")

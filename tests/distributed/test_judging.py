@@ -41,7 +41,7 @@ def fields(number: int, further: Questions = ()) -> dict[str, Any]:
         sums={name: float(one.sum()) for name, one in values.items()},
         minima={name: float(one.min()) for name, one in values.items()},
         contents={},
-        worst=worst_cells(worst, own.subset(worst), np.zeros((len(worst), 3)), METRIC),
+        worst=worst_cells(worst, np.zeros((len(worst), 3)), own.worst(worst, METRIC)),
     )
     questions = (*first_questions(METRIC), *further)
     answers = [content(own.metric(name), way) for name, way in questions]

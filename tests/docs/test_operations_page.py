@@ -14,7 +14,7 @@ from shown_commands import blocks, run
 from mesh_motion_server.commands.cli import ExitStatus
 from mesh_motion_server.operation.metrics import METRICS, PREFIX
 from mesh_motion_server.settings import ServerSettings
-from mesh_motion_server.transport import log_bounds
+from mesh_motion_server.transport import telemetry
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "operations.md").read_text(encoding="utf-8")
@@ -73,9 +73,9 @@ def test_rules_and_probes_name_what_there_is() -> None:
 def test_figures_of_the_logs_are_those_of_the_code() -> None:
     (line,) = blocks(PAGE, "json")
     assert {"event", "level", "timestamp", "role", "session"} <= json.loads(line).keys()
-    assert f"at most {log_bounds._BURST:.0f} lines come at once and then one a second" in PAGE
-    assert log_bounds._RATE == 1
-    assert f"cut at {log_bounds._LONGEST} characters" in PAGE
+    assert f"at most {telemetry._BURST:.0f} lines come at once and then one a second" in PAGE
+    assert telemetry._RATE == 1
+    assert f"cut at {telemetry._LONGEST} characters" in PAGE
 
 
 def test_the_statuses_are_those_of_the_program() -> None:

@@ -10,12 +10,12 @@ import os
 import time
 from collections import Counter
 from contextlib import suppress
+from pathlib import Path
 from random import Random
 
 from mesh_motion_protocol.codec import decode, encode
 from mesh_motion_protocol.errors import ERROR_CODES, ProtocolError
 
-from mesh_motion_server.operation.room import anonymous_bytes
 from mesh_motion_server.transport.replies import undecodable
 from tests.faults.check import Budget, Check, Result, require
 from tests.faults.mutations import golden_frames, mutated
@@ -47,11 +47,12 @@ def outcome_of(frames: list[bytes]) -> str:
 
 
 def memory_in_use() -> int:
-    """Bytes of this process, after the allocator has given back what is no longer referred to, if it can (glibc)."""
+    """Bytes of this process that no file backs, after the allocator has given back what is no longer used (glibc)."""
     gc.collect()
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
-    return anonymous_bytes(os.getpid())
+    _, resident, of_files, *_ = Path("/proc/self/statm").read_text().split()
+    return (int(resident) - int(of_files)) * os.sysconf("SC_PAGE_SIZE")
 
 
 def _one(golden: list[list[bytes]], random: Random, number: int) -> str:

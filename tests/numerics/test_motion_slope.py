@@ -273,6 +273,18 @@ def test_a_mesh_that_another_correction_made_is_refused() -> None:
             model.slope(moved, factors)
 
 
+def test_a_mesh_whose_other_nodes_left_the_plain_motion_is_refused() -> None:
+    points, cells, patches = block("quad + triangle", 10)
+    model, factors = MotionModel.build(points, cells, patches, Method()), FactorCache(1 << 28)
+    rest = points[model.roles.moving]
+    motion = model.move(points, rest + 0.05 * field(rest), factors)
+    assert motion.correction.method == "none"  # so no node is free
+    moved = motion.points.copy()
+    moved[np.flatnonzero(~model.held)[0]] += 1e-3
+    with pytest.raises(QualityRefused, match="another way"):
+        model.slope(moved, factors)
+
+
 def test_where_nodes_are_held_in_their_order_it_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """A kink: a node slides no further, so that none passes the end of its wall."""
     model, factors = MotionModel.build(*duct("quad"), Method()), FactorCache(1 << 28)

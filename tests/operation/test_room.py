@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from raising import raising
 
-from mesh_motion_server.operation.room import DiskRoom, anonymous_bytes, available_memory, disk_room, resident_bytes
+from mesh_motion_server.operation.room import DiskRoom, available_memory, disk_room, resident_bytes
 
 
 def write(path: Path, text: str) -> None:
@@ -54,21 +54,19 @@ def test_version_1(machine: Path) -> None:
 
 def test_a_system_that_does_not_say(tmp_path: Path) -> None:
     assert available_memory(tmp_path, tmp_path) is None
-    assert resident_bytes(1, tmp_path) == anonymous_bytes(1, tmp_path) == 0
+    assert resident_bytes(1, tmp_path) == 0
 
 
 def test_this_machine() -> None:
     available = available_memory()
     assert available is not None
     assert available > 0
-    assert resident_bytes(os.getpid()) > anonymous_bytes(os.getpid()) > 1_000_000
+    assert resident_bytes(os.getpid()) > 1_000_000
 
 
-def test_pages_of_files_are_not_anonymous(tmp_path: Path) -> None:
+def test_pages_are_counted_in_bytes(tmp_path: Path) -> None:
     write(tmp_path / "7" / "statm", "900 50 20 4 0 600 0\n")
-    page = os.sysconf("SC_PAGE_SIZE")
-    assert resident_bytes(7, tmp_path) == 50 * page
-    assert anonymous_bytes(7, tmp_path) == 30 * page
+    assert resident_bytes(7, tmp_path) == 50 * os.sysconf("SC_PAGE_SIZE")
 
 
 def test_a_folder_that_is_not_there_yet(tmp_path: Path) -> None:

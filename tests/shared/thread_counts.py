@@ -1,15 +1,27 @@
 """Loops on one thread and on several."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
-from mesh_motion_numerics.threads import limited_to
+import mesh_motion_kernels as kernels
+
+
+@contextmanager
+def on_threads(threads: int) -> Iterator[None]:
+    """Compiled loops of the calling thread use so many threads inside."""
+    before = kernels.get_threads()
+    kernels.set_threads(threads)
+    try:
+        yield
+    finally:
+        kernels.set_threads(before)
 
 
 def on_one_and_on_all_threads(make: Callable[[], Any]) -> list[Any]:
     """What is made on one thread, and on as many as there are."""
     found = []
-    for limit in (1, None):
-        with limited_to(limit):
+    for threads in (1, kernels.get_threads()):
+        with on_threads(threads):
             found.append(make())
     return found

@@ -8,8 +8,14 @@ import pytest
 from mesh_motion_protocol.messages import Hello, Ping
 
 from mesh_motion_server.transport import telemetry
-from mesh_motion_server.transport.log_bounds import Throttle, places_of_exception, shortened
-from mesh_motion_server.transport.telemetry import configure, log, log_suppressed
+from mesh_motion_server.transport.telemetry import (
+    Throttle,
+    configure,
+    log,
+    log_suppressed,
+    places_of_exception,
+    shortened,
+)
 from tests.faults.waiting import wait_until
 
 

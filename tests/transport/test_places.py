@@ -10,7 +10,7 @@ from mesh_motion_protocol.errors import ResourceExhausted
 from mesh_motion_protocol.messages import Close, List, Open, Resume
 
 from mesh_motion_server.settings import ServerSettings
-from mesh_motion_server.transport.places import check_place, gives_way
+from mesh_motion_server.transport.opening import check_place, gives_way
 from mesh_motion_server.transport.registry import Live, Registry
 from tests.faults.waiting import wait_until
 

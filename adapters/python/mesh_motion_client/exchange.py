@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from mesh_motion_protocol.errors import InvalidInput, meant
+from mesh_motion_protocol.flat_points import is_flat
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
@@ -202,8 +203,7 @@ def _content(points: Any, cells: Mapping[str, Ints], patches: dict[str, Ints]) -
         )
     highest = max(_TYPES[name][0] for name in cells)
     points = np.asarray(points, dtype=np.float64)
-    beyond = points[:, highest:]
-    if beyond.size and np.ptp(beyond, axis=0).max() > 1e-6 * np.ptp(points, axis=0).max():  # of rounding
+    if len(points) and not is_flat(points, highest):
         raise InvalidInput(
             f"the cells are {highest}D, but the coordinate {'xyz'[highest]} varies",
             hint="a plane mesh lies in the x-y plane; a mesh in space needs its volume cells",

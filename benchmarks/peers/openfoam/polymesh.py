@@ -116,12 +116,12 @@ def _extruded(points: Floats, cells: CellTable) -> tuple[Floats, CellTable]:
 def _all_faces(cells: CellTable) -> tuple[Ints, Ints]:
     """Every face of every cell, outwards, (F', 4) padded with -1, and the cell it belongs to."""
     faces, owners = [], []
-    for block, first in cells.numbered():
+    for block, span in cells.numbered:
         for local in LOCAL_FACETS[block.type.name]:
             nodes = np.full((len(block), 4), -1, dtype=np.int64)
             nodes[:, : len(local)] = block.nodes[:, local]
             faces.append(nodes)
-            owners.append(np.arange(first, first + len(block)))
+            owners.append(np.arange(span.start, span.stop))
     return np.concatenate(faces), np.concatenate(owners)
 
 

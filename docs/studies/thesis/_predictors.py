@@ -33,7 +33,6 @@ from mesh_motion_numerics.quality.metrics import (
     AtRest,
     CellQuality,
     as_positions,
-    block_slices,
     cell_quality,
     empty_quality,
     sizes_of,
@@ -214,7 +213,7 @@ PREDICTORS: dict[str, Callable[[Floats, CellTable, Floats, DisplacementField], C
 
 def _batches(cells: CellTable) -> Iterator[tuple[CellType, Ints, slice]]:
     """Batches of cells of one type with their cell numbers."""
-    for block, rows in block_slices(cells):
+    for block, rows in cells.numbered:
         for first in range(0, len(block), _BATCH):
             nodes = block.nodes[first : first + _BATCH]
             yield block.type, nodes, slice(rows.start + first, rows.start + first + len(nodes))

@@ -9,7 +9,9 @@ box; the lowest partition's are taken.
 """
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
+import mesh_motion_kernels as kernels
 import numpy as np
 from mesh_motion_numerics.arrays import Floats, Integers, Shorts
 from mesh_motion_numerics.mesh.cells import CELL_TYPES, CellTable
@@ -19,7 +21,6 @@ from mesh_motion_numerics.mesh.roles import Patch, nodes_with
 from mesh_motion_protocol.errors import InvalidInput
 from numpy.typing import NDArray
 
-from mesh_motion_server.session.partitions.cell_order import sorted_cells
 from mesh_motion_server.session.partitions.facets import merge_facets
 from mesh_motion_server.session.partitions.meshes import CellCount, CellOrigin, MergedMesh, PartitionMesh, joined
 
@@ -307,3 +308,33 @@ def _merge_patches(partitions: Sequence[PartitionMesh], node_maps: Sequence[Inte
                 )
             parts.append(node_map[patch.nodes])
     return {name: Patch(role, np.unique(np.concatenate(parts))) for name, (role, _, parts) in sorted(found.items())}
+
+
+def sorted_cells(pieces: Sequence[tuple[Integers, Integers]], nodes: int) -> tuple[Shorts, NDArray[Any], int]:
+    """Cells of one type, renumbered, in the lexicographic order of their nodes.
+
+    Parameters
+    ----------
+    pieces : sequence of (node map, cells)
+        New number of each node of the cells (m_i, k), and these cells; every number in range.
+    nodes : int
+        Upper bound: all new numbers are smaller.
+
+    Returns
+    -------
+    (m, k) int32 array
+        Rows ascending; equal rows in the input order.
+    (m,) int32 or int64 array
+        Input row of each row, counted through the pieces.
+    int
+        The first row that equals the one before it, or -1.
+    """
+    given = [
+        (np.ascontiguousarray(new, dtype=np.int64), np.ascontiguousarray(cells, dtype=np.int32))
+        for new, cells in pieces
+    ]
+    total = sum(len(cells) for _, cells in given)
+    rows = np.empty((total, given[0][1].shape[1]), dtype=np.int32)
+    # kept as long as the session: int32, where possible, takes half the memory
+    order = np.empty(total, dtype=np.int32 if total < 2**31 else np.int64)
+    return rows, order, kernels.sort_cells(given, nodes, rows, order)

@@ -54,14 +54,14 @@ def cut(points: Floats, cells: CellTable, axis: int, position: float) -> Polygon
     height = np.where(height == 0.0, 1e-300, height)  # a node on the plane counts as above it
     drawn = [i for i in range(3) if i != axis]
     corners, numbers = [np.empty((0, _MOST_CORNERS, 2))], [np.empty(0, dtype=np.int64)]
-    for block, first in cells.numbered():
+    for block, span in cells.numbered:
         above = height[block.nodes] > 0
         rows = np.flatnonzero(above.any(axis=1) & ~above.all(axis=1))
         a, b = np.moveaxis(block.nodes[rows][:, _EDGES[block.type.name]], 2, 0)
         share = height[a] / np.where(crosses := (height[a] > 0) != (height[b] > 0), height[a] - height[b], np.inf)
         places = (points[a] + share[:, :, None] * (points[b] - points[a]))[:, :, drawn]
         corners.append(_around(places, crosses))
-        numbers.append(first + rows)
+        numbers.append(span.start + rows)
     return Polygons(np.concatenate(corners), np.concatenate(numbers))
 
 

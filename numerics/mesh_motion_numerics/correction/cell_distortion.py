@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.correction.distortion import CornerSimplices, PNorm
 from mesh_motion_numerics.mesh.cells import CellTable, CellType
-from mesh_motion_numerics.quality.metrics import AtRest, block_slices, sizes_of, skews_of, uses_angles
+from mesh_motion_numerics.quality.metrics import AtRest, sizes_of, skews_of, uses_angles
 
 __all__ = ["CellGroup", "cell_blocks", "cell_gradient", "cell_groups", "mean_cell_distortion"]
 
@@ -77,7 +77,7 @@ def cell_groups(cells: CellTable, at_rest: AtRest, simplices: CornerSimplices) -
         Of these cells.
     """
     groups, corner = [], 0
-    for block, rows in block_slices(cells):
+    for block, rows in cells.numbered:
         here = slice(corner, corner + len(block))
         corner += len(block) * len(block.type.corners)
         sizes, skews = sizes_of(at_rest)[rows], skews_of(at_rest)

@@ -30,7 +30,8 @@ V. Garanzha et al., Foldover-free maps in 50 lines of code, ACM Trans. Graph. 40
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import mesh_motion_kernels as kernels
 import numpy as np
@@ -44,7 +45,6 @@ __all__ = [
     "FLOOR",
     "CornerSimplices",
     "PNorm",
-    "angles_of",
     "corner_blocks",
     "corner_distortions",
     "corner_simplices",
@@ -85,6 +85,11 @@ class PNorm:
     size_weight: float = 0.5
     of: str = "corners"
 
+    @cached_property
+    def law(self) -> tuple[float, float, float]:
+        """m, ε and a, as the kernels take them."""
+        return self.m, self.epsilon, self.size_weight
+
 
 @dataclass(frozen=True, eq=False)
 class CornerSimplices:
@@ -98,14 +103,15 @@ class CornerSimplices:
         P: the Jacobian from the ideal simplex is ``[x_a − x_k, …] P``, of determinant 1 where the size is unchanged.
     offset : (c,) array or None
         Added to the distortions: the logarithm of the skew at rest, if they are relative to it.
-    angles : (c,) array or None
-        Obliqueness Σ log |a_k| − log |det A| at rest of the corners whose angles count, negative of others.
+    angles : (c,) array
+        Obliqueness Σ log |a_k| − log |det A| at rest of the corners whose angles count, negative of others; empty if no
+        angles count.
     """
 
     nodes: NDArray[np.int32]
     ideal: Floats
     offset: Floats | None = None
-    angles: Floats | None = None
+    angles: Floats = field(default_factory=lambda: np.empty(0))
 
     def __len__(self) -> int:
         return len(self.nodes)
@@ -117,7 +123,8 @@ class CornerSimplices:
 
     def of(self, rows: Integers) -> CornerSimplices:
         """Some of the corners (k,)."""
-        offset, angles = (None if values is None else values[rows] for values in (self.offset, self.angles))
+        offset = None if self.offset is None else self.offset[rows]
+        angles = self.angles[rows] if len(self.angles) else self.angles
         return CornerSimplices(self.nodes[rows], self.ideal[rows], offset, angles)
 
     def with_angles(self, reference: Floats, counted: Marks) -> CornerSimplices:
@@ -155,9 +162,9 @@ def corner_simplices(
     """
     nodes, ideals, offsets = [], [], []
     all_sizes, skews = sizes_of(reference_sizes), skews_of(reference_sizes)
-    for block, first in cells.numbered():
+    for block, rows in cells.numbered:
         corners = block.nodes[:, block.type.corner_array]  # (m, k, d + 1)
-        rows, count = slice(first, first + len(block)), corners.shape[1]
+        count = corners.shape[1]
         nodes.append(corners.reshape(-1, corners.shape[2]).astype(np.int32, order="C"))
         itself, offset = np.full(len(block), at_rest or not block.type.is_simplex), np.zeros(len(block))
         if skews is not None and block.type.is_simplex:
@@ -203,15 +210,15 @@ def mean_distortion(points: Floats, simplices: CornerSimplices, norm: PNorm) -> 
 def corner_distortions(points: Floats, simplices: CornerSimplices, norm: PNorm) -> Floats:
     """ℓ (c,) of every corner at the points (n, d); ``inf`` where the barrier is violated."""
     measure, offset = np.empty(len(simplices)), np.empty(0) if simplices.offset is None else simplices.offset
-    kernels.distortions(*_arrays(points, simplices), angles_of(simplices), offset, *_law(norm), measure)
+    kernels.distortions(*_arrays(points, simplices), simplices.angles, offset, *norm.law, measure)
     return measure
 
 
 def distortion_gradient(points: Floats, simplices: CornerSimplices, weights: Floats, norm: PNorm) -> Floats:
     """Gradient of E by corner: (c, d + 1, d), the corner's share of dE/dx of each of its nodes."""
     gradient = np.empty((*simplices.nodes.shape, simplices.dimension))
-    arrays = *_arrays(points, simplices), angles_of(simplices)
-    kernels.distortion_gradients(*arrays, weights, *_law(norm), gradient)
+    arrays = *_arrays(points, simplices), simplices.angles
+    kernels.distortion_gradients(*arrays, weights, *norm.law, gradient)
     return gradient
 
 
@@ -233,7 +240,7 @@ def corner_blocks(
     precision is enough for a model of the curvature and halves the memory.
     """
     least = floor / len(weights), least_weight
-    kernels.corner_blocks(*_arrays(points, simplices), weights, *least, norm.p, *_law(norm), blocks)
+    kernels.corner_blocks(*_arrays(points, simplices), weights, *least, norm.p, *norm.law, blocks)
 
 
 def determinants(points: Floats, simplices: CornerSimplices) -> Floats:
@@ -243,14 +250,5 @@ def determinants(points: Floats, simplices: CornerSimplices) -> Floats:
     return out
 
 
-def angles_of(simplices: CornerSimplices) -> Floats:
-    """b (c,) as the kernels take it: empty without weights."""
-    return np.empty(0) if simplices.angles is None else simplices.angles
-
-
 def _arrays(points: Floats, simplices: CornerSimplices) -> tuple[Floats, NDArray[np.int32], Floats]:
     return np.ascontiguousarray(points), simplices.nodes, simplices.ideal
-
-
-def _law(norm: PNorm) -> tuple[float, float, float]:
-    return norm.m, norm.epsilon, norm.size_weight

@@ -167,8 +167,8 @@ class FreeRegion:
 def nodes_of_cells(cells: CellTable, chosen: Marks, n_nodes: int) -> Marks:
     """Mark (n) the nodes of the chosen (m) cells."""
     marked = np.zeros(n_nodes, dtype=bool)
-    for block, first in cells.numbered():
-        marked[block.nodes[chosen[first : first + len(block)]]] = True
+    for block, span in cells.numbered:
+        marked[block.nodes[chosen[span]]] = True
     return marked
 
 
@@ -214,9 +214,7 @@ def free_region(
     n_free = int(np.count_nonzero(free))
     local = np.empty(len(free), dtype=np.int64)
     local[nodes] = np.arange(len(nodes))
-    table = CellTable.from_arrays(
-        {block.type.name: local[block.nodes[chosen[first : first + len(block)]]] for block, first in cells.numbered()}
-    )
+    table = CellTable.from_arrays({block.type.name: local[block.nodes[chosen[span]]] for block, span in cells.numbered})
     sizes = reference_sizes[chosen]
     sizes = sizes.of_nodes(nodes) if isinstance(sizes, CellsAtRest) else sizes
     simplices = corner_simplices(reference[nodes], table, sizes, at_rest=at_rest)

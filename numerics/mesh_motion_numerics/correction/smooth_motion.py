@@ -48,7 +48,6 @@ from mesh_motion_numerics.correction.boundary_constraint import BoundaryConstrai
 from mesh_motion_numerics.correction.distortion import (
     CornerSimplices,
     PNorm,
-    angles_of,
     corner_distortions,
     corner_simplices,
     distortion_gradient,
@@ -409,7 +408,7 @@ class SmoothMotion:
         """
         d = points.shape[1]
         blocks = np.empty((len(simplices), d * d, d * d))
-        arrays = points, simplices.nodes, simplices.ideal, angles_of(simplices), slope, bend
+        arrays = points, simplices.nodes, simplices.ideal, simplices.angles, slope, bend
         kernels.corner_hessians(*arrays, self.law.norm.m, self.law.norm.size_weight, exact, blocks)
         return blocks
 

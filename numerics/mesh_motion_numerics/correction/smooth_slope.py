@@ -28,6 +28,8 @@ __all__ = ["SmoothSlope", "not_at_minimum"]
 
 #: Largest Newton step at the mesh, as a share of its extent, with which it counts as the minimum.
 _AT_MINIMUM = 1e-6
+#: Two positions of a node that is not free are the same if they differ by less, as a share of the extent.
+_SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,16 +56,21 @@ class SmoothSlope:
         Raises
         ------
         QualityRefused
-            If they are not the minimum: the mesh was corrected in another way.
+            If they are not the minimum, or nodes that are not free have left the plain motion: the mesh was corrected
+            in another way.
         """
-        region = motion.region(plain)
-        made = cls(motion, plain, points, region)
+        region, extent = motion.region(plain), np.ptp(motion.reference, axis=0).max()
+        made, left = cls(motion, plain, points, region), np.abs(plain - points).max(axis=1)
+        if region is not None:
+            left[region.free.free] = 0.0
+        if left.max() > _SAME * extent:
+            raise not_at_minimum()
         if region is not None:
             free = region.free.free
             if not np.isfinite(made._distortions).all():
                 raise not_at_minimum()
             step = made._solved(-made._gradient)
-            if np.abs(step).max() > _AT_MINIMUM * np.ptp(motion.reference, axis=0).max():
+            if np.abs(step).max() > _AT_MINIMUM * extent:
                 raise not_at_minimum()
             points = points.copy()  # one more step: the derivative is as exact as the minimum
             points[free] += step

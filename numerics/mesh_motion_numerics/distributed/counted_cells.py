@@ -16,9 +16,6 @@ from mesh_motion_numerics.quality.metrics import (
     CellsAtRest,
     as_positions,
     judged,
-    metric_code,
-    rest_for,
-    subset_quality,
 )
 from mesh_motion_numerics.quality.quality_summary import reported_metrics, worst_cells
 
@@ -59,14 +56,14 @@ class CountedCells:
             (name, WHOLE): self._whole(name, own, least, most)
             for own, (name, (_, least, most)) in zip(counts, by_name.items(), strict=True)
         }
-        quality, centres = subset_quality(points, self._cells, self._at_rest, worst), self._cells.centres(points, worst)
+        values = kernels.values_of_cells(self._points, *self._arguments(self.metric), worst)
         return PartialSummary(
             cells=len(self._cells),
             inverted=inverted,
             sums={name: total for name, (total, _, _) in by_name.items()},
             minima={name: least for name, (_, least, _) in by_name.items()},
             contents={name: self._known[name, WHOLE] for name in self._names},
-            worst=worst_cells(worst, quality, centres, self.metric),
+            worst=worst_cells(worst, self._cells.centres(points, worst), values),
         )
 
     def contents(self, questions: Questions) -> tuple[BinContent, ...]:
@@ -117,4 +114,4 @@ class CountedCells:
 
     def _arguments(self, name: str) -> tuple[Any, ...]:
         """Of the compiled loops, behind the points."""
-        return (*judged(self._cells, rest_for(name, self._at_rest)), metric_code(name))
+        return judged(self._cells, self._at_rest, name)

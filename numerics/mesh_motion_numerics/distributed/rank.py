@@ -93,7 +93,7 @@ class Rank:
         self.extend(new)
         row = np.empty(len(self._points), dtype=np.int64)
         row[self.nodes] = np.arange(len(self.nodes))
-        blocks = ((block, chosen[first : first + len(block)]) for block, first in self._cells.numbered())
+        blocks = ((block, chosen[span]) for block, span in self._cells.numbered)
         return new, {block.type.name: row[block.nodes[own]] for block, own in blocks if own.any()}
 
     def extend(self, nodes: Ints) -> None:

@@ -163,9 +163,7 @@ def region_fields(
     nodes = np.flatnonzero(here)
     local = np.empty(len(points), dtype=np.int64)
     local[nodes] = np.arange(len(nodes))
-    rows = {
-        block.type.name: local[block.nodes[chosen[first : first + len(block)]]] for block, first in cells.numbered()
-    }
+    rows = {block.type.name: local[block.nodes[chosen[span]]] for block, span in cells.numbered}
     return Region(
         extent,
         nodes,

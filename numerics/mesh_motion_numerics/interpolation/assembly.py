@@ -50,7 +50,7 @@ def _search(layout: CentreLayout, support_radius: float) -> _Search:
     none = np.empty(0, dtype=np.int64)
     if not wider or layout.extent < _WIDER * support_radius or not layout.n_centres:
         order, empty = np.arange(layout.n_centres), np.empty((0, 2), dtype=np.int32)
-        grid = (*layout.grid(), none, empty, empty)
+        grid = (*layout.grid, none, empty, empty)
         return _Search(order, layout.coordinates, grid)
     fine = layout.small_cells(support_radius * _SLACK)
     grid = (fine.origin, fine.inverse_side, none, none, fine.keys, fine.spans, fine.runs)

@@ -20,7 +20,6 @@ from mesh_motion_numerics.arrays import Floats, Integers, Marks
 from mesh_motion_numerics.interpolation.hashed_cells import HashedCells
 from mesh_motion_numerics.interpolation.kernels import Basis
 from mesh_motion_numerics.mesh.points import padded
-from mesh_motion_numerics.threads import limited_to
 
 __all__ = ["CentreLayout"]
 
@@ -79,21 +78,17 @@ class CentreLayout:
         """Whether every centre is visited for every point."""
         return self.starts.size == 2
 
-    def sort(self, weights: Floats) -> Floats:
-        """(k, nc) sorted rows of (nc, k) weights."""
-        return np.ascontiguousarray(weights[self.order].T)
-
+    @cached_property
     def grid(self) -> tuple[Floats, float, Integers, Integers]:
         """The arguments of the compiled loops for the grid."""
         return self.origin, self.inverse_side, self.shape, self.starts
 
-    def within_reach(self, points: Floats, *, threads: int | None = None) -> Integers:
+    def within_reach(self, points: Floats) -> Integers:
         """Rows (r,) of (n, d) points with a centre in their cell or next to it; for the others every sum is zero."""
         inside = np.empty(len(points), dtype=np.bool_)
-        with limited_to(threads):
-            kernels.mark_reached(
-                np.ascontiguousarray(points), self.origin, self.inverse_side, self.shape, self._reached_cells, inside
-            )
+        kernels.mark_reached(
+            np.ascontiguousarray(points), self.origin, self.inverse_side, self.shape, self._reached_cells, inside
+        )
         return np.flatnonzero(inside)
 
     def small_cells(self, side: float) -> HashedCells:
@@ -122,10 +117,9 @@ class CentreLayout:
         points: Floats,
         weights: Floats,
         out: Floats,
-        *,
-        threads: int | None = None,
     ) -> Floats:
-        """``sum_values`` or ``sum_gradients`` at (n, 3) points with (k, nc) sorted weights, into ``out``, returned."""
-        with limited_to(threads):
-            kernel(basis.code, points, self.coordinates, weights, 1.0 / support_radius, *self.grid(), out)
+        """``sum_values`` or ``sum_gradients`` at (n, d) points with weights (nc, k) in the layout's order, into
+        ``out``, returned."""
+        rows = np.ascontiguousarray(weights.T)
+        kernel(basis.code, padded(points), self.coordinates, rows, 1.0 / support_radius, *self.grid, out)
         return out

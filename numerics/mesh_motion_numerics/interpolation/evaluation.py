@@ -3,10 +3,9 @@
 An interpolant in two scales is a spline plus sums over few near centres; any other interpolant is a sum over all
 centres. Sums are direct or cell by cell, in compiled threads, with memory for the result only. The value at a point
 depends on the interpolant and that point alone: bitwise the same for any number of threads and for any way to split the
-points into calls. ``threads`` are at most :func:`~mesh_motion_kernels.available_threads`, which is the default.
+points into calls.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import mesh_motion_kernels as kernels
@@ -18,9 +17,6 @@ from mesh_motion_numerics.interpolation.interpolant import Interpolant
 from mesh_motion_numerics.interpolation.kernels import require_gradient
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_numerics.interpolation.two_scale.near_operator import NearOperator
-from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedSpline
-from mesh_motion_numerics.mesh.points import padded
-from mesh_motion_numerics.threads import checked_threads, limited_to
 
 __all__ = ["NearOperators", "displacement", "gradient", "prepare"]
 
@@ -42,7 +38,6 @@ def prepare(
     points: Floats,
     *,
     skipped: Integers | None = None,
-    threads: int | None = None,
 ) -> NearOperators:
     """The compact levels' operators at (n, d) points; at the rows ``skipped`` (r,) the operators are zero.
 
@@ -54,18 +49,13 @@ def prepare(
         If the points' dimension is not the interpolant's.
     """
     _check_dimension(interpolant, points)
-    threads = checked_threads(threads)
-    return NearOperators(
-        tuple(NearOperator.build(level, points, skipped=skipped, threads=threads) for level in interpolant.levels)
-    )
+    return NearOperators(tuple(NearOperator.build(level, points, skipped=skipped) for level in interpolant.levels))
 
 
 def displacement(
     interpolant: AnyInterpolant,
     points: Floats,
     prepared: NearOperators | None = None,
-    *,
-    threads: int | None = None,
 ) -> Floats:
     """(n, k) values at (n, d) points, thesis (2.5).
 
@@ -81,21 +71,26 @@ def displacement(
     InvalidInput
         If the points' dimension is not the interpolant's.
     """
-    threads = checked_threads(threads)
     out = np.empty((len(points), interpolant.components))
     if isinstance(interpolant, TwoScaleInterpolant):
-        near = prepare(interpolant, points, threads=threads) if prepared is None else prepared
-        _coarse_values(interpolant.coarse, points, out, threads)
+        near = prepare(interpolant, points) if prepared is None else prepared
+        if isinstance(interpolant.coarse, Interpolant):
+            out[:] = displacement(interpolant.coarse, points)
+        else:
+            interpolant.coarse.values(points, out)
         for level, operator in zip(interpolant.levels, near.operators, strict=True):
-            operator.add(level.weights, out, threads=threads)
+            operator.add(level.weights, out)
         return out
-    _sum(kernels.sum_values, interpolant, points, out, threads)
+    _check_dimension(interpolant, points)
+    layout = interpolant.layout
+    weights, radius = interpolant.weights[layout.order], interpolant.support_radius
+    layout.sum(kernels.sum_values, interpolant.basis, radius, points, weights, out)
     if interpolant.polynomial is not None:
         out += interpolant.polynomial(points)
     return out
 
 
-def gradient(interpolant: AnyInterpolant, points: Floats, *, threads: int | None = None) -> Floats:
+def gradient(interpolant: AnyInterpolant, points: Floats) -> Floats:
     """(n, k, d) gradients ``[i, c, m] = ∂u_c/∂x_m`` at (n, d) points.
 
     Raises
@@ -104,41 +99,24 @@ def gradient(interpolant: AnyInterpolant, points: Floats, *, threads: int | None
         If the basis has no gradient at its centres, or the points' dimension is not the interpolant's.
     """
     require_gradient(interpolant.basis)
-    threads = checked_threads(threads)
     out = np.empty((len(points), interpolant.components, interpolant.dimension))
     if isinstance(interpolant, TwoScaleInterpolant):
         _check_dimension(interpolant, points)
         if isinstance(interpolant.coarse, Interpolant):
-            out[:] = gradient(interpolant.coarse, points, threads=threads)
+            out[:] = gradient(interpolant.coarse, points)
         else:
-            with limited_to(threads):
-                interpolant.coarse.gradients(points, out)
+            interpolant.coarse.gradients(points, out)
         for level in interpolant.levels:
-            near = level.layout.within_reach(points, threads=threads)
-            out[near] += gradient(level, points[near], threads=threads)
+            near = level.layout.within_reach(points)
+            out[near] += gradient(level, points[near])
         return out
-    _sum(kernels.sum_gradients, interpolant, points, out, threads)
+    _check_dimension(interpolant, points)
+    layout = interpolant.layout
+    weights, radius = interpolant.weights[layout.order], interpolant.support_radius
+    layout.sum(kernels.sum_gradients, interpolant.basis, radius, points, weights, out)
     if interpolant.polynomial is not None:
         out += interpolant.polynomial.gradient
     return out
-
-
-def _coarse_values(coarse: NestedSpline | Interpolant, points: Floats, out: Floats, threads: int) -> None:
-    """Fill ``out`` (n, k) with a coarse field at (n, d) points."""
-    if isinstance(coarse, Interpolant):
-        out[:] = displacement(coarse, points, threads=threads)
-        return
-    with limited_to(threads):
-        coarse.values(points, out)
-
-
-def _sum(kernel: Callable[..., None], interpolant: Interpolant, points: Floats, out: Floats, threads: int) -> Floats:
-    """Run a compiled sum over the interpolant's centres."""
-    _check_dimension(interpolant, points)
-    weights = interpolant.layout.sort(interpolant.weights)
-    return interpolant.layout.sum(
-        kernel, interpolant.basis, interpolant.support_radius, padded(points), weights, out, threads=threads
-    )
 
 
 def _check_dimension(interpolant: AnyInterpolant, points: Floats) -> None:

@@ -2,10 +2,11 @@
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol, TypeVar
 
+import mesh_motion_kernels as kernels
 import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers
@@ -13,7 +14,6 @@ from mesh_motion_numerics.interpolation import evaluation
 from mesh_motion_numerics.interpolation.evaluation import NearOperators
 from mesh_motion_numerics.interpolation.interpolant import Factorization, factorize
 from mesh_motion_numerics.interpolation.kernels import Basis, basis_named, checked_radius
-from mesh_motion_numerics.interpolation.point_digest import point_digest
 from mesh_motion_numerics.interpolation.two_scale.factorization import TwoScalePlan
 from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant, TwoScaleInterpolant
 from mesh_motion_numerics.method import Method
@@ -25,6 +25,7 @@ __all__ = [
     "MakeEachTime",
     "Recorded",
     "factorization_of",
+    "point_digest",
     "prepared_for",
     "two_scale_factorization_of",
 ]
@@ -74,27 +75,39 @@ class MakeEachTime:
         return {}
 
 
+@dataclass
 class Recorded:
     """A factor source that records what a motion found in another one."""
 
-    def __init__(self, source: FactorSource) -> None:
-        self._source = source
-        self._reused: dict[str, bool] = {}
+    source: FactorSource
+    found: dict[str, str] = field(default_factory=dict, init=False)
 
     def get_or_make(self, key: bytes, make: Callable[[], K], kind: str = "factorization") -> tuple[K, bool]:
         """The object from the other source, and whether it was reused."""
-        found, reused = self._source.get_or_make(key, make, kind)
-        self._reused[kind] = reused and self._reused.get(kind, True)
+        found, reused = self.source.get_or_make(key, make, kind)
+        if not reused or kind not in self.found:
+            self.found[kind] = "reused" if reused else "made"
         return found, reused
 
     def held(self) -> dict[str, int]:
         """Bytes that the other source keeps for each kind."""
-        return self._source.held()
+        return self.source.held()
 
     def report(self) -> CacheReport:
         """``"reused"`` for each kind whose objects were all found, otherwise ``"made"``; ``bytes`` kept for each."""
-        found = {kind: "reused" if reused else "made" for kind, reused in self._reused.items()}
-        return {**found, "bytes": self.held()}
+        return {**self.found, "bytes": self.source.held()}
+
+
+def point_digest(points: Floats) -> bytes:
+    """32 bytes that identify the shape and the bits of points (n, d): the key of cached results for them.
+
+    Two states with the same digest have the same bits, except for a negligible probability: blocks of coordinates are
+    hashed on all threads by four lanes of multiplications and rotations each (the round of xxHash), and their 256 bits
+    each by SHA-256. It is one pass over the coordinates at memory speed; SHA-256 over all of them would take ten times
+    as long.
+    """
+    lanes = kernels.hash_blocks(np.ascontiguousarray(points).reshape(-1).view(np.uint64))
+    return hashlib.sha256(repr(points.shape).encode() + lanes.tobytes()).digest()
 
 
 def factorization_of(control_points: Floats, method: Method, factors: FactorSource) -> Factorization:

@@ -12,6 +12,7 @@ A. de Boer, M. S. van der Schoot, H. Bijl, Computers & Structures 85 (2007) 784â
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -151,7 +152,7 @@ class AllCentreFactorization:
     def solver(self) -> str:
         return self.system.name
 
-    @property
+    @cached_property
     def nbytes(self) -> int:
         return self.system.nbytes + self.layout.coordinates.nbytes + self.control_points.nbytes
 

@@ -14,6 +14,7 @@ scattered data", Constr. Approx. 2 (1986) 11–22. The thesis reproduces de Boer
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import mesh_motion_kernels as kernels
@@ -70,7 +71,7 @@ class Basis:
     source: str
     unusable: str = ""
 
-    @property
+    @cached_property
     def code(self) -> int:
         """Number of the function in the compiled kernels."""
         return _CODES.index(self.name)

@@ -82,10 +82,10 @@ def _crowded_facet(cells: CellTable, facet: int) -> InvalidInput:
 def _cells_with(cells: CellTable, nodes: list[int]) -> list[int]:
     """Numbers of the cells that have a facet with these nodes, once for each."""
     found: list[int] = []
-    for block, first in cells.numbered():
+    for block, span in cells.numbered:
         rows = np.flatnonzero((block.nodes == nodes[0]).any(axis=1))
         for facet in LOCAL_FACETS[block.type.name]:
             if len(facet) == len(nodes):
                 same = (np.sort(block.nodes[rows][:, facet], axis=1) == nodes).all(axis=1)
-                found += (first + rows[same]).tolist()
+                found += (span.start + rows[same]).tolist()
     return sorted(found)

@@ -210,36 +210,42 @@ class CellTable:
         return cls(blocks)
 
     def __len__(self) -> int:
-        return sum(len(block) for block in self.blocks)
+        return self.offsets[-1]
 
     def __iter__(self) -> Iterator[CellBlock]:
         return iter(self.blocks)
 
-    @property
+    @cached_property
     def dimension(self) -> int:
         """1, 2 or 3."""
         return self.blocks[0].type.dimension
 
-    @property
+    @cached_property
     def offsets(self) -> tuple[int, ...]:
         """Number of the first cell of each block, and the number of cells at the end."""
         return tuple(int(n) for n in np.cumsum([0, *(len(block) for block in self.blocks)]))
 
-    def numbered(self) -> Iterator[tuple[CellBlock, int]]:
-        """Each block with the number of its first cell."""
-        return zip(self.blocks, self.offsets, strict=False)  # offsets have the number of cells too
+    @cached_property
+    def nodes(self) -> tuple[Shorts, ...]:
+        """Nodes (m, n_nodes) of each block, contiguous, as the compiled loops take them."""
+        return tuple(np.ascontiguousarray(block.nodes) for block in self.blocks)
+
+    @cached_property
+    def numbered(self) -> tuple[tuple[CellBlock, slice], ...]:
+        """Each block with the slice of cell numbers that belongs to it."""
+        return tuple(zip(self.blocks, map(slice, self.offsets, self.offsets[1:]), strict=True))
 
     def locate(self, cell: int) -> tuple[CellBlock, int]:
         """The block of a cell number, and the row in it."""
-        for block, first in self.numbered():
-            if cell < first + len(block):
-                return block, cell - first
+        for block, span in self.numbered:
+            if cell < span.stop:
+                return block, cell - span.start
         raise IndexError(cell)
 
     def centres(self, points: NDArray[np.floating], numbers: NDArray[np.integer]) -> Floats:
         """(s, d) mean of the nodes of each of the cells with these numbers (s,), from positions (n, d)."""
         out = np.empty((len(numbers), points.shape[1]))
-        for block, first in self.numbered():
-            here = (numbers >= first) & (numbers < first + len(block))
-            out[here] = points[block.nodes[numbers[here] - first]].mean(axis=1)
+        for block, span in self.numbered:
+            here = (numbers >= span.start) & (numbers < span.stop)
+            out[here] = points[block.nodes[numbers[here] - span.start]].mean(axis=1)
         return out

@@ -251,7 +251,7 @@ def _skewness(reach: Floats, d: Floats, area: Floats, spokes: Floats, *, least: 
 def _cell_geometry(points: Floats, cells: CellTable) -> tuple[Floats, Floats]:
     """Centres (m, 3) and volumes (m,) of all cells."""
     centres, volumes = np.empty((len(cells), 3)), np.empty(len(cells))
-    for block, first in cells.numbered():
+    for block, span in cells.numbered:
         for rows in _blocks(len(block)):
             faces = [_face_geometry(points[block.nodes[rows][:, local]]) for local in LOCAL_FACETS[block.type.name]]
             middles, areas = (np.stack(parts, axis=1) for parts in zip(*faces, strict=True))
@@ -261,7 +261,7 @@ def _cell_geometry(points: Floats, cells: CellTable) -> tuple[Floats, Floats]:
             moment = 0.75 * np.einsum("mf,mfi->mi", pyramids, middles) + 0.25 * total[:, None] * estimate
             solid = np.abs(total) > _TINY
             estimate[solid] = moment[solid] / total[solid, None]
-            at = slice(first + rows.start, first + rows.stop)
+            at = slice(span.start + rows.start, span.start + rows.stop)
             centres[at], volumes[at] = estimate, total / 3.0
     return centres, volumes
 

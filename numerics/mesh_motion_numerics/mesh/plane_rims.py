@@ -5,7 +5,7 @@ Off the plane it would leave a gap in the boundary, or reach into the domain's m
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,15 +64,21 @@ class PlaneRims:
                     rims.append((name, role, rows, piece.normal))
         return cls(moving, points[moving], _ON_PLANE * float(np.ptp(points, axis=0).max()), tuple(rims), tuple(planes))
 
-    def refuse(self, targets: Floats) -> None:
-        """Refuse targets (k, d) of the moving nodes that leave a symmetry plane.
+    def check(self, targets: Floats) -> list[str]:
+        """Refuse targets (k, d) of the moving nodes that leave a symmetry plane; warn of those that leave a slip wall.
 
         Raises
         ------
         InvalidInput
             Naming the patch, its node farthest from the plane and the distance.
         """
-        for name, role, node, distance in self._left(targets):
+        warnings = []
+        for name, role, rows, normal in self.rims:
+            away = np.abs((targets[rows] - self.places[rows]) @ normal)
+            farthest = int(np.argmax(away))
+            node, distance = int(self.moving[rows[farthest]]), float(away[farthest])
+            if not distance > self.closest:
+                continue
             if role == "symmetry":
                 raise InvalidInput(
                     f"moving node {node} leaves the plane of the symmetry patch {name!r}: it would be {distance:.3g} "
@@ -81,14 +87,8 @@ class PlaneRims:
                     hint="displace the nodes on a symmetry plane within it, or give that patch the role slip",
                     details={"patch": name, "node": node, "distance": distance},
                 )
-
-    def warnings(self, targets: Floats) -> list[str]:
-        """Warnings of the plane slip walls that moving nodes leave at targets (k, d)."""
-        return [
-            f"moving node {node} leaves the plane of the slip patch {name!r}: it is {distance:.3g} off"
-            for name, role, node, distance in self._left(targets)
-            if role == "slip"
-        ]
+            warnings.append(f"moving node {node} leaves the plane of the slip patch {name!r}: it is {distance:.3g} off")
+        return warnings
 
     def passed(self, targets: Floats) -> str:
         """Which plane moving nodes pass on the straight way to targets (k, d), for a message; "" if they pass none."""
@@ -101,11 +101,3 @@ class PlaneRims:
             if inside.any():
                 return f"; node {int(self.moving[through[inside][0]])} passes the plane of the {role} patch {name!r}"
         return ""
-
-    def _left(self, targets: Floats) -> Iterator[tuple[str, str, int, float]]:
-        """Patch and role of each plane that is left, the node farthest from it and its distance."""
-        for name, role, rows, normal in self.rims:
-            away = np.abs((targets[rows] - self.places[rows]) @ normal)
-            farthest = int(np.argmax(away))
-            if away[farthest] > self.closest:
-                yield name, role, int(self.moving[rows[farthest]]), float(away[farthest])

@@ -11,10 +11,8 @@ from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.quality.quality_summary import Judgement
 
 __all__ = [
-    "collapsed",
     "largest_accepted",
     "other_unit",
-    "quality_warnings",
     "refuse_unacceptable",
     "way_out",
 ]
@@ -27,50 +25,42 @@ _SHARES = (0.7, 0.3)
 #: Is tried before, of the largest possible fraction: closer to it the correction takes many times as long.
 _NEARLY = 0.95
 _LEAST = 0.004
-#: A lower quality, which is the root of a size, is that of a cell whose size is only rounding, or close to it.
-_COLLAPSED = 1e-7
 #: As a share of the mesh's diagonal: a longer displacement is probably in another unit.
 _FARTHEST = 2.0
 
 
-def collapsed(quality: Judgement) -> bool:
-    """Whether a cell is inverted, or so small that its sign may be rounding."""
-    return quality.inverted > 0 or quality.metric.min < _COLLAPSED
-
-
-def refuse_unacceptable(method: Method, quality: Judgement, reached: bool) -> None:
+def refuse_unacceptable(method: Method, quality: Judgement, reached: bool) -> list[str]:
     """Refuse an inverted mesh, or one below the threshold (not ``reached``) if the method does not accept that.
+
+    Returns
+    -------
+    list of str
+        Warnings about a mesh that is accepted although its quality is too low.
 
     Raises
     ------
     QualityRefused
         With the best minimum quality and the worst cells.
     """
-    worst = [cell.number for cell in quality.worst]
-    name, best = method.quality_metric, quality.metric.min
+    name, threshold, best = method.quality_metric, method.quality_threshold, quality.metric.min
     if quality.inverted and not method.allow_invalid:
         raise QualityRefused(
             f"no valid mesh found: {quality.inverted} inverted cells, best minimum {name} {best:.4g}, "
             f"correction {method.correction!r}",
             best=best,
-            cells=worst,
+            cells=[cell.number for cell in quality.worst],
         )
     if not reached and method.refuse_below_threshold:
         raise QualityRefused(
-            f"minimum {name} {best:.4g} stays below the threshold {method.quality_threshold:.4g}",
+            f"minimum {name} {best:.4g} stays below the threshold {threshold:.4g}",
             best=best,
-            cells=worst,
+            cells=[cell.number for cell in quality.worst],
         )
-
-
-def quality_warnings(method: Method, quality: Judgement, reached: bool) -> list[str]:
-    """Warnings about a mesh that is accepted although its quality is too low."""
-    name, threshold = method.quality_metric, method.quality_threshold
     found = []
     if quality.inverted:
         found.append(f"{quality.inverted} inverted cells kept, as allow_invalid asks")
     if not reached:
-        found.append(f"minimum {name} {quality.metric.min:.4g} stays below the threshold {threshold:.4g}")
+        found.append(f"minimum {name} {best:.4g} stays below the threshold {threshold:.4g}")
     return found
 
 

@@ -169,8 +169,8 @@ class BoundaryLayer:
         if not len(spoiled):
             return self
         released = np.zeros(len(self.points), dtype=bool)
-        for block, first in self.cells.numbered():
-            rows = spoiled[(spoiled >= first) & (spoiled < first + len(block))] - first
+        for block, span in self.cells.numbered:
+            rows = spoiled[(spoiled >= span.start) & (spoiled < span.stop)] - span.start
             released[block.nodes[rows]] = True
         return self.without(released)
 

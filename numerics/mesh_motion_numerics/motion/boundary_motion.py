@@ -190,7 +190,7 @@ class BoundaryMotion:
         """The motion of the nodes (n, d) that takes the moving ones to ``targets`` (k, d); its quality is not known."""
         del boundary_displacement
         check_time()
-        self.rims.refuse(targets)
+        warnings = self.rims.check(targets)
         self._refuse_winding(committed, targets)
         watch, recorded = Stopwatch(), Recorded(MakeEachTime() if factors is None else factors)
         trial = self.motion.trial(committed, targets, recorded, watch)
@@ -205,7 +205,7 @@ class BoundaryMotion:
             caches=recorded.report(),
             control_points=trial.control_points,
             support_radius=float(self.method.support_radius or 0.0),
-            warnings=self.rims.warnings(targets),
+            warnings=warnings,
             field=trial.stages[0].interpolant,
         )
 
@@ -288,7 +288,7 @@ class BoundaryMotion:
         check_time()
         smooth = self.smooth(points, cells, held, elsewhere, n_nodes, rows)
         with one_blas_thread():
-            return smooth_step(smooth, points, lambda: points, positions, ways).correction()
+            return smooth_step(smooth, points, lambda: points, positions, lambda: ways).correction()
 
     def smooth(
         self,

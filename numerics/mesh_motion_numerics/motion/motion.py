@@ -24,10 +24,8 @@ from mesh_motion_numerics.correction.smooth_motion import SmoothMotion
 from mesh_motion_numerics.correction.trial_nodes import TrialMesh
 from mesh_motion_numerics.interpolation.factor_source import FactorSource, MakeEachTime, Recorded
 from mesh_motion_numerics.motion.acceptance import (
-    collapsed,
     largest_accepted,
     other_unit,
-    quality_warnings,
     refuse_unacceptable,
     way_out,
 )
@@ -37,7 +35,7 @@ from mesh_motion_numerics.motion.crossing import NoMeshExists
 from mesh_motion_numerics.motion.exact_displacements import BoundaryDisplacement
 from mesh_motion_numerics.motion.motion_found import Motion
 from mesh_motion_numerics.motion.motion_slope import DifferentiableMesh
-from mesh_motion_numerics.motion.smooth_step import NOT_SMOOTH, smooth_step, unconverged
+from mesh_motion_numerics.motion.smooth_step import NOT_SMOOTH, PlainWay, smooth_step, unconverged
 from mesh_motion_numerics.motion.standard_motion import StandardMotion, StandardTrial
 from mesh_motion_numerics.motion.sub_steps import Leg, Walk, furthest_walk
 from mesh_motion_numerics.motion.winding import UNWOUND, Turns
@@ -57,6 +55,8 @@ _GOOD = 0.9
 #: … and worse by more than this with them, they stay. If it is about as good they slide: a wall whose nodes
 #: slide in one coupling iteration and stay in the next one disturbs the flow.
 _WORSE = 0.02
+#: A lower quality, which is the root of a size, is that of a cell whose size is only rounding, or close to it.
+_COLLAPSED = 1e-7
 #: Corrections that look for a fraction of a refused motion go up to this quality: then the mesh is surely valid.
 _VALID = 0.003
 
@@ -126,11 +126,11 @@ class MotionModel(DifferentiableMesh):
         Timeout
             If that limit ended all else.
         """
-        self.rims.refuse(targets)
+        leaving = self.rims.check(targets)
         step = _Step(committed, targets, MakeEachTime() if factors is None else factors)  # an empty cache is falsy
         try:
             motion = self._accept_or_lead(step)
-            return replace(motion, warnings=[*motion.warnings, *self.rims.warnings(targets)])
+            return replace(motion, warnings=[*motion.warnings, *leaving])
         except QualityRefused as refusal:
             if not _of_the_mesh(refusal):
                 raise
@@ -248,15 +248,17 @@ class MotionModel(DifferentiableMesh):
         def before() -> Floats:
             return plain_at(moving, 0.0) if turns else self._latest.at(moving, lambda: plain_at(moving, 0.0))
 
+        def ways() -> Iterator[PlainWay]:
+            for path in self._ways(moving, step.targets) if self.method.sub_steps != "never" else ():
+                yield lambda t, path=path: plain_at(path.at(t), t)  # type: ignore[misc]
+
         if turns is None:
-            self._latest.at(step.targets, lambda: plain)
+            self._latest.keep(step.targets, plain)
         with watch.phase("correct"), one_blas_thread():
-            ways = (lambda t, path=path: plain_at(path.at(t), t) for path in self._ways(moving, step.targets))
-            lead = ways if self.method.sub_steps != "never" else ()
             carried = None
             if turns is not None and self.winding is not None:
                 carried, smooth = partial(self.winding.carried, turns), smooth.later(self.winding.sheared(turns))
-            followed = smooth_step(smooth, step.committed, before, plain, lead, carried)
+            followed = smooth_step(smooth, step.committed, before, plain, ways, carried)
         found, correction = followed.found, followed.correction()
         quality = self._judge(predicted, correction, watch)
         if not found.converged and quality.metric.min < self.method.quality_threshold:
@@ -278,11 +280,12 @@ class MotionModel(DifferentiableMesh):
             gained = held.quality.metric.min - predicted.quality.metric.min
             if gained > (0.0 if predicted.quality.inverted else _WORSE):
                 predicted = held
-        corrected = self.method.correction != "none" or not predicted.quality.inverted
-        if collapsed(predicted.quality) and corrected and not self.method.allow_invalid:
+        quality = predicted.quality
+        collapsed = quality.inverted > 0 or quality.metric.min < _COLLAPSED
+        corrected = self.method.correction != "none" or not quality.inverted
+        if collapsed and corrected and not self.method.allow_invalid:
             # a correction would find no mesh, or one whose cells are all positive but overlap or have no size
-            worst = [cell.number for cell in predicted.quality.worst]
-            refusal = QualityRefused("", best=predicted.quality.metric.min, cells=worst)
+            refusal = QualityRefused("", best=quality.metric.min, cells=[cell.number for cell in quality.worst])
             self.boundary.refuse(predicted.trial.points, step.targets, refusal)
         return predicted
 
@@ -347,7 +350,7 @@ class MotionModel(DifferentiableMesh):
         """The motion, if its mesh is acceptable."""
         standard, method = predicted.trial, self.method
         reached = quality.metric.min >= method.quality_threshold
-        refuse_unacceptable(method, quality, reached)
+        warnings = refuse_unacceptable(method, quality, reached)
         if correction.points is standard.points and method.correction in ("none", "smooth"):
             self._latest.led_to(standard.points, predicted.motion)
         return Motion(
@@ -360,7 +363,7 @@ class MotionModel(DifferentiableMesh):
             caches=predicted.factors.report(),
             control_points=standard.control_points,
             support_radius=float(predicted.motion.method.support_radius or 0.0),
-            warnings=quality_warnings(method, quality, reached),
+            warnings=warnings,
         )
 
     def _lead(self, step: _Step, refusal: QualityRefused | None) -> Walk:

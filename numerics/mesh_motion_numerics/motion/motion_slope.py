@@ -134,12 +134,8 @@ class DifferentiableMesh(PreparedMesh):
             smooth, wound = copy(self.smooth.later(winding.sheared(meant))), wind(plain)
             with suppress(QualityRefused):  # the other turns may have led there
                 found = SmoothSlope.build(smooth, wound, points)
-                away = np.abs(wound - points).max(axis=1)
-                if found.region is not None:
-                    away[found.region.free.free] = 0.0
-                if away.max() <= _SAME * np.ptp(bounding_box(self.points), axis=0).max():
-                    slope = WindingSlope.build(winding, meant, targets, plain)
-                    return MotionSlope(plain_slope(motion, plain, factors), found, slope)
+                slope = WindingSlope.build(winding, meant, targets, plain)
+                return MotionSlope(plain_slope(motion, plain, factors), found, slope)
         raise not_at_minimum()
 
 

@@ -23,7 +23,7 @@ from mesh_motion_numerics.correction.smooth_motion import Smoothed, SmoothMotion
 if TYPE_CHECKING:
     from mesh_motion_numerics.motion.standard_motion import StandardMotion
 
-__all__ = ["NOT_SMOOTH", "Followed", "LatestPlain", "follow", "smooth_step", "unconverged"]
+__all__ = ["NOT_SMOOTH", "Followed", "LatestPlain", "PlainWay", "follow", "smooth_step", "unconverged"]
 
 NOT_SMOOTH = (
     "no mesh was found that is a smooth function of the boundary: this step is corrected by itself, and nodes may jump"
@@ -71,12 +71,16 @@ class LatestPlain:
 
     def at(self, targets: Floats, make: Callable[[], Floats]) -> Floats:
         """That (n, d) to the moving nodes' ``targets`` (k, d), made if it is not kept."""
-        key = targets.tobytes()
-        kept = self.kept.pop(key, None)
+        kept = self.kept.get(targets.tobytes())
         plain = make() if kept is None else kept
-        if len(plain) <= _MOST_KEPT:
-            self.kept = dict([*self.kept.items()][-2:]) | {key: plain}
+        self.keep(targets, plain)
         return plain
+
+    def keep(self, targets: Floats, plain: Floats) -> None:
+        """Keep the ``plain`` motion (n, d) to the moving nodes' ``targets`` (k, d)."""
+        if len(plain) <= _MOST_KEPT:
+            self.kept.pop(targets.tobytes(), None)
+            self.kept = dict([*self.kept.items()][-2:]) | {targets.tobytes(): plain}
 
     def led_to(self, points: Floats, motion: StandardMotion) -> None:
         """Keep that a motion alone has led to the mesh ``points`` (n, d), as long as there is this array."""
@@ -92,7 +96,7 @@ def smooth_step(
     committed: Floats,
     plain_before: Callable[[], Floats],
     plain: Floats,
-    ways: Iterable[PlainWay],
+    ways: Callable[[], Iterable[PlainWay]],
     carried: Carried | None = None,
 ) -> Followed:
     """The corrected mesh for the ``plain`` motion (n, d).
@@ -102,8 +106,9 @@ def smooth_step(
     committed, plain : (n, d) arrays, mesh length unit
     plain_before : callable
         Makes the plain motion (n, d) to the committed mesh's boundary, if it is needed.
-    ways : iterable of callable
-        Fraction → the plain motion (n, d), from there to ``plain``; tried in turn where one step fails.
+    ways : callable
+        Makes, if they are needed, the ways that are tried in turn where one step fails: each a callable, fraction → the
+        plain motion (n, d), from there to ``plain``.
     carried : callable, optional
         Carries a mesh along a part of the way; by default with the plain motion.
 
@@ -117,7 +122,7 @@ def smooth_step(
     if at_once.converged:
         return Followed(at_once, 1.0, 1, at_once.iterations)
     furthest, left, before = 0.0, _MOST_ITERATIONS, plain_before()
-    for way in ways:
+    for way in ways():
         followed = follow(correction, committed, before, way, left, carried)
         if followed.fraction == 1.0:
             return followed

@@ -27,10 +27,13 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
+import mesh_motion_kernels as kernels
 import numpy as np
 from mesh_motion_protocol.errors import QualityRefused
 
 from mesh_motion_numerics.arrays import Floats, Integers
+from mesh_motion_numerics.interpolation import evaluation
+from mesh_motion_numerics.interpolation.evaluation import NearOperators
 from mesh_motion_numerics.interpolation.factor_source import (
     DeferredFactorization,
     FactorSource,
@@ -41,6 +44,7 @@ from mesh_motion_numerics.interpolation.factor_source import (
 from mesh_motion_numerics.interpolation.interpolant import Factorization
 from mesh_motion_numerics.interpolation.kernels import basis_named
 from mesh_motion_numerics.interpolation.periodic_interpolant import periodic_factorization_of
+from mesh_motion_numerics.interpolation.two_scale.interpolant import AnyInterpolant
 from mesh_motion_numerics.interpolation.two_scale.plans import TwoScalePlans, plan_for
 from mesh_motion_numerics.mesh.boundary_facets import boundary_facets
 from mesh_motion_numerics.mesh.cells import CellTable
@@ -52,7 +56,6 @@ from mesh_motion_numerics.mesh.sliding import SlidingSurfaces
 from mesh_motion_numerics.mesh.whole_walls import whole_walls
 from mesh_motion_numerics.method import Method
 from mesh_motion_numerics.motion.boundary_layer import BoundaryLayer
-from mesh_motion_numerics.motion.stage import Stage
 from mesh_motion_numerics.reduction.near_surface import boundary_spacing
 from mesh_motion_numerics.reduction.reduced_motion import interpolate_reduced
 from mesh_motion_numerics.stopwatch import Stopwatch
@@ -64,6 +67,34 @@ __all__ = ["StandardMotion", "StandardTrial"]
 _SUBSTEP_FRACTION = 0.025
 #: … and at most this many.
 _MAX_SUBSTEPS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """``x → rigid(x) + S(x)``.
+
+    Attributes
+    ----------
+    rigid : RigidMotion or None
+        None means the identity.
+    interpolant : Interpolant or TwoScaleInterpolant
+        S, or its first level if few control points represent the boundary.
+    further : tuple of Interpolant
+        The other levels of S; S is the sum of all levels.
+    """
+
+    rigid: RigidMotion | None
+    interpolant: AnyInterpolant
+    further: tuple[AnyInterpolant, ...] = ()
+
+    def positions(self, points: Floats, prepared: NearOperators | None = None) -> Floats:
+        """(n, d) new positions of points (n, d), with what :func:`.evaluation.prepare` gave for them."""
+        carried = points if self.rigid is None else self.rigid.apply(points)
+        moved = evaluation.displacement(self.interpolant, points, prepared)
+        for level in self.further:
+            moved += evaluation.displacement(level, points)
+        kernels.add_values(np.ascontiguousarray(carried).reshape(-1), moved.reshape(-1))
+        return moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,23 +213,21 @@ class StandardMotion:
         if self.periodic is not None:
             self.periodic.check_targets(self.roles.moving, targets)
         start = committed if self.method.displacement == "relative" else self.reference
-        points = start
-        solved: list[_Solved] = []
-        for waypoint in self._waypoints(start, targets):
-            points, stage = self._interpolate(points, waypoint, factors, watch)
-            solved.append(stage)
-        return StandardTrial(
-            start,
-            points,
-            tuple(s.stage for s in solved),
-            self._boundary_factorization(start, solved[0].factorization, factors),
-            solved[-1].control_points,
-        )
+        waypoints = self._waypoints(start, targets) if self.method.displacement == "reanchored" else [targets]
+        points, solved, stages = start, [], []
+        for waypoint in waypoints:
+            points, last = self._interpolate(points, waypoint, factors, watch)
+            solved.append(last)
+            stages.append(last.stage)
+        factorization = solved[0].factorization
+        if self.periodic is not None and self.method.correction not in ("none", "smooth", "optimised"):
+            # an enrichment must vanish on periodic sides too
+            nodes = np.union1d(self._controls(self.roles.all), self.roles.periodic)
+            factorization = factorization_of(start[nodes], self.method, factors)
+        return StandardTrial(start, points, tuple(stages), factorization, solved[-1].control_points)
 
     def _waypoints(self, start: Floats, targets: Floats) -> list[Floats]:
         """Positions of the moving nodes after each sub-step, the targets last."""
-        if self.method.displacement != "reanchored":
-            return [targets]
         origin = start[self.roles.moving]
         furthest = float(np.sqrt(np.max(np.sum((targets - origin) ** 2, axis=1))))
         stride = _SUBSTEP_FRACTION * float(np.ptp(bounding_box(self.reference), axis=0).max())
@@ -282,9 +311,16 @@ class StandardMotion:
             rigid = None
             if not len(self.roles.fixed) and not np.array_equal(origin, goal):  # rest stays rest, bitwise
                 rigid = self.carry(points, origin, goal)
-            carried = origin if rigid is None else rigid.apply(origin)
-            solved = self._levels(points, origin, goal - carried, controls, factors)
-            return replace(solved, stage=replace(solved.stage, rigid=rigid))
+            displacement = goal - (origin if rigid is None else rigid.apply(origin))
+            if self.periodic is not None or self.method.reduction == "none":
+                factorization = self._all_factorized(points, origin, controls, factors)
+                return _Solved(Stage(rigid, factorization.solve(displacement)), factorization, controls)
+            reduced = interpolate_reduced(origin, displacement, self.method, factors, spacing=self.spacing)
+            return _Solved(
+                Stage(rigid, reduced.levels[0], reduced.levels[1:]),
+                DeferredFactorization(origin, self.method, factors),
+                controls[reduced.selected],
+            )
 
     def carry(self, points: Floats, origin: Floats, goal: Floats) -> RigidMotion | None:
         """The rigid motion of the mesh ``points`` (n, d) closest to that of control nodes, if its walls admit it."""
@@ -296,20 +332,6 @@ class StandardMotion:
     def fitted(self, origin: Floats, goal: Floats) -> RigidMotion | None:
         """The rigid motion closest to that of control nodes from origin to goal (c, d), whatever the walls admit."""
         return fit_rigid_motion(origin, goal) if self.periodic is None else self.periodic.carry(origin, goal)
-
-    def _levels(
-        self, points: Floats, origin: Floats, displacement: Floats, controls: Integers, factors: FactorSource
-    ) -> _Solved:
-        """The interpolation of the ``displacement`` (c, d) of control nodes (c,), at ``origin`` (c, d) in the mesh."""
-        if self.periodic is not None or self.method.reduction == "none":
-            factorization = self._all_factorized(points, origin, controls, factors)
-            return _Solved(Stage(None, factorization.solve(displacement)), factorization, controls)
-        reduced = interpolate_reduced(origin, displacement, self.method, factors, spacing=self.spacing)
-        return _Solved(
-            Stage(None, reduced.levels[0], reduced.levels[1:]),
-            DeferredFactorization(origin, self.method, factors),
-            controls[reduced.selected],
-        )
 
     def factorized(self, controls: Integers, factors: FactorSource) -> Factorization:
         """The factorization of control nodes (c,) in the reference mesh, without reduction."""
@@ -340,13 +362,6 @@ class StandardMotion:
     def _tied(self, positions: Floats) -> Floats:
         """Positions (n, d) with periodic images placed by their roots, except the moving nodes."""
         return positions if self.periodic is None else self.periodic.tied(positions, left=self.roles.moving)
-
-    def _boundary_factorization(self, start: Floats, own: Factorization, factors: FactorSource) -> Factorization:
-        """The motion's own factorization; if an enrichment must vanish on periodic sides too, one with them."""
-        if self.periodic is None or self.method.correction in ("none", "smooth", "optimised"):
-            return own
-        nodes = np.union1d(self._controls(self.roles.all), self.roles.periodic)
-        return factorization_of(start[nodes], self.method, factors)
 
 
 @dataclass(frozen=True, eq=False)

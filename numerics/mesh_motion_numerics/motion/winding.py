@@ -75,10 +75,18 @@ class WindingBody:
         Its nodes, as rows among the moving nodes.
     chain : (p, d + 1) int array
         Corner simplices from a wall at rest to the body, each with an edge of the one before.
+    edges : (p, d, d) array, mesh length unit
+        Of these from their first nodes, in the reference mesh.
     """
 
     rows: Integers
     chain: NDArray[np.integer]
+    edges: Floats
+
+    def edges_at(self, points: Floats) -> Floats:
+        """The edges (p, d, d) with the mesh's nodes at ``points`` (n, d)."""
+        edges: Floats = points[self.chain[:, 1:]] - points[self.chain[:, :1]]
+        return edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +147,7 @@ class Winding:
 
         None if interpolation alone is the plain motion at both ends.
         """
-        if not any(self._may_wind(body, committed, targets) for body in self.bodies):
+        if not self._may_wind(committed, targets):
             return None
         axes, before, after, certain = [], [], [], []
         for body in self.bodies:
@@ -157,17 +165,18 @@ class Winding:
         furthest = max(np.abs(turns.before).max(), np.abs(turns.after).max())
         return turns if furthest > _FIRST or not turns.certain else None
 
-    def _may_wind(self, body: WindingBody, committed: Floats, targets: Floats) -> bool:
-        """False if no edge of the chain has turned by a quarter turn, and the body will not have either."""
-        now, rest = (p[body.chain[:, 1:]] - p[body.chain[:, :1]] for p in (committed, self.reference))
-        if not (np.einsum("pij,pij->pi", now, rest) > 0.0).all():
-            return True
-        return abs(fit_rigid_motion(self.reference[self.moving[body.rows]], targets[body.rows]).angle) > _FIRST
+    def _may_wind(self, committed: Floats, targets: Floats) -> bool:
+        """False if no edge of a body's chain has turned by a quarter turn, and no body will have either."""
+        for body in self.bodies:
+            if not (np.einsum("pij,pij->pi", body.edges_at(committed), body.edges) > 0.0).all():
+                return True
+            if abs(fit_rigid_motion(self.reference[self.moving[body.rows]], targets[body.rows]).angle) > _FIRST:
+                return True
+        return False
 
     def _rotations(self, body: WindingBody, points: Floats) -> Rotation:
         """Those (p,) of the chain's simplices when the nodes are at ``points`` (n, d)."""
-        now, rest = (p[body.chain[:, 1:]] - p[body.chain[:, :1]] for p in (points, self.reference))
-        turned = nearest_rotation(np.swapaxes(np.linalg.solve(rest, now), 1, 2))
+        turned = nearest_rotation(np.swapaxes(np.linalg.solve(body.edges, body.edges_at(points)), 1, 2))
         whole = np.tile(np.eye(3), (len(turned), 1, 1))
         whole[:, : turned.shape[1], : turned.shape[1]] = turned
         return Rotation.from_matrix(whole)
@@ -283,7 +292,8 @@ def winding_body(
         inside = simplices[(apart[simplices] <= radius).any(axis=1)]
         chain = _chain(inside, of_wall[inside].sum(axis=1) >= d, of_body[inside].sum(axis=1) >= d)
         if chain is not None:
-            return WindingBody(rows, inside[chain])
+            chosen = inside[chain]
+            return WindingBody(rows, chosen, reference[chosen[:, 1:]] - reference[chosen[:, :1]])
         if len(inside) == len(simplices):
             return None
         radius *= 2.0

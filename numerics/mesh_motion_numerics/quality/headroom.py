@@ -9,7 +9,7 @@ import numpy as np
 
 from mesh_motion_numerics.arrays import Floats
 from mesh_motion_numerics.mesh.cells import CellTable
-from mesh_motion_numerics.quality.metrics import AtRest, block_slices, subset_quality
+from mesh_motion_numerics.quality.metrics import AtRest, subset_quality
 from mesh_motion_numerics.quality.quality_summary import smallest
 
 __all__ = ["HORIZON", "Headroom", "headroom"]
@@ -53,7 +53,7 @@ def headroom(points: Floats, step: Floats, cells: CellTable, rest: AtRest, metri
         The quality metric of the ``threshold``.
     """
     steps = np.empty(len(cells))
-    for block, rows in block_slices(cells):
+    for block, rows in cells.numbered:
         kernels.steps_to_inversion(
             points, step, np.ascontiguousarray(block.nodes), block.type.corner_array, HORIZON, steps[rows]
         )

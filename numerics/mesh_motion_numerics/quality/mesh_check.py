@@ -145,23 +145,23 @@ def _check_extent(points: Floats) -> None:
 
 def _check_indices(n: int, cells: CellTable) -> None:
     """Require every node index in range, and no node twice in a cell."""
-    for block, first in cells.numbered():
+    for block, span in cells.numbered:
         if block.nodes.min() < 0 or block.nodes.max() >= n:
             row, place = (int(i) for i in np.argwhere((block.nodes < 0) | (block.nodes >= n))[0])
             raise InvalidInput(
-                f"cell {first + row} ({block.type.name}): node index {block.nodes[row, place]} is out of range, "
+                f"cell {span.start + row} ({block.type.name}): node index {block.nodes[row, place]} is out of range, "
                 f"expected 0 to {n - 1}",
                 code="INVALID_ARGUMENT.MESH_DEGENERATE",
                 hint="node indices start at 0" if block.nodes.max() == n else "",
-                details={"cell": first + row, "index": int(block.nodes[row, place]), "nodes": n},
+                details={"cell": span.start + row, "index": int(block.nodes[row, place]), "nodes": n},
             )
         row = kernels.first_row_with_repetition(np.ascontiguousarray(block.nodes))
         if row >= 0:
             raise InvalidInput(
-                f"cell {first + row} ({block.type.name}) names a node twice: {block.nodes[row].tolist()}",
+                f"cell {span.start + row} ({block.type.name}) names a node twice: {block.nodes[row].tolist()}",
                 code="INVALID_ARGUMENT.MESH_DEGENERATE",
                 hint="split collapsed cells into types of their own, for example wedge or pyramid",
-                details={"cell": first + row, "nodes": block.nodes[row].tolist()},
+                details={"cell": span.start + row, "nodes": block.nodes[row].tolist()},
             )
 
 
@@ -206,8 +206,8 @@ def _refuse_geometry(points: Floats, cells: CellTable, sizes: Floats) -> NoRetur
 
 def _inversion_hint(cells: CellTable, bad: Marks) -> str:
     """The most likely cause of these bad cells."""
-    for block, first in cells.numbered():
-        if bad[first : first + len(block)].all():
+    for block, span in cells.numbered:
+        if bad[span].all():
             return f"all cells of type {block.type.name!r} are: their node order differs from VTK's and Gmsh's"
     return "mesh the domain again, or repair these cells"
 

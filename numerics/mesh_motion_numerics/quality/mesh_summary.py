@@ -10,27 +10,24 @@ the range of its nodes' displacements is 45 times the true distortion; without t
 much as evaluating all cells.
 """
 
+from itertools import starmap
+
 import mesh_motion_kernels as kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from mesh_motion_numerics.arrays import Integers
 from mesh_motion_numerics.mesh.cells import CellTable
 from mesh_motion_numerics.quality.metrics import (
     AtRest,
     CellQuality,
     as_positions,
     judged,
-    metric_code,
-    rest_for,
-    subset_quality,
 )
 from mesh_motion_numerics.quality.quality_summary import (
     Distribution,
     LowestQuality,
     Minimum,
     QualitySummary,
-    WorstCell,
     distribution,
     reported_metrics,
     smallest,
@@ -65,10 +62,11 @@ def mesh_summary(
     InvalidInput
         On an unknown metric.
     """
-    positions, arrays = as_positions(points, cells.dimension), judged(cells, rest_for(metric, reference_sizes))
-    rows, numbers, inverted = kernels.judged_cells(positions, *arrays, metric_code(metric), worst)
-    found = {name: Distribution(*row.tolist()) for name, row in zip(reported_metrics(metric), rows, strict=True)}
-    named = _named(numbers, points, cells, reference_sizes, metric)
+    positions, arrays = as_positions(points, cells.dimension), judged(cells, reference_sizes, metric)
+    rows, numbers, inverted = kernels.judged_cells(positions, *arrays, worst)
+    found = dict(zip(reported_metrics(metric), starmap(Distribution, rows.tolist()), strict=True))
+    values = kernels.values_of_cells(positions, *arrays, numbers)
+    named = worst_cells(numbers, cells.centres(positions, numbers), values)
     return QualitySummary.of(found, metric, inverted=inverted, cells=len(cells), worst=named)
 
 
@@ -84,10 +82,11 @@ def lowest_quality(
 
     Parameters and errors as those of :func:`mesh_summary`, which takes 2.5 times as long.
     """
-    positions, arrays = as_positions(points, cells.dimension), judged(cells, rest_for(metric, reference_sizes))
-    values, numbers, inverted = kernels.lowest_cells(positions, *arrays, metric_code(metric), worst)
-    named = _named(numbers, points, cells, reference_sizes, metric)
-    return LowestQuality(metric, Minimum(float(values[0])), inverted, len(cells), named)
+    positions, arrays = as_positions(points, cells.dimension), judged(cells, reference_sizes, metric)
+    lowest, numbers, inverted = kernels.lowest_cells(positions, *arrays, worst)
+    values = kernels.values_of_cells(positions, *arrays, numbers)
+    named = worst_cells(numbers, cells.centres(positions, numbers), values)
+    return LowestQuality(metric, Minimum(float(lowest[0])), inverted, len(cells), named)
 
 
 def summarize(
@@ -101,7 +100,7 @@ def summarize(
         metric,
         inverted=int(np.count_nonzero(quality.inverted)),
         cells=len(quality),
-        worst=worst_cells(numbers, quality.subset(numbers), cells.centres(points, numbers), metric),
+        worst=worst_cells(numbers, cells.centres(points, numbers), quality.worst(numbers, metric)),
     )
 
 
@@ -116,13 +115,5 @@ def lowest_of(
         Minimum(float(values[numbers[0]])),
         int(np.count_nonzero(quality.inverted)),
         len(quality),
-        worst_cells(numbers, quality.subset(numbers), cells.centres(points, numbers), metric),
+        worst_cells(numbers, cells.centres(points, numbers), quality.worst(numbers, metric)),
     )
-
-
-def _named(
-    numbers: Integers, points: NDArray[np.floating], cells: CellTable, at_rest: AtRest, metric: str
-) -> tuple[WorstCell, ...]:
-    """The worst-cell records of the cells with these numbers (s,)."""
-    quality = subset_quality(points, cells, at_rest, numbers)
-    return worst_cells(numbers, quality, cells.centres(points, numbers), metric)

@@ -40,7 +40,6 @@ Engineering with Computers 28 (2012) 419–429.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -63,7 +62,6 @@ __all__ = [
     "cells_at_rest",
     "corner_quality",
     "reference_sizes",
-    "rest_for",
     "sizes_of",
     "skews_of",
     "subset_quality",
@@ -116,6 +114,11 @@ class CellQuality:
         """The quality of the cells with the given numbers only, in that order."""
         relative = None if self.relative is None else self.relative[numbers]
         return CellQuality(self.size[numbers], self.skew[numbers], self.inverted[numbers], relative)
+
+    def worst(self, numbers: Integers, metric: str) -> Floats:
+        """The metric, size, skew and size-skew (s, 4) of the worst cells."""
+        chosen = self.subset(numbers)
+        return np.column_stack([chosen.metric(name) for name in (metric, "size", "skew", "size-skew")])
 
     @property
     def relative_shape(self) -> Floats:
@@ -193,16 +196,6 @@ def skews_of(rest: AtRest) -> Floats | None:
     return rest.skews if isinstance(rest, CellsAtRest) else None
 
 
-def rest_for(metric: str, rest: AtRest) -> AtRest:
-    """The data of the cells at rest that a metric needs: the sizes alone, except for "relative-size-skew"."""
-    metric_code(metric)
-    if metric != _RELATIVE:
-        return sizes_of(rest)
-    if not isinstance(rest, CellsAtRest):
-        raise _unknown_rest()
-    return rest
-
-
 def metric_code(name: str) -> int:
     """Number of a metric in the compiled loops; InvalidInput on an unknown name."""
     if name not in QUALITY_METRICS:
@@ -222,18 +215,28 @@ def empty_quality(count: int) -> CellQuality:
     return CellQuality(np.empty(count), np.empty(count), np.empty(count, dtype=np.bool_))
 
 
-def block_slices(cells: CellTable) -> Iterator[tuple[CellBlock, slice]]:
-    """Each block with the slice of cell numbers that belongs to it."""
-    for block, first in cells.numbered():
-        yield block, slice(first, first + len(block))
+def judged(
+    cells: CellTable, rest: AtRest, metric: str
+) -> tuple[tuple[Shorts, ...], Floats, tuple[Floats, Floats], int]:
+    """Arguments of loops over all cells: the nodes of each block, the reference sizes, the skews and points at rest
+    (empty unless the metric needs them), and the metric's number.
 
-
-def judged(cells: CellTable, rest: AtRest) -> tuple[list[Shorts], Floats, tuple[Floats, Floats]]:
-    """Arguments of loops over all cells: the nodes of each block, the reference sizes, skews and points at rest."""
-    nodes = [np.ascontiguousarray(block.nodes) for block in cells]
-    known = (rest.skews, rest.points) if isinstance(rest, CellsAtRest) else _NOTHING
-    skews, points = (np.ascontiguousarray(each) for each in known)
-    return nodes, np.ascontiguousarray(sizes_of(rest)), (skews, points)
+    Raises
+    ------
+    InvalidInput
+        On an unknown metric, or one that needs the cells at rest if they are not known.
+    """
+    code, skews, points = metric_code(metric), *_NOTHING
+    if metric == _RELATIVE:
+        if not isinstance(rest, CellsAtRest):
+            raise _unknown_rest()
+        skews, points = np.ascontiguousarray(rest.skews), np.ascontiguousarray(rest.points)
+    return (
+        cells.nodes,
+        np.ascontiguousarray(sizes_of(rest)),
+        (skews, points),
+        code,
+    )
 
 
 def as_positions(points: NDArray[np.floating], dimension: int) -> Floats:
@@ -262,7 +265,7 @@ def reference_sizes(points: NDArray[np.floating], cells: CellTable) -> Floats:
     """
     positions = as_positions(points, cells.dimension)
     out = np.empty(len(cells))
-    for block, rows in block_slices(cells):
+    for block, rows in cells.numbered:
         kernels.cell_sizes(positions, np.ascontiguousarray(block.nodes), out[rows])
     return out
 
@@ -292,12 +295,12 @@ def cell_quality(points: NDArray[np.floating], cells: CellTable, reference_sizes
     """
     positions, sizes = as_positions(points, cells.dimension), sizes_of(reference_sizes)
     out = empty_quality(len(cells))
-    for block, rows in block_slices(cells):
+    for block, rows in cells.numbered:
         _block_quality(positions, block.nodes, sizes[rows], out, rows)
     if not isinstance(reference_sizes, CellsAtRest):
         return out
     relative = np.empty(len(cells))
-    for block, rows in block_slices(cells):
+    for block, rows in cells.numbered:
         _relate(positions, block.nodes, reference_sizes[rows], out.skew[rows], relative[rows])
     return replace(out, relative=relative)
 
@@ -310,7 +313,7 @@ def subset_quality(
     chosen, sizes = np.asarray(numbers, dtype=np.int64), sizes_of(reference_sizes)
     rest = reference_sizes if isinstance(reference_sizes, CellsAtRest) else None
     out = replace(empty_quality(len(chosen)), relative=None if rest is None else np.empty(len(chosen)))
-    for block, rows in block_slices(cells):
+    for block, rows in cells.numbered:
         here = np.flatnonzero((chosen >= rows.start) & (chosen < rows.stop))
         part, own = empty_quality(len(here)), chosen[here] - rows.start
         _chosen_quality(positions, block, own, sizes[rows], part)
@@ -329,7 +332,7 @@ def corner_quality(points: NDArray[np.floating], cells: CellTable, rest: CellsAt
     :data:`WORST_CORNER` where regions are chosen.
     """
     positions, out = as_positions(points, cells.dimension), np.empty(len(cells))
-    for block, rows in block_slices(cells):
+    for block, rows in cells.numbered:
         kernels.corner_quality(positions, rest.points, np.ascontiguousarray(block.nodes), out[rows])
     return out
 

@@ -95,8 +95,8 @@ def oriented_at_rest(points: NDArray[np.floating], cells: CellTable) -> tuple[Ce
 def _mirrored(cells: CellTable, numbers: Integers) -> CellTable:
     """The cells, with those of these numbers replaced by their mirror images."""
     blocks = []
-    for block, first in cells.numbered():
-        rows = numbers[(numbers >= first) & (numbers < first + len(block))] - first
+    for block, span in cells.numbered:
+        rows = numbers[(numbers >= span.start) & (numbers < span.stop)] - span.start
         nodes = block.nodes.copy()
         nodes[rows] = block.nodes[rows[:, None], _MIRROR[block.type.name]]
         blocks.append(CellBlock(block.type, nodes) if len(rows) else block)

@@ -9,7 +9,6 @@ import mesh_motion_kernels as kernels
 import numpy as np
 
 from mesh_motion_numerics.arrays import Floats, Integers
-from mesh_motion_numerics.quality.metrics import CellQuality
 
 __all__ = [
     "Distribution",
@@ -131,8 +130,8 @@ class QualitySummary:
         cls, found: Mapping[str, Distribution], metric: str, *, inverted: int, cells: int, worst: tuple[WorstCell, ...]
     ) -> QualitySummary:
         """Build it from the distributions of :func:`reported_metrics`, by name."""
-        size, skew, size_skew = (found[name] for name in ("size", "skew", "size-skew"))
-        return cls(metric, found[metric], size, skew, size_skew, inverted, cells, worst)
+        reported = found[metric], found["size"], found["skew"], found["size-skew"]
+        return cls(metric, *reported, inverted, cells, worst)
 
     @property
     def reported(self) -> dict[str, Distribution]:
@@ -165,10 +164,7 @@ def percentile_ranks(count: int) -> list[int]:
     return [p * (count - 1) // 100 for p in _PERCENTILES]
 
 
-def worst_cells(numbers: Integers, quality: CellQuality, centres: Floats, metric: str) -> tuple[WorstCell, ...]:
-    """The worst-cell records for cell numbers (s,), with their quality and centres (s, d)."""
-    columns = [quality.metric(name).tolist() for name in (metric, "size", "skew", "size-skew")]
-    return tuple(
-        WorstCell(number, tuple(centre), *values)
-        for number, centre, *values in zip(numbers.tolist(), centres.tolist(), *columns, strict=True)
-    )
+def worst_cells(numbers: Integers, centres: Floats, values: Floats) -> tuple[WorstCell, ...]:
+    """The records of cells (s,): their centres (s, d), and the values (s, 4) of the metric, size, skew, size-skew."""
+    rows = zip(numbers.tolist(), centres.tolist(), values.tolist(), strict=True)
+    return tuple(WorstCell(number, tuple(centre), *row) for number, centre, row in rows)

@@ -5,8 +5,8 @@ import pytest
 from mesh_motion_numerics.interpolation.two_scale.boxes import MARGIN, nested_boxes
 from mesh_motion_numerics.interpolation.two_scale.nested_grid import NestedGrid
 from mesh_motion_numerics.mesh.spacing import local_spacing
-from mesh_motion_numerics.threads import limited_to
 from numpy.typing import NDArray
+from thread_counts import on_threads
 
 Floats = NDArray[np.float64]
 
@@ -135,7 +135,7 @@ def test_the_transpose_of_a_spline(d: int, components: int) -> None:
     forth, back = _values(grid, field, x)[0], grid.spline_transposed((x, weights))
     assert len(grid.boxes) > 2
     assert abs(np.sum(weights * forth) - np.sum(back * field)) < 1e-12 * np.abs(weights * forth).sum()
-    with limited_to(1):
+    with on_threads(1):
         assert (grid.spline_transposed((x, weights)) == back).all()
     apart = grid.spline_transposed((x[:700], weights[:700]), (x[700:], weights[700:]))
     np.testing.assert_allclose(apart, back, atol=1e-13 * np.abs(back).max())

@@ -120,7 +120,7 @@ def test_the_same_question_has_the_same_answer_to_the_bit() -> None:
     values = _turn(points, moving)
     first = evaluation.displacement(_prepared(points, moving).solve(values), places)
     other = _prepared(points, moving).solve(values)
-    parts = [evaluation.displacement(other, part, threads=1) for part in np.array_split(places, 7)]
+    parts = [evaluation.displacement(other, part) for part in np.array_split(places, 7)]
     np.testing.assert_array_equal(first, np.concatenate(parts))
 
 

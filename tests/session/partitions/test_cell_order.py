@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from thread_counts import on_one_and_on_all_threads
 
-from mesh_motion_server.session.partitions.cell_order import sorted_cells
+from mesh_motion_server.session.partitions.merging import sorted_cells
 
 
 @pytest.mark.parametrize("count", [3, 40, 5000])

@@ -69,11 +69,11 @@ def expand(interpolant: Interpolant, points: Floats) -> Floats:
     """
     layout, d = interpolant.layout, interpolant.dimension
     terms = monomials(d)
-    weights = layout.sort(interpolant.weights)
+    weights = np.ascontiguousarray(interpolant.weights[layout.order].T)
     out = np.empty((len(points), weights.shape[0], len(terms)))
     derivatives = radial_derivatives(interpolant.basis.name, 3)
     kernels.expand(
-        padded(points), layout.coordinates, weights, 1.0 / interpolant.support_radius, derivatives, *layout.grid(), out
+        padded(points), layout.coordinates, weights, 1.0 / interpolant.support_radius, derivatives, *layout.grid, out
     )
     out *= np.array([1.0 / prod(factorial(axes.count(axis)) for axis in set(axes)) for axes in terms])
     if interpolant.polynomial is not None:

@@ -27,7 +27,6 @@ from mesh_motion_numerics.quality.metrics import (
     AtRest,
     CellQuality,
     as_positions,
-    block_slices,
     cell_quality,
     sizes_of,
     skews_of,
@@ -226,7 +225,7 @@ def _by_groups(
     """Quality of all cells by the polynomials, and the least value of the metric."""
     size, skew, least = np.empty(len(cells)), np.empty(len(cells)), np.empty(len(cells))
     group, sizes, rest = groups.group_of, sizes_of(reference_sizes), skews_of(reference_sizes)
-    for block, rows in block_slices(cells):
+    for block, rows in cells.numbered:
         modelled, low = bounded_quality(
             points,
             block.nodes,
@@ -264,8 +263,8 @@ class _FullEvaluation:
         """The cells (m,) chosen, exactly."""
         numbers = np.flatnonzero(chosen)
         needed = np.zeros(len(self.points), dtype=bool)
-        for block, first in self.cells.numbered():
-            needed[block.nodes[chosen[first : first + len(block)]]] = True
+        for block, span in self.cells.numbered:
+            needed[block.nodes[chosen[span]]] = True
         nodes = np.flatnonzero(needed & ~self.moved)
         self.positions[nodes] += self.displacement(nodes)
         self.moved[nodes], self.done[numbers] = True, True

@@ -245,6 +245,25 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
             std::accumulate(inversions.begin(), inversions.end(), Index{0})};
 }
 
+Owned<double, 2> values_of_cells(Matrix<const double> points, const Blocks& blocks, Vector<const double> reference,
+                                 AtRest rest, Index metric, Vector<const Index> numbers) {
+    const Cells cells(points, blocks, reference, rest);
+    const Metric columns[] = {checked(metric, cells), Metric::size, Metric::skew, Metric::size_skew};
+    require_below(numbers, cells.size(), "numbers: expected numbers of cells");
+    const Index n = numbers.size();
+    std::vector<Index> order(n), ascending(n);
+    std::iota(order.begin(), order.end(), Index{0});
+    std::sort(order.begin(), order.end(), [&](Index a, Index b) { return numbers[a] < numbers[b]; });
+    for (Index s = 0; s < n; ++s) ascending[s] = numbers[order[s]];
+    Judged found = judged(cells, ascending, columns[0]);
+    std::vector<double> rows(4 * n);
+    for (Index k = 0; k < 4; ++k) {
+        found.fill(columns[k]);
+        for (Index s = 0; s < n; ++s) rows[4 * order[s] + k] = found.values[s];
+    }
+    return {std::move(rows), {n, 4}};
+}
+
 std::tuple<Owned<double, 2>, Owned<Index, 2>, Owned<Index, 1>, Index> counted_cells(
     Matrix<const double> points, const Blocks& blocks, Vector<const double> reference, AtRest rest,
     Index metric, Index count, Index bins, Matrix<std::uint32_t> places) {

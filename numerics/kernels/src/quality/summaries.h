@@ -25,6 +25,11 @@ std::tuple<Owned<double, 2>, Owned<Index, 1>, Index> judged_cells(Matrix<const d
                                                                   Vector<const double> reference,
                                                                   AtRest rest, Index metric, Index count);
 
+/// Metric, size, skew and size-skew (s, 4) of the cells with these numbers (s,), in their order: of the few that a
+/// report names.
+Owned<double, 2> values_of_cells(Matrix<const double> points, const Blocks& blocks, Vector<const double> reference,
+                                 AtRest rest, Index metric, Vector<const Index> numbers);
+
 /// The summary of the cells of a part of a mesh: sum, minimum and maximum (metrics, 3) of the same metrics, how many
 /// values are in each of equal bins (metrics, bins) of [−1, 1], the `count` lowest cells, and how many are inverted. places
 /// (metrics, m) receives where each value is: its bin times the bins, plus its part of that bin, which has as many parts.

@@ -89,8 +89,8 @@ def local_minima(cells: CellTable, quality: Floats, threshold: float) -> Integer
     rank = np.empty(len(quality), dtype=np.int64)
     rank[np.argsort(quality, kind="stable")] = np.arange(len(quality))
     lowest = np.full(1 + max(int(block.nodes.max()) for block in cells), len(quality))
-    for block, first in cells.numbered():
-        np.minimum.at(lowest, block.nodes, rank[first : first + len(block), None])
+    for block, span in cells.numbered:
+        np.minimum.at(lowest, block.nodes, rank[span, None])
     around = np.concatenate([lowest[block.nodes].min(axis=1) for block in cells])
     found = np.flatnonzero((rank == around) & (quality < threshold))
     return np.asarray(found[np.argsort(rank[found])])

@@ -61,10 +61,8 @@ class NullSpaceCholesky:
 
     def _multiply(self, vectors: Floats) -> Floats:
         """(nc, k) product of the interpolation matrix."""
-        weights = np.ascontiguousarray(vectors.T)  # a basis without compact support: sorted as given
-        return self._layout.sum(
-            kernels.sum_values, self._basis, self._radius, self._points, weights, np.empty(vectors.shape)
-        )
+        out = np.empty(vectors.shape)  # a basis without compact support: the layout has the order of the points
+        return self._layout.sum(kernels.sum_values, self._basis, self._radius, self._points, vectors, out)
 
     def _two_sided_correction(self) -> Floats:
         """W with ``Qᵀ φ Q = φ − W Vᵀ − V Wᵀ``."""

@@ -95,8 +95,8 @@ class ConjugateGradients:
 
     def _apply(self, vectors: Floats) -> Floats:
         """(n, k) product with the matrix, rows in the layout's order."""
-        weights, out = np.ascontiguousarray(vectors.T), np.empty(vectors.shape)
-        return self._layout.sum(kernels.sum_values, self._basis, self._radius, self._points, weights, out)
+        out = np.empty(vectors.shape)
+        return self._layout.sum(kernels.sum_values, self._basis, self._radius, self._points, vectors, out)
 
     def _conjugate_gradients(self, rhs: Floats, scale: Floats) -> Floats:
         """(n, k) solution for ``rhs`` to the tolerance times ``scale``, or as well as rounding lets it."""

@@ -15,7 +15,6 @@ from mesh_motion_numerics.arrays import Floats, Integers
 from mesh_motion_numerics.interpolation.assembly import SparseRows, rows_near, sparse_rows
 from mesh_motion_numerics.interpolation.interpolant import Interpolant
 from mesh_motion_numerics.interpolation.sparse_products import nbytes
-from mesh_motion_numerics.threads import limited_to
 
 __all__ = ["NearOperator"]
 
@@ -36,26 +35,20 @@ class NearOperator:
     matrix: SparseRows
 
     @classmethod
-    def build(
-        cls, level: Interpolant, points: Floats, *, skipped: Integers | None = None, threads: int | None = None
-    ) -> NearOperator:
+    def build(cls, level: Interpolant, points: Floats, *, skipped: Integers | None = None) -> NearOperator:
         """The operator of a compact level, whatever its weights, at points (n, d) but for the rows ``skipped`` (u,)."""
-        with limited_to(threads):
-            rows, near = rows_near(level.layout, level.support_radius, points, skipped=skipped)
-            return cls(rows, sparse_rows(level.layout, level.basis, level.support_radius, near))
+        rows, near = rows_near(level.layout, level.support_radius, points, skipped=skipped)
+        return cls(rows, sparse_rows(level.layout, level.basis, level.support_radius, near))
 
     @property
     def nbytes(self) -> int:
         """Memory it holds."""
         return int(self.rows.nbytes) + nbytes(self.matrix)
 
-    def add(self, weights: Floats, out: Floats, *, threads: int | None = None) -> None:
+    def add(self, weights: Floats, out: Floats) -> None:
         """Add the level with weights (nc, k) to ``out`` (n, k)."""
         matrix = self.matrix
-        with limited_to(threads):
-            kernels.add_product(
-                self.rows, matrix.indptr, matrix.indices, matrix.data, np.ascontiguousarray(weights), out
-            )
+        kernels.add_product(self.rows, matrix.indptr, matrix.indices, matrix.data, np.ascontiguousarray(weights), out)
 
     def transpose(self, weights: Floats, centres: int) -> Floats:
         """(nc, k) what the weights of the ``centres`` count for (n, k) ones of the values."""

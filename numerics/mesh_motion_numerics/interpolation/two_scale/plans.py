@@ -61,7 +61,10 @@ class TwoScalePlans:
 
     def of(self, nodes: Integers) -> TwoScalePlan | None:
         """The plan for control nodes (c,), or None: all of them in one scale."""
-        return next((plan for planned, plan in self.plans if np.array_equal(planned, nodes)), None)
+        for planned, plan in self.plans:
+            if np.array_equal(planned, nodes):
+                return plan
+        return None
 
 
 def plan_for(points: Floats, nodes: Integers, roles: BoundaryRoles, method: Method) -> TwoScalePlan:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mesh_motion_numerics.interpolation.point_digest import point_digest
+from mesh_motion_numerics.interpolation.factor_source import point_digest
 
 
 @pytest.mark.parametrize("shape", [(0, 3), (1, 1), (5, 2), (4000, 3), (9000, 3)])
