@@ -11,7 +11,7 @@ import os
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -214,17 +214,17 @@ class InProcessServer:
 
     # --- its endpoints -----------------------------------------------------------------------------------------------
 
-    def control(self, user: str, peer: bytes, frames: list[bytes]) -> Replies:
+    def control(self, user: str, peer: bytes, frames: Sequence[Any]) -> Replies:
         """A message at the control endpoint, and all replies that are due."""
-        self._gateway._take(peer, USERS[user], frames)
+        self._gateway._take(peer, USERS[user], [bytes(frame) for frame in frames])
         self._work()
         return self._wire.take_sent()
 
-    def data(self, session: str, user: str, peer: bytes, frames: list[bytes]) -> Replies:
+    def data(self, session: str, user: str, peer: bytes, frames: Sequence[Any]) -> Replies:
         """A message at a session's data endpoint, and all replies that are due; KeyError without a worker."""
         child = self._child(session)
         worker = self._children[child]
-        worker.serve([Frame(frame, USERS[user]) for frame in (peer, *frames)])
+        worker.serve([Frame(bytes(frame), USERS[user]) for frame in (peer, *frames)])
         if worker.host.closed:
             self._over(child)
         self._work()
