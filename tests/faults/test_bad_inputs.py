@@ -14,9 +14,8 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_server.service import move
 from mesh_motion_server.session import motions, session
 from mesh_motion_server.session.partitions import merging, uploads
-from tests.faults.bad_inputs import BAD_INPUTS, prove_bad_inputs
-from tests.faults.extreme_inputs import prove_extreme_inputs
 from tests.faults.inputs.extremes import EXTREMES
+from tests.faults.numerical_input import BAD_INPUTS, prove_bad_inputs, prove_extreme_inputs
 
 
 def rows(*starts: str) -> list[Any]:

@@ -23,9 +23,8 @@ class BadInput:
     ``where`` ({"open", "upload", "build", "move"}): the request that has to be refused; those before it are answered as
     those of a good session; ``spoil``: changes the good draft, and returns what the error's details have to name. For
     an upload it returns the bad part too, which is sent behind the good ones; ``code``: on the wire; ``says``: what the
-    message has to have in it; ``draft``: which good session; ``retryable``: what the reply has to say about it;
-    ``mended``: for "build": something was left out; once it is uploaded, the mesh is that of the good session;
-    ``settings``: of the good session too.
+    message has to have in it; ``draft``: which good session; ``mended``: for "build": something was left out; once it
+    is uploaded, the mesh is that of the good session; ``settings``: of the good session too.
     """
 
     name: str
@@ -34,6 +33,5 @@ class BadInput:
     code: str
     says: tuple[str, ...] = ()
     draft: str = "square"
-    retryable: bool = False
     mended: bool = False
     settings: Mapping[str, Any] | None = None
