@@ -23,28 +23,21 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random, SystemRandom
+from typing import Any
 
 from mesh_motion_client import Keys
 
-from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
 from tests.faults.check import Budget, Check, Result, require
 from tests.faults.faulty_network import CORRUPTING, KINDS, Fault, Network
-from tests.faults.network_driver import Driver
-from tests.faults.stand_in_server import SERVICE, StandInServer
+from tests.faults.network_driver import Driver, Work
+from tests.faults.server_process import ServerProcess, make_keys
+from tests.faults.stand_in_server import StandInServer
 
 #: Clients at work at the same time, every other one with keys.
 _LANES = 4
 #: Steps of each seed while faults strike.
 _STEPS = 2
-_PORTS = range(20000, 20032)
-_SETTINGS = {
-    "advertised_host": "0.0.0.0",
-    "data_ports": f"{_PORTS[0]}-{_PORTS[-1]}",
-    "max_sessions": len(_PORTS) - 2,
-    "handshake_seconds": 1.0,
-    "lease_seconds": 2.0,
-    "idle_seconds": 5.0,
-}
+_SETTINGS = {"handshake_seconds": 1.0, "lease_seconds": 2.0, "idle_seconds": 5.0}
 #: How a seed begins, and how often.
 _BEGINNINGS = {"go on": 12, "resume": 6, "open": 2}
 #: How often each kind is chosen; a restart takes seconds, and all clients see it.
@@ -57,6 +50,16 @@ def loopback() -> str:
     """A loopback address that no other program uses: all its ports are free."""
     rng = SystemRandom()
     return f"127.{rng.randrange(16, 255)}.{rng.randrange(256)}.{rng.randrange(1, 255)}"
+
+
+def places_of(ports: range) -> dict[str, Any]:
+    """Settings of a server behind networks: its endpoint, on an address of its own, and the ports of its data."""
+    return {
+        "endpoint": f"tcp://{loopback()}:{ports[0] - 1}",
+        "advertised_host": "0.0.0.0",
+        "data_ports": f"{ports[0]}-{ports[-1]}",
+        "max_sessions": len(ports) - 2,
+    }
 
 
 @dataclass
@@ -87,16 +90,23 @@ class Found:
 class Lane:
     """One client behind its own network.
 
-    ``keys`` (Keys or None); ``crossing``: shared by the lanes of a server.
+    ``keys`` (Keys or None); ``crossing``: shared by the lanes of a server; ``work``: what it does.
     """
 
     def __init__(
-        self, server: StandInServer, keys: Keys | None, crossing: set[int], restart: Callable[[], None]
+        self,
+        server: ServerProcess,
+        keys: Keys | None,
+        crossing: set[int],
+        restart: Callable[[], None],
+        work: Work | None = None,
     ) -> None:
         host, _, port = server.endpoint.removeprefix("tcp://").rpartition(":")
-        self.network = Network(loopback(), (host, int(port)), _PORTS, crossing=crossing, restart=restart)
+        ports = [int(end) for end in server.settings["data_ports"].split("-")]
+        data_ports = range(ports[0], ports[1] + 1)
+        self.network = Network(loopback(), (host, int(port)), data_ports, crossing=crossing, restart=restart)
         self.server = server
-        self.driver = Driver(self.network.endpoint, keys)
+        self.driver = Driver(self.network.endpoint, keys, work or Work())
         self.found = Found(errors=self.driver.errors)
         self.failure: Exception | None = None
 
@@ -156,16 +166,16 @@ def _fault(rng: Random, kind: str, begin: str) -> Fault:
 
 
 @contextmanager
-def lanes(folder: Path, numbers: Sequence[int], service: str = SERVICE) -> Iterator[list[Lane]]:
+def lanes(folder: Path, numbers: Sequence[int]) -> Iterator[list[Lane]]:
     """Clients, each with an open session, and their servers; odd numbers have keys."""
     with ExitStack() as stack, ThreadPoolExecutor(_LANES) as pool:
         sides = sorted({bool(number % 2) for number in numbers})
-        servers = {side: _server(folder / f"keys {side}", with_keys=side, service=service) for side in sides}
+        servers = {side: _server(folder / f"keys {side}", with_keys=side) for side in sides}
         for server, _ in servers.values():
             stack.callback(server.stop)
         list(pool.map(lambda pair: pair[0].start(), servers.values()))
         crossings: dict[bool, set[int]] = {side: set() for side in sides}
-        restarts = {side: _restarter(servers[side][0]) for side in sides}
+        restarts = {side: restarter(servers[side][0]) for side in sides}
         made = []
         for number in numbers:
             side = bool(number % 2)
@@ -178,19 +188,16 @@ def lanes(folder: Path, numbers: Sequence[int], service: str = SERVICE) -> Itera
             lane.driver.close()
 
 
-def _server(folder: Path, *, with_keys: bool, service: str) -> tuple[StandInServer, Keys | None]:
+def _server(folder: Path, *, with_keys: bool) -> tuple[StandInServer, Keys | None]:
     """A server that listens on an address of its own, and its client's keys."""
-    settings = _SETTINGS | {"endpoint": f"tcp://{loopback()}:{_PORTS[0] - 1}"}
+    settings = _SETTINGS | places_of(range(20000, 20032))
     if not with_keys:
-        return StandInServer(folder, service=service, **settings), None
-    make_server_keys(folder / "keys")
-    public = make_client_keys("prover", folder / "client")
-    admit(public.key, folder / "keys", name="prover")
-    keys = Keys.load(folder / "client" / "prover.secret", folder / "keys" / "server.public")
-    return StandInServer(folder, service=service, **settings | {"keys_folder": str(folder / "keys")}), keys
+        return StandInServer(folder, **settings), None
+    keys = make_keys(folder)
+    return StandInServer(folder, **settings | {"keys_folder": str(folder / "keys")}), keys
 
 
-def _restarter(server: StandInServer) -> Callable[[], None]:
+def restarter(server: ServerProcess) -> Callable[[], None]:
     """Kills and starts a server, one at a time."""
     lock = threading.Lock()
 
