@@ -12,7 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from random import Random
@@ -47,18 +47,16 @@ _ONCE_BYTES, _EACH_BYTES = 4 << 20, 1 << 10
 _SETTINGS: dict[str, Any] = {"lease_seconds": 1.0, "idle_seconds": 6.0}
 
 
-@dataclass
 class Member:
-    """A session of the fleet: its holder, and its twin while it is live."""
+    """A session of the fleet: its holder, and its twin while it is live, made again for a session that rested."""
 
-    holder: SeededHolder
-    twin: Driver | None = None
+    def __init__(self, holder: SeededHolder) -> None:
+        self.holder = holder
 
-    def require_twin(self) -> Driver:
-        """The twin, made again for a session that rested."""
-        if self.twin is None:
-            self.twin = twin_of(self.holder.seed, self.holder.step)
-        return self.twin
+    @cached_property
+    def twin(self) -> Driver:
+        """What the session must answer."""
+        return twin_of(self.holder.seed, self.holder.step)
 
 
 class Fleet:
@@ -112,7 +110,7 @@ class Fleet:
             member.holder.leave()
         else:
             member.holder.disconnect()
-        member.twin = None
+        vars(member).pop("twin", None)
         with self.lock:
             self.resting.append(member)
 
@@ -139,7 +137,7 @@ class Fleet:
 
 def advance(member: Member, random: Random) -> None:
     """Move, perhaps more than once, perhaps asked twice, and commit; all bitwise as the twin."""
-    holder, twin = member.holder, member.require_twin()
+    holder, twin = member.holder, member.twin
     for iteration in range(1, random.choice((1, 1, 2)) + 1):
         rows = seeded_rows(holder.seed, holder.step + 1, iteration, holder.moving)
         (expected,) = twin.all(m.Move, [rows], step=holder.step + 1)
@@ -159,7 +157,7 @@ def advance(member: Member, random: Random) -> None:
 
 def fetch(member: Member, _random: Random) -> None:
     """The committed coordinates are the twin's."""
-    expected = member.require_twin().ask(m.Fetch).points
+    expected = member.twin.ask(m.Fetch).points
     _require_same(member.holder.request(m.Fetch).points, expected, f"session {member.holder.seed}: FETCHED")
 
 

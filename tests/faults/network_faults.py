@@ -20,7 +20,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random, SystemRandom
 from typing import Any
@@ -62,35 +61,12 @@ def places_of(ports: range) -> dict[str, Any]:
     }
 
 
-@dataclass
-class Found:
-    """What lanes have seen.
-
-    ``struck``: faults by kind; ``errors``: errors of calls by code; ``quiet``: seeds in which no fault struck: too few
-    units came where it waited; ``changed``, ``unnoticed``: without keys: seeds with changed bytes, and those in which
-    the client was given a wrong result.
-    """
-
-    struck: Counter[str] = field(default_factory=Counter)
-    errors: Counter[str] = field(default_factory=Counter)
-    quiet: int = 0
-    changed: int = 0
-    unnoticed: int = 0
-
-    def __add__(self, other: Found) -> Found:
-        return Found(
-            self.struck + other.struck,
-            self.errors + other.errors,
-            self.quiet + other.quiet,
-            self.changed + other.changed,
-            self.unnoticed + other.unnoticed,
-        )
-
-
 class Lane:
     """One client behind its own network.
 
-    ``keys`` (Keys or None); ``crossing``: shared by the lanes of a server; ``work``: what it does.
+    ``keys`` (Keys or None); ``crossing``: shared by the lanes of a server; ``work``: what it does. ``struck``: faults
+    by kind; ``seen``: "quiet" seeds, in which no fault struck (too few units came where it waited); without keys the
+    seeds with "changed" bytes, and those of them where a wrong result went "unnoticed".
     """
 
     def __init__(
@@ -107,7 +83,7 @@ class Lane:
         self.network = Network(loopback(), (host, int(port)), data_ports, crossing=crossing, restart=restart)
         self.server = server
         self.driver = Driver(self.network.endpoint, keys, work or Work())
-        self.found = Found(errors=self.driver.errors)
+        self.struck, self.seen = Counter[str](), Counter[str]()
         self.failure: Exception | None = None
 
     def open(self) -> None:
@@ -130,23 +106,20 @@ class Lane:
         for _ in range(_STEPS):
             self.driver.step()
         self.driver.check_points()
-        self._count()
+        self.struck.update(self.network.struck)
+        self.seen["quiet"] += not self.network.struck
         self.network.heal()
         self.driver.step()
         self.driver.check_points()
-
-    def _count(self) -> None:
-        self.found.struck.update(self.network.struck)
-        self.found.quiet += not self.network.struck
 
     def _run_corrupted(self, rng: Random) -> None:
         """Without keys: a session that is given up afterwards, for its inputs are unknown."""
         faults = [_fault(rng, rng.choice(CORRUPTING), "go on") for _ in range(2)]
         self.network.arm(faults)
         mistaken = self.driver.step_of_doubt()
-        self.found.struck.update(f"{kind} (no keys)" for kind in self.network.struck)
-        self.found.changed += bool(self.network.struck)
-        self.found.unnoticed += mistaken
+        self.struck.update(f"{kind} (no keys)" for kind in self.network.struck)
+        self.seen["changed"] += bool(self.network.struck)
+        self.seen["unnoticed"] += mistaken
         self.open()
 
 
@@ -264,20 +237,13 @@ def run(seed: int, budget: Budget) -> Result:
     """So many seeds, to all lanes at once."""
     with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-") as folder, lanes(Path(folder), range(_LANES)) as made:
         done = run_seeds(made, 1_000_000 * seed, budget)
-        found = sum((lane.found for lane in made), start=Found())
-    changed = sum(found.struck[kind] for kind in CORRUPTING)
-    details = {
-        "seeds": done,
-        "seeds_without_a_fault": found.quiet,
-        "faults": dict(found.struck),
-        "errors": dict(found.errors),
-        "changed_with_keys": changed,
-        "changed_without_keys": found.changed,
-        "wrong_without_keys": found.unnoticed,
-    }
-    got = (
-        f"{done} seeds, {found.struck.total()} faults; without keys {found.unnoticed} of {found.changed} changes unseen"
-    )
+        struck, seen, errors = (
+            sum((getattr(each, what) for each in parts), Counter[str]())
+            for parts, what in ((made, "struck"), (made, "seen"), ([lane.driver for lane in made], "errors"))
+        )
+    details = {"seeds": done, "faults": dict(struck), "errors": dict(errors), "seen": dict(seen)}
+    unseen = f"{seen['unnoticed']} of {seen['changed']} changes unseen"
+    got = f"{done} seeds, {struck.total()} faults; without keys {unseen}"
     return Result(got, passed=True, details=details)
 
 

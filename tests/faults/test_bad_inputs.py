@@ -58,8 +58,8 @@ def nothing(*args: Any, **kwargs: Any) -> None:
         (mesh_check, "_refuse_geometry", ("an inverted cell", "a folded mesh")),
         (mesh_check, "_check_extent", ("square × 1e+200", "cube × 1e-120")),
         (patch_check, "_check_nodes", ("a fixed patch without nodes",)),
-        (method_check, "_check_lengths", ("square with support_radius = 1e+300",)),
-        (method_check, "_check_periodic", ("periodic with basis = tps",)),
+        (method_check, "_check_lengths", ("square at build with support_radius = 1e+300",)),
+        (method_check, "_check_periodic", ("periodic at build with basis = tps",)),
         (move, "_check_lengths", ("displacement × 1e+300",)),
     ],
 )
@@ -98,4 +98,4 @@ def test_a_refusal_that_leaves_something_behind_is_found(monkeypatch: Any) -> No
 
 def test_a_lost_code_is_found(monkeypatch: Any) -> None:
     monkeypatch.setattr(method_check, "_unfit", lambda setting, message, hint="": InvalidInput(message))
-    assert prove_bad_inputs(0, rows("square with support_radius = 1e+300")).right == 0
+    assert prove_bad_inputs(0, rows("square at build with support_radius = 1e+300")).right == 0

@@ -35,3 +35,14 @@ class BadInput:
     draft: str = "square"
     mended: bool = False
     settings: Mapping[str, Any] | None = None
+
+
+def unfit(where: Where, first: str, draft: str = "square", /, **settings: Any) -> BadInput:
+    """Settings that do not go together, or not on this mesh; the error names the ``first``."""
+
+    def spoil(spoiled: Draft, rng: Rng) -> Names:
+        spoiled.set_settings(**settings)
+        return {"setting": first}
+
+    chosen = ", ".join(f"{key} = {value}" for key, value in settings.items())
+    return BadInput(f"{draft} at {where} with {chosen}", where, spoil, "INVALID_ARGUMENT.SETTINGS", (first,), draft)
