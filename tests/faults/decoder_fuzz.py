@@ -114,6 +114,6 @@ CHECK = Check(
     "{count} messages: decoded or a typed error, memory < +5 MB",
     short=200_000,
     full=10_000_000,
-    seconds=30,
+    seconds=40,
     run=run,
 )

@@ -1,14 +1,13 @@
 """BUILD where every setting is admissible, and the mesh too, but not both together."""
 
-from tests.faults.inputs.cases import BadInput, Names, Rng, unfit
+from tests.faults.inputs.cases import spoilt, unfit
 from tests.faults.inputs.drafts import Draft
 
 
-def _on_a_line(draft: Draft, rng: Rng) -> Names:
+def _on_a_line(draft: Draft) -> None:
     """The nodes with a role lie on one line: they determine no linear polynomial in the plane."""
     draft.drop("patch", "walls")
     draft.set_settings(basis="tps")
-    return {"setting": "basis"}
 
 
 BAD_METHODS = (
@@ -21,7 +20,14 @@ BAD_METHODS = (
     unfit("build", "support_radius", support_radius=5e-324),
     unfit("build", "enrichment_radius", enrichment_radius=1e-300),
     unfit("build", "enrichment_radius", enrichment_radius=1e300),
-    BadInput("a plane spline on a line of nodes", "build", _on_a_line, "INVALID_ARGUMENT.SETTINGS", ("basis",)),
+    spoilt(
+        "a plane spline on a line of nodes",
+        "build",
+        "INVALID_ARGUMENT.SETTINGS",
+        _on_a_line,
+        {"setting": "basis"},
+        "basis",
+    ),
     unfit("build", "basis", "line", correction="imposed-gradient", basis="wendland-c0"),
     unfit("build", "basis", "periodic", basis="tps"),
     unfit("build", "reduction", "periodic", reduction="greedy"),

@@ -1,10 +1,9 @@
 """OPEN with values that no session has: fields out of their range, settings out of theirs."""
 
 import math
-from collections.abc import Callable
 from typing import Any
 
-from tests.faults.inputs.cases import BadInput, Names, Rng, unfit
+from tests.faults.inputs.cases import BadInput, Names, Rng, spoilt, unfit
 from tests.faults.inputs.drafts import Draft
 
 _HEADER, _VALUE = "INVALID_ARGUMENT.HEADER", "INVALID_ARGUMENT.VALUE"
@@ -37,14 +36,6 @@ def _short(value: Any) -> str:
     return repr(value) if len(repr(value)) <= 24 else f"{repr(value)[:20]}…"
 
 
-def _spoilt(name: str, code: str, change: Callable[[Draft], Any], names: Names, *says: str) -> BadInput:
-    def spoil(draft: Draft, rng: Rng) -> Names:
-        change(draft)
-        return names
-
-    return BadInput(name, "open", spoil, code, says)
-
-
 def _at_client(draft: Draft) -> None:
     draft.opening["evaluation"] = "client"
     draft.set_settings(displacement="absolute", correction="enrichment")
@@ -53,8 +44,8 @@ def _at_client(draft: Draft) -> None:
 BAD_OPENS = (
     *(_field("dimension", value, _VALUE, str(value)) for value in (0, 4, -1)),
     *(_field("dimension", value, _HEADER) for value in (2.0, math.nan, True, "2", None, 2**63)),
-    _spoilt("OPEN without dimension", _HEADER, lambda draft: draft.opening.pop("dimension"), {"field": "dimension"},
-            "dimension", "missing"),
+    spoilt("OPEN without dimension", "open", _HEADER, lambda draft: draft.opening.pop("dimension"),
+           {"field": "dimension"}, "dimension", "missing"),
     *(_field("partitions", value, _VALUE, str(value)) for value in (0, -1, 257)),
     _field("partitions", 5, _VALUE, "at most 4", "5"),
     _field("bytes_reserved", -1, _VALUE, "-1"),
@@ -64,11 +55,11 @@ BAD_OPENS = (
     _field("durability", "none", _VALUE, "none"),
     _field("durability", "relaxed", _VALUE, "relaxed"),
     _field("evaluation", "both", _VALUE, "both"),
-    _spoilt("evaluation = client with enrichment", _SETTINGS, _at_client, {"setting": "correction"}, "evaluation",
-            "correction"),
+    spoilt("evaluation = client with enrichment", "open", _SETTINGS, _at_client, {"setting": "correction"},
+           "evaluation", "correction"),
     _field("settings", [], _HEADER),
-    _spoilt("an unknown setting", _SETTINGS, lambda draft: draft.set_settings(radius=1.0), {"setting": "radius"},
-            "radius", "support_radius"),
+    spoilt("an unknown setting", "open", _SETTINGS, lambda draft: draft.set_settings(radius=1.0),
+           {"setting": "radius"}, "radius", "support_radius"),
     *(_setting("support_radius", value) for value in (0, 0.0, -1.0, -5e-324, "1", True, math.nan, math.inf)),
     _setting("enrichment_radius", -1e-300),
     *(_setting("quality_threshold", value) for value in (1.5, -1.0000001, math.nan, -math.inf, None)),

@@ -37,12 +37,20 @@ class BadInput:
     settings: Mapping[str, Any] | None = None
 
 
-def unfit(where: Where, first: str, draft: str = "square", /, **settings: Any) -> BadInput:
-    """Settings that do not go together, or not on this mesh; the error names the ``first``."""
+def spoilt(
+    name: str, where: Where, code: str, change: Callable[[Draft], Any], names: Names, *says: str, draft: str = "square"
+) -> BadInput:
+    """A draft that is always changed alike."""
 
     def spoil(spoiled: Draft, rng: Rng) -> Names:
-        spoiled.set_settings(**settings)
-        return {"setting": first}
+        change(spoiled)
+        return names
 
-    chosen = ", ".join(f"{key} = {value}" for key, value in settings.items())
-    return BadInput(f"{draft} at {where} with {chosen}", where, spoil, "INVALID_ARGUMENT.SETTINGS", (first,), draft)
+    return BadInput(name, where, spoil, code, says, draft)
+
+
+def unfit(where: Where, first: str, draft: str = "square", /, **settings: Any) -> BadInput:
+    """Settings that do not go together, or not on this mesh; the error names the ``first``."""
+    name = f"{draft} at {where} with " + ", ".join(f"{key} = {value}" for key, value in settings.items())
+    code, names = "INVALID_ARGUMENT.SETTINGS", {"setting": first}
+    return spoilt(name, where, code, lambda spoiled: spoiled.set_settings(**settings), names, first, draft=draft)
