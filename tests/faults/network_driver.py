@@ -189,7 +189,8 @@ class Driver:
             )
             require(np.array_equal(moved.displacement, displacement), f"MOVED {number} of step {step} is another array")
             require(moved.step == step, f"MOVED says step {moved.step}, not {step}")
-            require(moved.iteration <= number, f"{moved.iteration} moves of step {step} were executed, {number} made")
+            once = moved.iteration <= number or self._work.again  # else a call is MOVE, JUDGE, …: it may end after MOVE
+            require(once, f"{moved.iteration} moves of step {step} were executed, {number} made")
         self._committing = True
         committed = self._again_here("COMMIT", lambda s: s.commit(timeout=self._quick))
         require(committed.step == step, f"COMMITTED says step {committed.step}, not {step}")
