@@ -208,7 +208,7 @@ CHANGES: Mapping[Change, int] = {
 }  # fmt: skip
 
 
-def gone_wrong(draft: Draft, random: Random, changes: Mapping[Change, int] = CHANGES, raw: float = 0.6) -> Frames:
+def gone_wrong(draft: Draft, random: Random, changes: Mapping[Change, int] = CHANGES, raw: float = 0.4) -> Frames:
     """No change to three, one after the other; then packed, and with this probability changed as bytes."""
     for change in random.choices(list(changes), list(changes.values()), k=random.choice((0, 1, 1, 1, 2, 3))):
         change(draft, random)
