@@ -2,28 +2,28 @@
 
 :mod:`~tests.faults.check` says what a check is, :mod:`~tests.faults.table` lists them all,
 pytest runs them (test_rows.py; :mod:`~tests.faults.proof` prints and writes what came of it). Each check has a module
-of its own; the other tests call the same code with small counts, and seed bugs that it must find.
+of its own; the other tests call the same code with small counts, and seed bugs that it must find
+(seeded/sitecustomize.py has those of a server in processes of its own).
 
 A check that is not named here is one module. What the others consist of, and what they share::
 
     session state        state_machine.py plays actions.py and accidents.py: ranks.py asks, played.py compares with
-                         session_model.py (session_table.py, session_state.py, session_fate.py; reply_book.py,
-                         expected.py)
+                         session_model.py (session_table.py; reply_book.py, expected.py)
     the disk             model_files.py loses power, damages and fails; kill_nine.py kills killed_process.py
-    a fault anywhere     named_failpoints.py: persistent_user.py on persistent_holder.py asks a failing_server.py
-    the network          network_faults.py: network_driver.py goes through faulty_network.py; own_ranks.py
+    a fault anywhere     named_failpoints.py: persistent_user.py asks a failing_server.py
+    the network          network_faults.py, own_ranks.py: network_driver.py goes through faulty_network.py
     attacks              attacked_server.py: attacks.py on bytes of zmtp_stream.py
-    neighbours           isolation.py: neighbours.py harm sessions of isolation_service.py; scheduling.py
-    bad messages         decoder_fuzz.py, handler_fuzz.py: mutations.py, request_mutations.py of valid_requests.py;
+    neighbours           isolation.py: neighbours.py harm sessions
+    bad messages         decoder_fuzz.py, handler_fuzz.py: mutations.py of golden vectors and of valid_requests.py;
                          allowed_codes.py
-    bad input            numerical_input.py: bad_inputs.py and extreme_inputs.py judge the rows of inputs/
+    bad input            numerical_input.py judges the rows of inputs/
     rights               authorisation_matrix.py: expected_rights.py, hidden_sessions.py
     many, and long       many_sessions.py, soak.py (soak_client.py)
 
     a server             server_process.py as installed, stand_in_server.py without numerics (stand_in_service.py),
                          in_process.py in this process (in_process_parts.py)
-    a client             driver.py without a socket, wire.py bare, holder.py for a session by hand
+    a client             the product's, through network_driver.py; holder.py by what SPEC.md says alone, on wire.py
     a mesh and a model   stand_in.py, client_mesh.py
-    the right result     undisturbed.py
+    the right result     driver.py asks a session without a socket, undisturbed.py
     of the machine       processes.py, waiting.py
 """

@@ -12,16 +12,15 @@ from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mesh_motion_client import Keys, connect
 from mesh_motion_client.control import Control
-from mesh_motion_client.embedded import EmbeddedServer
 from mesh_motion_client.session import Session
 from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.messages import List, Probe, Probed
 
-from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
 from tests.faults.attacks import (
     ended,
     endless_message,
@@ -33,6 +32,7 @@ from tests.faults.attacks import (
 from tests.faults.check import Budget, Check, Result, require
 from tests.faults.client_mesh import client_mesh
 from tests.faults.processes import Usage, descendants, usage_of
+from tests.faults.server_process import ServerProcess, make_keys
 from tests.faults.stand_in import grid_mesh
 from tests.faults.waiting import wait_until
 
@@ -41,7 +41,6 @@ _MIB = 1 << 20
 _STORM = 100
 #: Silent connections to each endpoint.
 _SILENT = 100
-_SETTINGS = "handshake_seconds = 0.5\n"
 #: Seconds until a server has given everything back.
 _PATIENCE = 30.0
 #: What fits into the kernel's buffers before a server ends a connection.
@@ -121,24 +120,12 @@ class Target:
 def target(name: str) -> Iterator[Target]:
     """A server of its own on this machine."""
     with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-") as folder, ExitStack() as stack:
-        settings, keys = Path(folder) / "settings.toml", None
-        settings.write_text(_SETTINGS, encoding="utf-8")
-        options = ["--endpoint", "tcp://127.0.0.1:0", "--settings", str(settings), "--threads", "1"]
-        if name == "with keys":
-            keys = _make_keys(Path(folder))
-            options += ["--keys", str(Path(folder) / "keys")]
-        embedded = EmbeddedServer(None, 2 * _PATIENCE, options)
-        stack.callback(embedded.stop)
-        made = Target(name, embedded.process.pid, embedded.endpoint, keys)
+        keys = make_keys(Path(folder)) if name == "with keys" else None
+        settings: dict[str, Any] = {"keys_folder": str(Path(folder) / "keys")} if keys else {}
+        server = stack.enter_context(ServerProcess(Path(folder), handshake_seconds=0.5, **settings))
+        made = Target(name, server.process.pid, server.endpoint, keys)
         stack.callback(made.close)
         yield made
-
-
-def _make_keys(folder: Path) -> Keys:
-    make_server_keys(folder / "keys")
-    public = make_client_keys("prover", folder / "client")
-    admit(public.key, folder / "keys", name="prover")
-    return Keys.load(folder / "client" / "prover.secret", folder / "keys" / "server.public")
 
 
 def attack(targets: Sequence[Target], seed: int, budget: Budget) -> tuple[Counter[str], int]:

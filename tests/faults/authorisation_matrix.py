@@ -7,8 +7,7 @@ come in another order.
 
 import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -22,9 +21,9 @@ from mesh_motion_protocol.key_files import PublicKey
 from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys, revoke
 from tests.faults.attacks import forged_user
 from tests.faults.check import Budget, Check, Result, require
-from tests.faults.client_mesh import client_mesh
 from tests.faults.expected_rights import OUTSIDERS, REQUESTS, Cell, expected, role_cells
 from tests.faults.hidden_sessions import require_alike, require_same_time, times
+from tests.faults.holder import Holder
 from tests.faults.stand_in import grid_mesh
 from tests.faults.stand_in_server import StandInServer
 from tests.faults.wire import Wire
@@ -37,24 +36,14 @@ _TOO_LATE = {"UPLOAD", "BUILD", "JUDGE", "CORRECT"}
 _NEED_TOKEN = ("PROBE", "RESUME", "JOIN")
 
 
-@dataclass
-class Held:
-    """A session, and the connection of its owner that keeps its lease."""
+def address_of(held: Holder) -> dict[str, Any]:
+    """Where requests of a session go, and its token."""
+    return {"session": held.session, "epoch": held.epoch, "token": held.token, "step": 1}
 
-    session: str
-    token: bytes
-    endpoint: str
-    epoch: int
-    data: Wire
 
-    @property
-    def known(self) -> tuple[str, bytes]:
-        """Id and token."""
-        return self.session, self.token
-
-    def at(self, **changes: Any) -> dict[str, Any]:
-        """Where requests of the session go, and its token."""
-        return {"session": self.session, "epoch": self.epoch, "token": self.token, "step": 1} | changes
+def known(held: Holder) -> tuple[str, bytes]:
+    """Id and token."""
+    return held.session, held.token
 
 
 class Stage:
@@ -67,7 +56,7 @@ class Stage:
         for name in ("subject", "other"):
             self.give(("owner",), name)
         self.server = StandInServer(folder, keys_folder=str(self.keys)).start()
-        self._held: dict[bool, Held] = {}
+        self._held: dict[bool, Holder] = {}
 
     def _make(self, name: str) -> Keys:
         make_client_keys(name, self.folder / "clients")
@@ -84,41 +73,24 @@ class Stage:
         else:
             revoke(name, self.keys)
 
-    def keys_of(self, own: bool) -> Keys:
-        """Of the subject, or of the other one."""
-        return self.subject if own else self.other
-
-    def held(self, own: bool) -> Held:
-        """A built session of the subject, or of the other one; opened again after a CLOSE."""
+    def held(self, own: bool) -> Holder:
+        """A built session of the subject, or of the other one, with its lease kept; opened again after a CLOSE."""
         if own not in self._held:
-            self._held[own] = self._open(self.keys_of(own))
+            self._held[own] = Holder(self.server, [grid_mesh()], keys=self.subject if own else self.other, calm=True)
+            self._held[own].open()
         return self._held[own]
-
-    def _open(self, keys: Keys) -> Held:
-        with Wire(self.server.endpoint, keys) as control:
-            opened = control.ask(m.Open, dimension=2, settings={"support_radius": 2.0})
-        at = {"session": opened.session, "epoch": opened.epoch}
-        with ExitStack() as unless_built:
-            data = unless_built.enter_context(Wire(opened.endpoint, keys))
-            data.ask(m.Join, **at, token=opened.token)
-            for part in client_mesh(grid_mesh()).parts(**at, client=bytes(16), partition=0):
-                data.ask(m.Upload, **at, item=part.item, name=part.name, role=part.role, rows=part.rows)
-            built = data.ask(m.Build, **at)
-            require(built.type == "BUILT", f"BUILD was answered {built}")
-            unless_built.pop_all()
-        return Held(opened.session, opened.token, opened.endpoint, opened.epoch, data)
 
     def suspended(self) -> tuple[str, bytes]:
         """A session of the other one that only the store has."""
         held = self.held(False)
-        closed = held.data.ask(m.Close, session=held.session, epoch=held.epoch, outcome="keep")
-        require(closed.type == "CLOSED", f"CLOSE was answered {closed}")
+        held.begin()
+        held.leave()
         self.forget(False)
-        return held.known
+        return known(held)
 
     def forget(self, own: bool) -> None:
         """The session was closed."""
-        self._held.pop(own).data.close()
+        self._held.pop(own).disconnect()
 
     def close(self) -> None:
         """End the server."""
@@ -134,7 +106,7 @@ def outcome(stage: Stage, cell: Cell) -> str:
     """Ask: the reply's type, or the error's code."""
     stage.give(("owner",))
     held = stage.held(cell.own)
-    at = held.at()
+    at = address_of(held)
     verdict = expected(cell.roles, cell.request, own=cell.own)
     where = stage.server.endpoint if cell.endpoint == "control" else held.endpoint
     with Wire(where, stage.subject) as wire:
@@ -200,7 +172,7 @@ def _owner_without(stage: Stage) -> Iterator[tuple[str, str, str]]:
     """The owner with a wrong token, and without a JOIN: what, expected, got."""
     stage.give(("owner",))
     held = stage.held(True)
-    at = held.at(token=_JUNK)
+    at = address_of(held) | {"token": _JUNK}
     for request in _NEED_TOKEN:
         with Wire(held.endpoint if request == "JOIN" else stage.server.endpoint, stage.subject) as wire:
             reply = wire.ask(m.MESSAGES[request], **_fields(request, at))
@@ -216,7 +188,7 @@ def _unusable_list(stage: Stage) -> Iterator[tuple[str, str, str]]:
     """While others may write the allow-list, no user is served, with or without an open session."""
     stage.give(("owner", "monitor", "admin"))
     held = stage.held(True)
-    at = held.at()
+    at = address_of(held)
     allow_list = stage.keys / "allow.toml"
     with Wire(stage.server.endpoint, stage.subject) as control, Wire(held.endpoint, stage.subject) as data:
         control.ask(m.Ping)
@@ -235,7 +207,7 @@ def _outsiders(stage: Stage) -> int:
     """Those with a wrong key, or none: nothing of what they send is answered; how many requests they sent."""
     stage.give(())
     held = stage.held(False)
-    at = held.at()
+    at = address_of(held)
     wrong = replace(stage.other, server=stage.public("unknown"))
     keys = dict(zip(OUTSIDERS, (None, stage.unknown, wrong, stage.subject), strict=True))
     asked = 0
@@ -252,7 +224,7 @@ def _outsiders(stage: Stage) -> int:
 def _without_keys(stage: Stage) -> Iterator[tuple[str, str, str]]:
     """A server without keys on the same folder: sessions that have an owner do not exist for any user."""
     held = stage.held(False)
-    session, at = held.session, held.at()
+    session, at = held.session, address_of(held)
     stage.close()
     with StandInServer(stage.folder) as server, Wire(server.endpoint) as wire:
         for request in ("LIST", "PROBE", "RESUME"):
@@ -284,7 +256,7 @@ def one_round(stage: Stage, random: Random, *, timed: int = _TIMED) -> dict[str,
         asked += 1
     asked += _outsiders(stage)
     stored = stage.suspended()
-    existing = {"open": stage.held(False).known, "stored": stored}
+    existing = {"open": known(stage.held(False)), "stored": stored}
     with Wire(stage.server.endpoint, stage.subject) as control:
         alike = require_alike(control, existing)
         times_apart = require_same_time(times(control, existing, random, timed)) if timed else {}

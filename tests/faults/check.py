@@ -1,8 +1,7 @@
 """A check: one promise of the server, with a seed and a count, and what came of it."""
 
-import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 #: The limit of a row: a factor on its time on two cores, and the least limit in seconds.
@@ -31,30 +30,24 @@ class Result:
     details: dict[str, Any]
 
 
-@dataclass
+@dataclass(frozen=True)
 class Budget:
-    """How much a check does: a count, or as many as fit in a time.
+    """How much a check does.
 
-    ``count``: how many, of the check's own unit; ``seconds`` (float or None): if given, it counts instead; what cannot
-    be done by halves is done once all the same; ``report``: called with the number of those that are done.
+    ``count``: how many, of the check's own unit; ``report``: called with the number of those that are done.
     """
 
     count: int
-    seconds: float | None = None
     report: Callable[[int], None] = lambda _: None
-    _start: float = field(default_factory=time.monotonic)
 
     def admits(self, done: int) -> bool:
         """Whether there is to be another one after so many."""
         self.report(done)
-        if self.seconds is not None:
-            return time.monotonic() - self._start < self.seconds
         return done < self.count
 
     def warms_up(self, done: int, least: int) -> bool:
         """Whether there is to be another one that comes first and is not counted: a tenth, and at least so many."""
-        share = done / self.count if self.seconds is None else (time.monotonic() - self._start) / self.seconds
-        return done < least or share < 0.1
+        return done < max(least, self.count / 10)
 
 
 @dataclass(frozen=True)
@@ -62,8 +55,8 @@ class Check:
     """One row of the table.
 
     ``target``: what is promised; ``{count}`` in it is how many of what; ``short``, ``full``: the counts of the two
-    plans; ``seconds``: what the short plan takes on two cores: the check's share when a time is given for all; ``run``:
-    (seed, budget) → :class:`Result`. The same seed and count do the same. It may raise: that is a failure.
+    plans; ``seconds``: what the short plan takes on two cores; ``run``: (seed, budget) → :class:`Result`. The same seed
+    and count do the same. It may raise: that is a failure.
     """
 
     name: str
@@ -77,10 +70,10 @@ class Check:
         """How many in the plan "short" or "full"."""
         return {"short": self.short, "full": self.full}[plan]
 
-    def limit(self, count: int, seconds: float | None) -> float:
-        """Seconds after which a run with this count, or with this time of its own, hangs: it fails."""
-        return _AT_LEAST + _SLACK * (self.seconds * count / self.short if seconds is None else seconds)
+    def limit(self, count: int) -> float:
+        """Seconds after which a run with this count hangs: it fails."""
+        return _AT_LEAST + _SLACK * self.seconds * count / self.short
 
-    def target_of(self, count: int | None) -> str:
-        """The target with its count; None: with n, for as many as fit in a time."""
-        return self.target.format(count="n" if count is None else f"{count:,}".replace(",", " "))
+    def target_of(self, count: int) -> str:
+        """The target with its count."""
+        return self.target.format(count=f"{count:,}".replace(",", " "))

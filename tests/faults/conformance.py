@@ -10,19 +10,19 @@ import shutil
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from random import Random
 from typing import Any
 
-from mesh_motion_client.embedded import EmbeddedServer
 from mesh_motion_conformance.case import Case, Outcome
 from mesh_motion_conformance.command import Subject
 from mesh_motion_conformance.runner import run as put
 from mesh_motion_conformance.server import server_cases
 
 from tests.faults.check import Budget, Check, Result
+from tests.faults.server_process import ServerProcess
 
 #: Further clients under test, as ``NAME=COMMAND`` separated by semicolons; a command is what ``mesh-motion conform
 #: --client`` takes.
@@ -30,21 +30,11 @@ CLIENTS_VARIABLE = "MESH_MOTION_CONFORM_CLIENTS"
 #: Driver programs of other languages, tested where one is found on PATH (`make prove` builds them where it can).
 _PROGRAMS = {name: f"mesh-motion-conform-{end}" for name, end in (("C", "c"), ("C++", "cpp"), ("Fortran", "fortran"))}
 #: Short enough that their end is part of the suite.
-_SETTINGS = "lease_seconds = 1.0\ncollective_timeout_seconds = 1.0\nthreads = 1\n"
-_PATIENCE = 120.0
+_SETTINGS: dict[str, Any] = {"lease_seconds": 1.0, "collective_timeout_seconds": 1.0}
 _WAIT_SECONDS = 60.0
 #: What cannot be had from outside, or only with gigabytes.
 _NOT_TO_BE_HAD = {"8-COMMITTING", "8-FROZEN", "8-FAILED", "6-upload-larger-than-max-session-bytes"}
 _SERVER = "server"
-
-
-@dataclass(frozen=True)
-class Part:
-    """The cases for one server or client, and about how long all of them take on two cores."""
-
-    name: str
-    subject: Subject
-    seconds: float
 
 
 def clients() -> dict[str, str]:
@@ -84,59 +74,29 @@ def verdict(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     }
 
 
-def put_to(part: Part, cases: Sequence[Case], budget: Budget) -> list[Outcome]:
+def put_to(subject: Subject, cases: Sequence[Case], budget: Budget) -> list[Outcome]:
     """The cases' outcomes, as far as the budget goes."""
-
-    def admitted() -> Iterator[Case]:
-        for number, case in enumerate(cases):
-            if budget.admits(number):
-                yield case
-
-    stage = part.subject.stage()
+    stage = subject.stage()
     try:
-        return put(admitted(), stage)
+        return put((case for number, case in enumerate(cases) if budget.admits(number)), stage)
     finally:
         stage.close()
 
 
 def run(seed: int, budget: Budget) -> Result:
-    """All, or a part of the cases for each."""
+    """All, or a part of the cases for each: as great a part as the count is of the server's."""
     random = Random(f"conformance {seed}")
     found: dict[str, dict[str, Any]] = {}
-    with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-") as folder:
-        settings = Path(folder) / "settings.toml"
-        settings.write_text(_SETTINGS, encoding="utf-8")
-        embedded = EmbeddedServer(None, _PATIENCE, ["--settings", str(settings), "--log-level", "error"])
-        try:
-            for part in (parts := _parts(embedded.endpoint)):
-                cases, share = _share(part, parts, budget, random)
-                found[part.name] = verdict(part.name, put_to(part, cases, share))
-        finally:
-            embedded.stop()
+    with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-") as folder, ExitStack() as stack:
+        server = stack.enter_context(ServerProcess(Path(folder), level="error", **_SETTINGS))
+        there = Subject(server.endpoint, seconds=_WAIT_SECONDS, opening_seconds=4 * _WAIT_SECONDS)
+        subjects = {_SERVER: there}
+        subjects |= {name: Subject(client=line, seconds=_WAIT_SECONDS) for name, line in clients().items()}
+        for name, subject in subjects.items():
+            cases = subject.cases()
+            cases = choice(cases, round(budget.count * len(cases) / len(server_cases())), random)
+            found[name] = verdict(name, put_to(subject, cases, Budget(len(cases), budget.report)))
     return _result(found)
-
-
-def _parts(endpoint: str) -> list[Part]:
-    """The server, then the clients."""
-    driven = [Part(name, Subject(client=command, seconds=_WAIT_SECONDS), 60.0) for name, command in clients().items()]
-    return [Part(_SERVER, Subject(endpoint, seconds=_WAIT_SECONDS, opening_seconds=2 * _PATIENCE), 65.0), *driven]
-
-
-def _share(part: Part, parts: Sequence[Part], budget: Budget, random: Random) -> tuple[list[Case], Budget]:
-    """One's cases: as great a part of all as the count is of the server's; or as many as fit in a share of the time."""
-    cases = part.subject.cases()
-    if budget.seconds is None:
-        chosen = choice(cases, round(budget.count * len(cases) / len(server_cases())), random)
-        return chosen, Budget(len(chosen), None, budget.report)
-    first = choice(cases, 0, random)
-    rest = [case for case in cases if case not in first]
-    random.shuffle(rest)
-    seconds = budget.seconds * part.seconds / sum(each.seconds for each in parts)
-    return [*first, *rest], Budget(len(cases), seconds, budget.report)
-
-
-def _done(found: dict[str, dict[str, Any]]) -> int:
-    return sum(each["cases"] for each in found.values())
 
 
 def _result(found: dict[str, dict[str, Any]]) -> Result:
@@ -145,7 +105,7 @@ def _result(found: dict[str, dict[str, Any]]) -> Result:
     missing = ", ".join(name for name in _PROGRAMS if name not in found)
     text = f"{counts} cases, {len(failed)} failed" + (f"; {missing} not built" if missing else "")
     if failed:
-        text = f"{len(failed)} of {_done(found)} failed: {', '.join(failed[:3])}"
+        text = f"{len(failed)} of {sum(each['cases'] for each in found.values())} failed: {', '.join(failed[:3])}"
     return Result(text, not failed, {"parts": found, "not_built": missing})
 
 

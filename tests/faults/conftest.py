@@ -1,6 +1,5 @@
 """Rows under pytest: their options, the table that they print, and servers with faults in their processes."""
 
-import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -15,8 +14,7 @@ from tests.faults import table
 from tests.faults.check import Check
 from tests.faults.in_process import allow_everybody_listed, quiet
 from tests.faults.proof import Plan, Proof
-
-SEEDED = Path(__file__).parent / "seeded"
+from tests.faults.server_process import seeded
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -25,19 +23,15 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     rows.addoption("--list", action="store_true", help="list the rows with their targets and do nothing")
     rows.addoption("--full", action="store_true", help="the counts of a night instead of some minutes")
     rows.addoption("--seed", type=int, default=1, metavar="N", help="the same one does the same")
-    rows.addoption("--minutes", type=float, metavar="M", help="as many as fit in this time, instead of counts")
     rows.addoption("--out", type=Path, default=Path("out/prove"), metavar="DIR", help="receives proof.json")
 
 
 def pytest_cmdline_main(config: pytest.Config) -> int | None:
-    """The list, if it is asked for; a run needs names that exist and a time that is one."""
+    """The list, if it is asked for; a run needs names that exist."""
     known = [check.name for check in table.CHECKS]
     for name in config.getoption("--only"):
         if name not in known:
             raise pytest.UsageError(f"there is no row {name!r}; the rows are {', '.join(known)}")
-    minutes = config.getoption("--minutes")
-    if minutes is not None and minutes <= 0:
-        raise pytest.UsageError(f"--minutes {minutes:g}: more than 0 is expected")
     if not config.getoption("--list"):
         return None
     plan = _plan(config)
@@ -78,7 +72,7 @@ def proof(request: pytest.FixtureRequest) -> Iterator[Proof]:
 def _plan(config: pytest.Config) -> Plan:
     """Of the options, which are known where this folder is named on the command line."""
     scale = "full" if config.getoption("--full", False) else "short"
-    return Plan(scale, config.getoption("--seed", 1), config.getoption("--minutes", None))
+    return Plan(scale, config.getoption("--seed", 1))
 
 
 def _row(item: Any) -> Check | None:
@@ -91,9 +85,8 @@ def seed(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Faults by name (tests/faults/seeded/sitecustomize.py) for all servers that are started from now on."""
 
     def seed(*names: str) -> None:
-        paths = [str(SEEDED), *filter(None, [os.environ.get("PYTHONPATH")])]
-        monkeypatch.setenv("PYTHONPATH", os.pathsep.join(paths))
-        monkeypatch.setenv("SEEDED_FAULTS", ",".join(names))
+        for name, value in seeded(*names).items():
+            monkeypatch.setenv(name, value)
 
     return seed
 

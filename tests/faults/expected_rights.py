@@ -5,23 +5,13 @@ Nothing of this is read from the server's own table: where the two differ, one o
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from itertools import combinations
 
 _ON_CONTROL = ("HELLO", "PING", "OPEN", "LIST", "PROBE", "RESUME")
 _ON_DATA = (
-    "JOIN",
-    "UPLOAD",
-    "BUILD",
-    "MOVE",
-    "TANGENT",
-    "COTANGENT",
-    "JUDGE",
-    "CORRECT",
-    "COMMIT",
-    "ROLLBACK",
-    "FETCH",
-    "STATUS",
-    "CLOSE",
-)
+    "JOIN", "UPLOAD", "BUILD", "MOVE", "TANGENT", "COTANGENT", "JUDGE", "CORRECT", "COMMIT", "ROLLBACK", "FETCH",
+    "STATUS", "CLOSE",
+)  # fmt: skip
 
 #: Request → the endpoint that takes it; PING is asked at both.
 REQUESTS = (
@@ -49,15 +39,8 @@ _BY_ROLE = {
 _BEST_FIRST = ("use", "oversee", "PERMISSION_DENIED", "NOT_FOUND")
 
 #: "A key may have several roles": then each request has the best of their answers.
-COMBINATIONS = (
-    ("owner",),
-    ("monitor",),
-    ("admin",),
-    ("owner", "monitor"),
-    ("owner", "admin"),
-    ("monitor", "admin"),
-    ("owner", "monitor", "admin"),
-)
+_ROLES = ("owner", "monitor", "admin")
+COMBINATIONS = [roles for count in (1, 2, 3) for roles in combinations(_ROLES, count)]
 #: Who gets no connection at all.
 OUTSIDERS = ("no key", "unknown key", "wrong server key", "key taken off the list")
 

@@ -29,7 +29,7 @@ import contextlib
 import socket
 import struct
 import threading
-from collections.abc import Awaitable, Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -111,19 +111,13 @@ class Network:
         restart: Callable[[], None] = lambda: None,
     ) -> None:
         self.host, self._server, self._ports = host, server, (server[1], *ports)
-        self._crossing, self._restart = crossing, restart
+        self._crossing, self._restart_server = crossing, restart
         self.struck: list[str] = []
         self._faults: dict[Fault, int] = {}
         self._late: dict[tuple[str, str], list[bytes]] = {}
         self._passages: set[_Passage] = set()
-        self._swap = self._shut = False
+        self._swapping = self._shut = False
         self._tasks: set[asyncio.Task[None]] = set()
-        self._strikes: dict[str, Callable[[_Passage, str, bytes, float], Awaitable[None]]] = {
-            "delay": self._delay, "throttle": self._throttle, "drop": self._drop, "cut": self._cut,
-            "half-open": self._half_open, "duplicate": self._duplicate, "reorder": self._reorder,
-            "replay": self._replay, "swap": self._swap_next, "restart": self._restart_server, "flip": self._flip,
-            "truncate": self._truncate,
-        }  # fmt: skip
         self._loop = asyncio.new_event_loop()
         self._ready = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"network {host}", daemon=True)
@@ -142,7 +136,7 @@ class Network:
 
     def heal(self) -> None:
         """No further fault strikes; what is broken stays broken until its client connects again."""
-        self._faults, self._late, self._swap = {}, {}, False
+        self._faults, self._late, self._swapping = {}, {}, False
 
     def close(self) -> None:
         """Cut everything and end the thread."""
@@ -198,8 +192,8 @@ class Network:
             return port
         others = sorted(self._crossing - {port})
         self._crossing.add(port)
-        if self._swap and others:
-            self._swap = False
+        if self._swapping and others:
+            self._swapping = False
             return others[-1]
         return port
 
@@ -222,7 +216,7 @@ class Network:
         fault = self._due(passage.place, way, kind)
         if fault is not None and way not in passage.swallowed:
             self.struck.append(fault.kind)
-            await self._strikes[fault.kind](passage, way, unit, fault.amount)
+            await getattr(self, "_" + fault.kind.replace("-", "_"))(passage, way, unit, fault.amount)
             return
         await self._write(passage, way, unit)
         if kind == "message":
@@ -286,11 +280,11 @@ class Network:
         await self._write(passage, way, unit)
         self._begin(self._send_again(passage.port, list(passage.recorded)))
 
-    async def _swap_next(self, passage: _Passage, _way: str, _unit: bytes, _amount: float) -> None:
-        self._swap = True
+    async def _swap(self, passage: _Passage, _way: str, _unit: bytes, _amount: float) -> None:
+        self._swapping = True
         passage.close(reset=True)
 
-    async def _restart_server(self, _passage: _Passage, _way: str, _unit: bytes, _amount: float) -> None:
+    async def _restart(self, _passage: _Passage, _way: str, _unit: bytes, _amount: float) -> None:
         self._shut = True
         for each in list(self._passages):
             each.close(reset=True)
@@ -310,7 +304,7 @@ class Network:
 
     async def _restarted(self) -> None:
         try:
-            await self._loop.run_in_executor(None, self._restart)
+            await self._loop.run_in_executor(None, self._restart_server)
         finally:
             self._shut = False
 

@@ -1,38 +1,270 @@
-"""A session held by hand over the wire, and its undisturbed twin in this process, which says what must be answered."""
+"""The black-box client: holds a session through whatever breaks, by what SPEC.md says alone.
+
+A request is repeated by the same id until it is answered; without an answer PROBE shows whether the worker lives;
+then the holder joins again, after a RESUME if the worker is gone. Every reply must stay true: a step that was
+acknowledged is never lost, an epoch is never given twice, and an error has a known code and passes. Where nothing
+breaks, silence and errors are broken promises (``calm``).
+"""
 
 from __future__ import annotations
 
 import time
+import uuid
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from mesh_motion_client import Keys
 from mesh_motion_protocol import messages as m
+from mesh_motion_protocol.errors import ERROR_CODES
 from numpy.typing import NDArray
 
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from tests.faults.check import BrokenPromise, require
 from tests.faults.driver import Driver, parts_of, undisturbed_driver
 from tests.faults.stand_in import grid_mesh
+from tests.faults.undisturbed import frames_of
+from tests.faults.waiting import PATIENCE
 from tests.faults.wire import Wire
 
 Floats = NDArray[np.float64]
 
-#: Every holder is the same client and counts from 1, so that request ids of different sessions are the same.
-_CLIENT = b"the same client."
-#: A server that is full may become less so when a worker has ended; seconds.
-_PATIENCE = 60.0
+#: Silence after which it is looked whether a worker is there; it doubles from look to look.
+SILENCE, _LONGEST_SILENCE = 0.3, 5.0
+#: Between two looks at a worker that starts.
 _PAUSE = 0.05
+#: Refusals of one task: a single fault causes some in a row, but they pass.
+_MOST_REFUSALS = 20
+#: Nothing that breaks in the server may make one of these the answer to a request that is right.
+_NEVER = {"ABORTED.CONFLICT", "ABORTED.STALE", "FAILED_PRECONDITION.STEP", "DATA_LOSS.CHECKSUM", "PERMISSION_DENIED"}
+_LOST = {"ABORTED.TRIAL_LOST", "FAILED_PRECONDITION.STATE"}
+_SPOILT = {"FROZEN", "FAILED"}
+#: A server that is full may become less so when a worker has ended.
+_FULL = "RESOURCE_EXHAUSTED.SESSIONS"
+
+
+class SessionLost(Exception):
+    """There is no such session: right for one that was never built, or discarded."""
+
+
+class TrialLost(Exception):
+    """A COMMIT came after what it should commit was lost."""
+
+
+class Holder:
+    """Holds one session, over all its connections and epochs.
+
+    ``server``: has an ``endpoint`` and, unless ``calm``, what a :class:`.failing_server.FailingServer` has;
+    ``meshes``: by partition; ``client``: id of its requests to the data endpoint; ``keys``: of its user. ``step``: the
+    last acknowledged one; ``committing``: whether the next step's COMMIT waits for its reply; ``built``: whether the
+    mesh is known to be durable; ``refusals``: errors that it was answered with, by code.
+    """
+
+    def __init__(
+        self,
+        server: Any,
+        meshes: list[PartitionMesh],
+        *,
+        client: bytes | None = None,
+        keys: Keys | None = None,
+        calm: bool = False,
+    ) -> None:
+        self.server, self.meshes, self.keys, self.calm = server, meshes, keys, calm
+        self.session, self.token, self.endpoint, self.epoch, self.step = "", b"", "", 0, 0
+        self.committing = self.built = self.leaving = False
+        self.refusals: Counter[str] = Counter()
+        self._client, self._control, self._sequence = client or uuid.uuid4().bytes, uuid.uuid4().bytes, 0
+        self._lines: list[Wire] = []
+        self.begin()
+
+    def begin(self) -> None:
+        """A new task: it has so much time, and so many refusals."""
+        self._deadline, self._refused = time.monotonic() + PATIENCE, 0
+        self._patience = PATIENCE if self.calm else SILENCE
+
+    def open(self, **fields: Any) -> None:
+        """From OPEN to READY; what is lost before it was durable is begun again."""
+        self.begin()
+        everybody = range(len(self.meshes))
+        while not self.built:
+            try:
+                opened = self.ask(m.Open, dimension=2, partitions=len(self.meshes), **fields)
+                self.session, self.token = opened.session, opened.token
+                self.endpoint, self.epoch = opened.endpoint, opened.epoch
+                self.join()
+                for p in everybody:
+                    for item, name, role, rows in parts_of(self.meshes[p]):
+                        self.deliver([self.new(m.Upload, p, item=item, name=name, role=role, rows=rows)])
+                self.deliver([self.new(m.Build, p) for p in everybody])
+            except SessionLost:
+                continue
+            self.built = True
+
+    def leave(self, outcome: str = "keep") -> None:
+        """CLOSE of all partitions."""
+        self.leaving = outcome == "discard"
+        try:
+            self.deliver([self.new(m.Close, p, outcome=outcome) for p in range(len(self.meshes))])
+        except SessionLost:
+            require(self.leaving, f"the session {self.session} is lost")
+        self.disconnect()
+
+    def disconnect(self) -> None:
+        """Cut the connections to the worker without a word; idempotent."""
+        while self._lines:
+            self._lines.pop().close()
+
+    # --- one request -------------------------------------------------------------------------------------------------
+
+    def new(self, kind: Any, partition: int, **fields: Any) -> Any:
+        """A request with the next number."""
+        self._sequence += 1
+        known = {"client": self._client, "sequence": self._sequence, "session": self.session, "partition": partition}
+        return kind(**known | {"epoch": self.epoch} | fields)
+
+    def deliver(self, requests: list[Any]) -> list[Any]:
+        """The replies to requests of different partitions, each sent until it is answered by no error."""
+        replies: dict[int, Any] = {}
+        while len(replies) < len(requests):
+            if not self._lines:
+                replies.clear()
+                self.connect()
+                if isinstance(requests[0], m.Build) and self.built:
+                    return []  # it was made before its reply was lost
+            waiting = [request for request in requests if request.partition not in replies]
+            for request in waiting:
+                self._lines[request.partition].send(replace(request, epoch=self.epoch))
+            answers = {r.partition: self._lines[r.partition].receive(r, self._patience) for r in waiting}
+            good = {p: answer for p, answer in answers.items() if answer is not None and answer.type != "ERROR"}
+            replies |= good
+            if len(good) < len(answers):
+                self._bad(requests[0], [answer for answer in answers.values() if answer and answer.type == "ERROR"])
+        self._patience = PATIENCE if self.calm else SILENCE
+        return [replies[request.partition] for request in requests]
+
+    def ask(self, kind: Any, **fields: Any) -> Any:
+        """A control request until it is answered by no error; NOT_FOUND is for the session to judge."""
+        self._sequence += 1
+        request = kind(client=self._control, sequence=self._sequence, **fields)
+        while True:
+            self._require_time(request.type)
+            if not self.calm:
+                self.server.ensure()
+            with Wire(self.server.endpoint, self.keys) as wire:
+                wire.send(request)
+                reply = wire.receive(request, self._patience)
+            if reply is None:
+                self._patience = min(2 * self._patience, _LONGEST_SILENCE)
+                continue
+            if reply.type != "ERROR":
+                return reply
+            if reply.code == "NOT_FOUND":
+                require(not self.built or self.leaving, f"{request.type}: there is no session {self.session} any more")
+                raise SessionLost
+            if reply.code != _FULL:
+                self._refusal(request, reply)
+            time.sleep(_PAUSE)
+            self._sequence += 1
+            request = replace(request, sequence=self._sequence)
+
+    def _bad(self, request: Any, errors: list[m.ErrorReply]) -> None:
+        """Errors or silence: join again, which shows what there is to be done."""
+        self.disconnect()
+        for error in errors:
+            self._refusal(request, error)
+            if isinstance(request, m.Commit) and error.code in _LOST and error.state == "READY":
+                raise TrialLost
+        if not errors:
+            self._require_time(request.type)
+            require(not self.calm, f"{request.type} of session {self.session} is not answered")
+            self._patience = min(2 * self._patience, _LONGEST_SILENCE)
+
+    def _refusal(self, request: m.Message, error: m.ErrorReply) -> None:
+        """Count an error, which must be one that may come."""
+        self.refusals[error.code] += 1
+        self._refused += 1
+        message = f"{request.type} is answered {error.code}: {error.message}"
+        require(error.code in ERROR_CODES and error.code not in _NEVER and not self.calm, message)
+        require(self._refused <= _MOST_REFUSALS, f"{message}; again and again")
+        self._require_time(request.type)
+
+    def _require_time(self, what: str) -> None:
+        if time.monotonic() > self._deadline:
+            words = "" if self.calm else self.server.last_words()
+            raise BrokenPromise(f"{what}: nothing within {PATIENCE:.0f} s; {words}")
+
+    # --- connections -------------------------------------------------------------------------------------------------
+
+    def connect(self) -> None:
+        """Join on new connections, after a RESUME if no worker serves the session."""
+        while not self._lines:
+            self._require_time("JOIN")
+            probed = self.ask(m.Probe, session=self.session, token=self.token)
+            if probed.worker == "starting":
+                time.sleep(_PAUSE)
+                continue
+            if probed.worker != "alive" or probed.epoch != self.epoch:
+                self.resume()
+            else:
+                self.endpoint = probed.endpoint
+            self.join()
+
+    def join(self) -> None:
+        """New connections to the endpoint, all joined; none if that fails."""
+        self.disconnect()
+        self._lines = [Wire(self.endpoint, self.keys) for _ in self.meshes]
+        joins = [self.new(m.Join, p, token=self.token) for p in range(len(self.meshes))]
+        for line, join in zip(self._lines, joins, strict=True):
+            line.send(join)
+        replies = [line.receive(join, self._patience) for line, join in zip(self._lines, joins, strict=True)]
+        states = {reply.state for reply in replies if reply is not None}
+        for join, reply in zip(joins, replies, strict=True):
+            if reply is None or reply.type == "ERROR":
+                self._bad(join, [reply] if reply else [])
+        if not self._lines:
+            if states & {"COMMITTING"}:
+                self.resume()
+            return
+        self._take(replies[0].step)
+        self.built = self.built or not states & {"NEW", "OPENING"}
+        if states & _SPOILT:
+            self._reopen()
+
+    def _reopen(self) -> None:
+        """CLOSE a session that says it cannot go on, and RESUME it, as its hint says."""
+        for p, line in enumerate(self._lines):
+            request = self.new(m.Close, p)
+            line.send(request)
+            line.receive(request, self._patience)
+        self.disconnect()
+        self.resume()
+
+    def resume(self) -> None:
+        """RESUME; the connections are another matter."""
+        resumed = self.ask(m.Resume, session=self.session, token=self.token)
+        require(resumed.epoch > self.epoch, f"RESUME gives epoch {resumed.epoch} after epoch {self.epoch}")
+        self.endpoint, self.epoch = resumed.endpoint, resumed.epoch
+        self._take(resumed.step)
+
+    def _take(self, step: int) -> None:
+        """A step that the server gives: the acknowledged one, or the one that waits for its reply."""
+        possible = (self.step, self.step + 1) if self.committing else (self.step,)
+        require(step in possible, f"the session is at step {step}, step {self.step} was acknowledged")
+
+
+# --- a session that a seed gives, where nothing breaks ---------------------------------------------------------------
+
+#: Each of them is the same client, so that request ids of different sessions are the same.
+_CLIENT = b"the same client."
 
 
 def seeded_mesh(seed: int) -> PartitionMesh:
     """A square whose size and inner nodes are the seed's own."""
     mesh = grid_mesh(4 + seed % 5)
-    spacing = 1 / (3 + seed % 5)
     points = mesh.points.copy()
     inner = np.all((points > 0) & (points < 1), axis=1)
-    points[inner] += np.random.default_rng(seed).uniform(-0.1, 0.1, (inner.sum(), 2)) * spacing
+    points[inner] += np.random.default_rng(seed).uniform(-0.1, 0.1, (inner.sum(), 2)) / (3 + seed % 5)
     return replace(mesh, points=points)
 
 
@@ -51,131 +283,58 @@ def twin_of(seed: int, steps: int) -> Driver:
     return driver
 
 
-class Holder:
-    """One session over the wire.
+class SeededHolder(Holder):
+    """One session of one partition.
 
-    ``endpoint``: of the server's control socket; ``seed``: of its mesh and its motions. ``endpoint``: of the data
-    socket, while there is a worker.
+    ``seed``: of its mesh and its motions.
     """
 
-    def __init__(self, control: str, seed: int, keys: Keys | None = None) -> None:
-        self.seed, self.mesh = seed, seeded_mesh(seed)
-        self.session, self.token, self.endpoint = "", b"", ""
-        self.epoch = self.step = self.iteration = 0
-        self.sequence = 0
-        self.control, self._keys = control, keys
-        self._data: Wire | None = None
+    def __init__(self, server: Any, seed: int) -> None:
+        super().__init__(server, [seeded_mesh(seed)], client=_CLIENT, calm=True)
+        self.seed, self.iteration = seed, 0
 
     @property
     def moving(self) -> int:
         """Number of moving nodes."""
-        return len(self.mesh.patches["left"].nodes)
+        return len(self.meshes[0].patches["left"].nodes)
 
-    def open(self, label: str = "", **settings: Any) -> None:
-        """From OPEN to BUILT.
-
-        Raises BrokenPromise if anything is not answered as it should; ``code`` in its message.
-        """
-        settings = {"support_radius": 2.0} | settings
-        opened = self._ask_control(m.Open, "OPENED", dimension=2, settings=settings, label=label)
-        self.session, self.token = opened.session, opened.token
-        self.endpoint, self.epoch, self.step = opened.endpoint, opened.epoch, 0
-        self.join()
-        for item, name, role, rows in parts_of(self.mesh):
-            if item != "global_ids":  # a mesh as a whole needs none
-                self.ask(m.Upload, "UPLOADED", item=item, name=name, role=role, rows=rows)
-        self.ask(m.Build, "BUILT")
-
-    def known_as(self, session: str, token: bytes, step: int) -> Holder:
+    def known_as(self, session: str, token: bytes, step: int) -> SeededHolder:
         """This holder, of a stored session."""
-        self.session, self.token, self.step = session, token, step
+        self.session, self.token, self.step, self.built = session, token, step, True
         return self
 
-    def resume(self) -> None:
-        """Take the session up again; a server that is full is asked again for a while.
-
-        Raises BrokenPromise if it is not at its step.
-        """
-        resumed = self._ask_control(m.Resume, "RESUMED", session=self.session, token=self.token)
-        require(
-            resumed.step == self.step, f"session {self.seed} resumes at step {resumed.step}, {self.step} is committed"
-        )
-        self.endpoint, self.epoch, self.iteration = resumed.endpoint, resumed.epoch, 0
+    def come_back(self) -> None:
+        """Take the session up again; a server that is full is asked again for a while."""
+        self.begin()
+        self.resume()
+        self.iteration = 0
         self.join()
-
-    def join(self) -> None:
-        """A connection of its own, in place of one before."""
-        endpoint = self.endpoint
-        self.disconnect()
-        self.endpoint, self._data = endpoint, Wire(endpoint, self._keys)
-        self.ask(m.Join, "JOINED", token=self.token)
 
     def move(self, *, repeats: int = 0) -> m.Moved:
         """The next iteration of the seed's motion; sent again so many times, under the same request id."""
         self.iteration += 1
         rows = seeded_rows(self.seed, self.step + 1, self.iteration, self.moving)
-        moved: m.Moved = self.ask(
-            m.Move, "MOVED", repeats=repeats, frame="committed", step=self.step + 1, displacement=rows
-        )
+        moved: m.Moved = self.request(m.Move, repeats, frame="committed", step=self.step + 1, displacement=rows)
         return moved
 
     def commit(self, *, repeats: int = 0) -> m.Committed:
         """Commit the trial."""
-        committed: m.Committed = self.ask(m.Commit, "COMMITTED", repeats=repeats, step=self.step + 1)
+        committed: m.Committed = self.request(m.Commit, repeats, step=self.step + 1)
         self.step, self.iteration = committed.step, 0
         return committed
 
     def rollback(self) -> None:
         """Drop the trial."""
-        self.ask(m.Rollback, "ROLLED_BACK", step=self.step + 1)
+        self.request(m.Rollback, step=self.step + 1)
         self.iteration = 0
 
-    def points(self) -> Floats:
-        """(n, 2) committed coordinates."""
-        return np.asarray(self.ask(m.Fetch, "FETCHED").points)
-
-    def status(self) -> m.StatusReport:
-        """Where it stands."""
-        report: m.StatusReport = self.ask(m.Status, "STATUS_REPORT")
-        return report
-
-    def close(self, outcome: str = "keep") -> None:
-        """CLOSE, and cut the connection."""
-        self.ask(m.Close, "CLOSED", outcome=outcome)
-        self.disconnect()
-
-    def disconnect(self) -> None:
-        """Cut the connection without a word; idempotent."""
-        self.endpoint = ""
-        if self._data is not None:
-            self._data.close()
-            self._data = None
-
-    def ask(self, kind: Any, expected: str, *, repeats: int = 0, **fields: Any) -> Any:
+    def request(self, kind: Any, repeats: int = 0, **fields: Any) -> Any:
         """A request to the worker; each repeat must be answered by the same frames."""
-        require(self._data is not None, f"session {self.seed} is not joined")
-        self.sequence += 1
-        fields |= {"client": _CLIENT, "sequence": self.sequence, "session": self.session, "epoch": self.epoch}
-        reply, frames = self._once(kind, fields)
-        require(reply.type == expected, f"session {self.seed}: {kind.type} was answered {reply}")
+        self.begin()
+        request = self.new(kind, 0, **fields)
+        (reply,) = self.deliver([request])
         for _ in range(repeats):
-            _, again = self._once(kind, fields)
-            require(again == frames, f"session {self.seed}: a repeated {kind.type} is answered by other bytes")
-        return reply
-
-    def _once(self, kind: Any, fields: dict[str, Any]) -> tuple[Any, list[bytes]]:
-        if self._data is None:
-            raise BrokenPromise(f"session {self.seed} is not joined")
-        reply = self._data.ask(kind, **fields)
-        return reply, self._data.frames
-
-    def _ask_control(self, kind: Any, expected: str, **fields: Any) -> Any:
-        """A request to the control socket, again while the server is full."""
-        deadline = time.monotonic() + _PATIENCE
-        with Wire(self.control, self._keys) as wire:
-            while (reply := wire.ask(kind, **fields)).type != expected:
-                full = getattr(reply, "code", "") == "RESOURCE_EXHAUSTED.SESSIONS"
-                require(full, f"session {self.seed}: {kind.type} was answered {reply}")
-                require(time.monotonic() < deadline, f"no worker ended within {_PATIENCE:.0f} s: {reply.message}")
-                time.sleep(_PAUSE)
+            (again,) = self.deliver([request])
+            same = frames_of(again) == frames_of(reply)
+            require(same, f"session {self.seed}: a repeated {kind.type} is answered by other bytes")
         return reply

@@ -11,7 +11,7 @@ import os
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ from mesh_motion_server.transport import worker as workers
 from mesh_motion_server.transport.control import Control
 from mesh_motion_server.transport.gateway import Gateway
 from mesh_motion_server.transport.protection import Protection, Rights
-from mesh_motion_server.transport.registry import Live, Registry
+from mesh_motion_server.transport.registry import Registry
 from tests.faults.in_process_parts import Child, Frame, Held, Line, Replies, Socket
 from tests.faults.model_files import ModelFiles
 
@@ -214,21 +214,16 @@ class InProcessServer:
 
     # --- its endpoints -----------------------------------------------------------------------------------------------
 
-    def control(self, user: str, peer: bytes, frames: list[bytes]) -> Replies:
+    def control(self, user: str, peer: bytes, frames: Sequence[Any]) -> Replies:
         """A message at the control endpoint, and all replies that are due."""
-        self._gateway._take(peer, USERS[user], frames)
+        self._gateway._take(peer, USERS[user], [bytes(frame) for frame in frames])
         self._work()
         return self._wire.take_sent()
 
-    def data(self, session: str, user: str, peer: bytes, frames: list[bytes]) -> Replies:
+    def data(self, session: str, user: str, peer: bytes, frames: Sequence[Any]) -> Replies:
         """A message at a session's data endpoint, and all replies that are due; KeyError without a worker."""
-        child = self._child(session)
-        worker = self._children[child]
-        worker.serve([Frame(frame, USERS[user]) for frame in (peer, *frames)])
-        if worker.host.closed:
-            self._over(child)
-        self._work()
-        return worker.wire.take_sent()
+        received = [Frame(bytes(frame), USERS[user]) for frame in (peer, *frames)]
+        return self._replies(session, lambda worker: worker.serve(received))
 
     def settle(self, session: str) -> None:
         """Wait until a session of level "relaxed" has stored its steps, or the disk has failed; all get a report."""
@@ -246,22 +241,24 @@ class InProcessServer:
 
     def end_lease(self, session: str) -> Replies:
         """The lease of a session ends."""
-        child = self._child(session)
-        worker = self._children[child]
-        worker.end_lease()
-        if worker.host.closed:
-            self._over(child)
-        self._work()
-        return worker.wire.take_sent()
+        return self._replies(session, _Worker.end_lease)
 
     def wait(self, session: str, seconds: float) -> Replies:
         """Time passes for a session."""
         self.now += seconds
-        worker = self._children[self._child(session)]
-        worker.expire(self.now)
-        return worker.wire.take_sent()
+        return self._replies(session, lambda worker: worker.expire(self.now))
 
     # --- inside ------------------------------------------------------------------------------------------------------
+
+    def _replies(self, session: str, do: Callable[[_Worker], None]) -> Replies:
+        """What a session's worker sends when this is done to it, and what else follows has come."""
+        child = self._child(session)
+        worker = self._children[child]
+        do(worker)
+        if worker.host.closed:
+            self._over(child)
+        self._work()
+        return worker.wire.take_sent()
 
     def _child(self, session: str) -> Child:
         child: Any = self._control.registry.live[session].child
@@ -322,16 +319,13 @@ class InProcessServer:
             worker.held.end()
             self._gone(child, -9)
 
-    def _live(self, child: Child) -> Live | None:
-        return self._control.registry.of(child)  # type: ignore[arg-type]
-
     def _reported(self, child: Child, event: dict[str, Any]) -> None:
-        live = self._live(child)
+        live = self._control.registry.of(child)  # type: ignore[arg-type]
         if live is not None:
             self._control.reported(live, event)
 
     def _gone(self, child: Child, code: int) -> None:
-        live = self._live(child)
+        live = self._control.registry.of(child)  # type: ignore[arg-type]
         if live is not None:
             self._control.gone(live, code)
 

@@ -10,11 +10,8 @@ request, and what a reply called durable before must be there.
 """
 
 import errno
-import logging
 import time
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -26,6 +23,7 @@ from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import DURABILITY_LEVELS, ServerSettings
 from tests.faults.check import Budget, Check, Result, require
 from tests.faults.driver import Driver, make_driver, resume
+from tests.faults.in_process import quiet
 from tests.faults.model_files import FailingFiles, ModelFiles, ShortFiles
 from tests.faults.stand_in import grid_mesh
 
@@ -150,20 +148,9 @@ def _life(files: Any, acknowledged: Digests, level: str) -> str:
         _require_frozen(driver, acknowledged, relaxed=level == "relaxed")
         return "FROZEN"
     whole = not files.failed
-    with _quiet():
+    with quiet():  # what a session logs where no client waits for an answer is expected here
         driver.host.close()
     return "not rested" if whole and files.failed else "whole"
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """What a session logs where no client waits for an answer is expected here."""
-    logger = logging.getLogger("mesh_motion_server.session.journal.durability")
-    logger.disabled, before = True, logger.disabled
-    try:
-        yield
-    finally:
-        logger.disabled = before
 
 
 def _require_frozen(driver: Driver, acknowledged: Digests, *, relaxed: bool) -> None:

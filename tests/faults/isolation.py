@@ -8,13 +8,13 @@ p99 of 15 ms, and three times the echo's p99 beyond that: on a calm machine litt
 works for the neighbours too, waits for a processor more often than a process that does nothing else.
 """
 
-import os
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +27,8 @@ from mesh_motion_protocol.messages import Open, Opened, Ping
 from mesh_motion_server.operation.room import resident_bytes
 from tests.faults.check import Budget, Check, Result, require
 from tests.faults.limited_context import limited_context
-from tests.faults.neighbours import KINDS
-from tests.faults.scheduling import turns_of
+from tests.faults.neighbours import KINDS, harm
+from tests.faults.server_process import seeded
 from tests.faults.stand_in_server import StandInServer
 
 _MIB = 1 << 20
@@ -46,10 +46,9 @@ _PATIENCE = 20.0
 _PAUSE = 0.002
 #: Who is there in which phase.
 _PHASES: dict[str, tuple[str, ...]] = {"idle": (), "crashes": ("upload", "crash"), "slow clients": ("upload", "slow")}
-_SETTINGS = {"worker_memory_bytes": 256 * _MIB, "lease_seconds": 2.0, "idle_seconds": 5.0}
-#: What one turn takes, for a plan that has a time.
-_PING_SECONDS = 0.01
-_SERVICE = "tests.faults.isolation_service"
+_SETTINGS: dict[str, Any] = {"worker_memory_bytes": 256 * _MIB, "lease_seconds": 2.0, "idle_seconds": 5.0}
+#: What lets sessions crash when their neighbours want it.
+_MANNERS = "sessions with bad manners"
 _ECHO = """
 import sys, zmq
 socket = zmq.Context().socket(zmq.ROUTER)
@@ -97,26 +96,21 @@ class Neighbour:
 
     def __init__(self, kind: str, endpoint: str) -> None:
         self.kind, self.enough = kind, len(KINDS[kind])
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "tests.faults.neighbours", kind, endpoint],
-            stdin=subprocess.PIPE,
-            stdout=(output := tempfile.TemporaryFile()),  # noqa: SIM115 - closed with the neighbour
-        )
-        self._output = output
+        context = get_context("spawn")
+        self._done = context.Value("i", 0)
+        self._process = context.Process(target=harm, args=(kind, endpoint, self._done), daemon=True)
+        self._process.start()
 
     @property
     def done(self) -> int:
         """How often."""
-        require(self._process.poll() is None, f"the neighbour {self.kind!r} has ended by itself")
-        return os.fstat(self._output.fileno()).st_size // len("done\n")
+        require(self._process.is_alive(), f"the neighbour {self.kind!r} has ended by itself")
+        return int(self._done.value)
 
     def close(self) -> None:
         """End it."""
         self._process.kill()
-        self._process.wait()
-        if self._process.stdin is not None:
-            self._process.stdin.close()
-        self._output.close()
+        self._process.join()
 
 
 def measured(
@@ -153,12 +147,12 @@ def above(p99: Mapping[str, float]) -> float:
 
 
 @contextmanager
-def _echo() -> Iterator[tuple[int, str]]:
-    """Process id and endpoint of a process that sends back what comes."""
+def _echo() -> Iterator[str]:
+    """Endpoint of a process that sends back what comes."""
     process = subprocess.Popen([sys.executable, "-c", _ECHO], stdout=subprocess.PIPE, text=True)
     try:
         require(process.stdout is not None, "the echo has no output")
-        yield process.pid, process.stdout.readline().strip()  # type: ignore[union-attr]
+        yield process.stdout.readline().strip()  # type: ignore[union-attr]
     finally:
         process.kill()
         process.communicate()
@@ -172,17 +166,16 @@ class _Scene:
 
     def __init__(self, stack: ExitStack) -> None:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mesh-motion-prove-")))
-        self.server = stack.enter_context(StandInServer(folder, service=_SERVICE, **_SETTINGS))
+        self.server = stack.enter_context(StandInServer(folder, environment=seeded(_MANNERS), **_SETTINGS))
         control = Control(self.server.endpoint)
         stack.callback(control.close)
         opened = control.ask(Open, Opened, 3 * _PATIENCE, dimension=2)
-        echo, endpoint = stack.enter_context(_echo())
+        endpoint = stack.enter_context(_echo())
         self.pings = Pings({"control": self.server.endpoint, "data": opened.endpoint, "echo": endpoint})
         stack.callback(self.pings.close)
         for _ in range(50):
             self.pings.ask()
         self._gateway = self.server.gateway()
-        self._processes = {"gateway": self._gateway, "echo": echo}
         self._calm, self.growth = resident_bytes(self._gateway), 0
 
     def look(self) -> None:
@@ -190,23 +183,17 @@ class _Scene:
         self.growth = max(self.growth, resident_bytes(self._gateway) - self._calm)
 
     def play(self, kinds: Sequence[str], count: int) -> tuple[dict[str, list[float]], dict[str, Any]]:
-        """So many PINGs among these neighbours; seconds by endpoint, and what else there is to report.
-
-        That is how often harm was done, and for how long a process had to wait for a processor each time.
-        """
+        """So many PINGs among these neighbours; seconds by endpoint, and how often harm was done."""
         with ExitStack() as stack:
             neighbours = [Neighbour(kind, self.server.endpoint) for kind in kinds]
             for neighbour in neighbours:
                 stack.callback(neighbour.close)
-            before = {name: turns_of(pid) for name, pid in self._processes.items()}
             times = measured(self.pings, neighbours, count, self.look)
-            turns = {name: turns_of(pid).since(before[name]) for name, pid in self._processes.items()}
-            return times, {"harm": {neighbour.kind: neighbour.done for neighbour in neighbours}, "processor": turns}
+            return times, {"harm": {neighbour.kind: neighbour.done for neighbour in neighbours}}
 
 
 def run(seed: int, budget: Budget) -> Result:
     """PINGs in each phase; the seed chooses nothing, for it is the machine that varies."""
-    share = budget.count if budget.seconds is None else round(budget.seconds / _PING_SECONDS)
     figures: dict[str, dict[str, float]] = {}
     details: dict[str, Any] = {}
     with ExitStack() as stack:
@@ -214,7 +201,7 @@ def run(seed: int, budget: Budget) -> Result:
         for phase, kinds in _PHASES.items():
             rounds = details[phase] = []
             while len(rounds) < _ROUNDS:
-                times, harm = scene.play(kinds, share // len(_PHASES))
+                times, harm = scene.play(kinds, budget.count // len(_PHASES))
                 rounds.append(harm | {name: _figures_of(values) for name, values in times.items()})
                 now = {name: float(np.percentile(values, 99)) for name, values in times.items()}
                 figures[phase] = min(figures.get(phase, now), now, key=above)

@@ -17,13 +17,14 @@ from pathlib import Path
 from random import Random
 
 import numpy as np
+from mesh_motion_protocol.messages import Fetch
 
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import DURABILITY_LEVELS
 from tests.faults.check import BrokenPromise, Budget, Check, Result, require
-from tests.faults.driver import undisturbed_driver
-from tests.faults.killed_process import final_points, open_session, run_to
+from tests.faults.killed_process import open_session
 from tests.faults.stand_in import grid_mesh
+from tests.faults.undisturbed import Undisturbed
 
 #: A life lasts up to so many seconds: some tens of commits, or not even its recovery. On a machine so busy that no step
 #: is reached, each life may last as much longer than the one before.
@@ -140,14 +141,12 @@ def require_undisturbed(folder: Path, witness: Witness) -> None:
     last = survivor.host.step
     promised = witness.durable if witness.level == "relaxed" else witness.last
     require(promised <= last <= witness.last + 1, f"step {last} at the end, {witness.last} was acknowledged")
-    undisturbed = undisturbed_driver([grid_mesh()])
-    expected = run_to(undisturbed, last)
-    require(np.array_equal(final_points(survivor), final_points(undisturbed)), f"the coordinates of step {last} differ")
-    expected |= run_to(undisturbed, max(witness.replies, default=0))
+    undisturbed, points = Undisturbed([grid_mesh()]), survivor.ask(Fetch).points
+    require(np.array_equal(points, undisturbed.points(last)[0]), f"the coordinates of step {last} differ")
     for step, frame in witness.replies.items():
-        require(frame == expected[step][1], f"the reply of step {step} differs from an undisturbed run")
+        expected = undisturbed.step(step).replies[0]
+        require(frame == expected, f"the reply of step {step} differs from an undisturbed run")
     survivor.host.close()
-    undisturbed.host.close()
 
 
 def run(seed: int, budget: Budget) -> Result:
@@ -155,7 +154,7 @@ def run(seed: int, budget: Budget) -> Result:
     witnesses, lives = [], 0
     for number, level in enumerate(DURABILITY_LEVELS, start=1):
         with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-") as folder:
-            share = _share(budget, lives, number / len(DURABILITY_LEVELS))
+            share = Budget(round(budget.count * number / len(DURABILITY_LEVELS)) - lives)
             witness = kill_again_and_again(Path(folder), Random(f"kill -9 {seed} {level}"), share, level)
             require_undisturbed(Path(folder), witness)
         steps = len(witness.replies)
@@ -177,13 +176,6 @@ def run(seed: int, budget: Budget) -> Result:
     }
     got = f"{lives} kills, {acknowledged} steps, 0 promised ones lost, recovery p95 {1000 * p95:.0f} ms"
     return Result(got, p95 <= _RECOVERY_SECONDS, details)
-
-
-def _share(budget: Budget, done: int, part: float) -> Budget:
-    """What of a budget is left for one level, so many lives being done."""
-    if budget.seconds is not None:
-        return Budget(0, budget.seconds / len(DURABILITY_LEVELS), lambda more: budget.report(done + more))
-    return Budget(round(budget.count * part) - done, None, lambda more: budget.report(done + more))
 
 
 CHECK = Check(

@@ -19,24 +19,17 @@ import signal
 import sys
 import time
 from dataclasses import replace
-from typing import Any
 
-import numpy as np
-from mesh_motion_protocol.codec import encode
 from mesh_motion_protocol.errors import SessionError
-from mesh_motion_protocol.messages import Commit, Fetch, Move
+from mesh_motion_protocol.messages import Commit, Move
 
 from mesh_motion_server.session.store import SessionStore
 from mesh_motion_server.settings import ServerSettings
 from tests.faults.check import require
-from tests.faults.driver import Driver, make_driver, resume, undisturbed_driver
+from tests.faults.driver import Driver, make_driver, resume
 from tests.faults.stand_in import grid_mesh
+from tests.faults.undisturbed import Undisturbed, committer, frames_of, to_and_fro
 
-#: Durable step and frame of a COMMITTED.
-Reply = tuple[int, bytes]
-
-#: The client whose sequence numbers are the steps, so that the same commit is the same request in every life.
-COMMITTER = b"the committer..."
 #: States are stored so often that many lives end on either side of one.
 _LIMITS = ServerSettings(snapshot_steps=8)
 
@@ -57,39 +50,15 @@ def open_session(store: SessionStore, life: int, level: str = "full") -> Driver:
     return driver
 
 
-def commit_of(driver: Driver, step: int) -> Reply:
-    """Ask for the commit of a step, which may be committed already.
+def _commit(driver: Driver, step: int) -> str:
+    """Ask for the commit of a step, which may be committed already; the line that says so.
 
     How far the disk has got when a commit is answered is another matter in each life: the frame is that of a reply
     which says that the step itself is durable.
     """
-    request = driver.request(Commit, client=COMMITTER, sequence=step, step=step)
-    (reply,) = driver.send(request)
+    (reply,) = driver.send(driver.request(Commit, client=committer(0), sequence=step, step=step))
     require(reply.type == "COMMITTED", f"COMMIT of step {step} was answered {reply}")
-    frames = encode(replace(reply, durable_step=reply.step))
-    return reply.durable_step, b"".join(bytes(frame) for frame in frames)
-
-
-def run_to(driver: Driver, last: int) -> dict[int, Reply]:
-    """Move and commit up to a step; the replies."""
-    replies = {}
-    while driver.host.step < last:
-        step = driver.host.step + 1
-        (moved,) = driver.all(Move, _to_and_fro(driver, step), step=step)
-        require(moved.type == "MOVED", f"MOVE of step {step} was answered {moved}")
-        replies[step] = commit_of(driver, step)
-    return replies
-
-
-def _to_and_fro(driver: Driver, step: int) -> list[Any]:
-    """So small that the mesh is as good after ten thousand steps; each step's own, and back in the next."""
-    sign = 1 if step % 2 else -1
-    return [0.01 * sign * rows for rows in driver.displacement((step + 1) // 2)]
-
-
-def final_points(driver: Driver) -> Any:
-    """The committed coordinates (n, d)."""
-    return np.asarray(driver.ask(Fetch).points)
+    return f"reply {step} {reply.durable_step} {frames_of(replace(reply, durable_step=reply.step)).hex()}"
 
 
 def live(folder: str, life: int, level: str) -> None:
@@ -99,14 +68,12 @@ def live(folder: str, life: int, level: str) -> None:
     step = driver.host.step
     _say(f"resumed {step} {time.monotonic() - start:.6f}")
     if step:
-        _say(_line(step, commit_of(driver, step)))
+        _say(_commit(driver, step))
     while True:
-        for done, reply in run_to(driver, driver.host.step + 1).items():
-            _say(_line(done, reply))
-
-
-def _line(step: int, reply: Reply) -> str:
-    return f"reply {step} {reply[0]} {reply[1].hex()}"
+        step = driver.host.step + 1
+        (moved,) = driver.all(Move, to_and_fro(driver, step), step=step)
+        require(moved.type == "MOVED", f"MOVE of step {step} was answered {moved}")
+        _say(_commit(driver, step))
 
 
 def _say(line: str) -> None:
@@ -116,9 +83,7 @@ def _say(line: str) -> None:
 
 def main(folder: str, level: str) -> None:
     """Fork, wait, kill; whatever a life would load first has been loaded by then."""
-    rehearsal = undisturbed_driver([grid_mesh()])
-    run_to(rehearsal, 3)
-    rehearsal.host.close()
+    Undisturbed([grid_mesh()]).step(3)
     for life, seconds in enumerate(sys.stdin):
         child = os.fork()
         if not child:

@@ -12,21 +12,22 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from random import Random
 from typing import Any
 
 import numpy as np
+import psutil  # type: ignore[import-untyped]
 from mesh_motion_protocol import messages as m
 
 from mesh_motion_server.session.spec import SessionSpec
 from mesh_motion_server.session.store import SessionStore
 from tests.faults.check import Budget, Check, Result, require
 from tests.faults.driver import Driver
-from tests.faults.holder import Holder, seeded_mesh, seeded_rows, twin_of
-from tests.faults.processes import Usage, proportional_bytes, usage_of
+from tests.faults.holder import SeededHolder, seeded_mesh, seeded_rows, twin_of
+from tests.faults.processes import Usage, usage_of
 from tests.faults.server_process import memory_folder
 from tests.faults.stand_in_server import StandInServer
 from tests.faults.stand_in_service import SessionHost
@@ -46,18 +47,16 @@ _ONCE_BYTES, _EACH_BYTES = 4 << 20, 1 << 10
 _SETTINGS: dict[str, Any] = {"lease_seconds": 1.0, "idle_seconds": 6.0}
 
 
-@dataclass
 class Member:
-    """A session of the fleet: its holder, and its twin while it is live."""
+    """A session of the fleet: its holder, and its twin while it is live, made again for a session that rested."""
 
-    holder: Holder
-    twin: Driver | None = None
+    def __init__(self, holder: SeededHolder) -> None:
+        self.holder = holder
 
-    def require_twin(self) -> Driver:
-        """The twin, made again for a session that rested."""
-        if self.twin is None:
-            self.twin = twin_of(self.holder.seed, self.holder.step)
-        return self.twin
+    @cached_property
+    def twin(self) -> Driver:
+        """What the session must answer."""
+        return twin_of(self.holder.seed, self.holder.step)
 
 
 class Fleet:
@@ -73,14 +72,13 @@ class Fleet:
         start = time.monotonic()
         self.server = StandInServer(folder, max_sessions=live, **_SETTINGS).start()
         self.start_seconds = time.monotonic() - start
-        self.resting = [Member(self._holder(seed).known_as(session, token, 1)) for seed, session, token in self.stored]
+        self.resting = [
+            Member(SeededHolder(self.server, seed).known_as(session, token, 1)) for seed, session, token in self.stored
+        ]
         self.live: list[Member] = []
         self.places = [threading.Lock() for _ in range(live)]
         self.lock = threading.Lock()
         self.calm = self.usage()
-
-    def _holder(self, seed: int) -> Holder:
-        return Holder(self.server.endpoint, seed)
 
     def _store(self, seed: int) -> tuple[int, str, bytes]:
         """A session of one step that some server has left on disk."""
@@ -98,8 +96,8 @@ class Fleet:
     def open(self) -> None:
         """As many live sessions as the server takes."""
         while len(self.live) < self.live_count:
-            member = Member(self._holder(next(self._seeds)))
-            member.holder.open(f"session {member.holder.seed}")
+            member = Member(SeededHolder(self.server, next(self._seeds)))
+            member.holder.open(label=f"session {member.holder.seed}")
             self.live.append(member)
 
     def usage(self) -> dict[int, Usage]:
@@ -109,10 +107,10 @@ class Fleet:
     def put_to_rest(self, member: Member, *, politely: bool) -> None:
         """Close a live session, or leave it without a word: it rests when its lease and its idle time are over."""
         if politely:
-            member.holder.close()
+            member.holder.leave()
         else:
             member.holder.disconnect()
-        member.twin = None
+        vars(member).pop("twin", None)
         with self.lock:
             self.resting.append(member)
 
@@ -139,7 +137,7 @@ class Fleet:
 
 def advance(member: Member, random: Random) -> None:
     """Move, perhaps more than once, perhaps asked twice, and commit; all bitwise as the twin."""
-    holder, twin = member.holder, member.require_twin()
+    holder, twin = member.holder, member.twin
     for iteration in range(1, random.choice((1, 1, 2)) + 1):
         rows = seeded_rows(holder.seed, holder.step + 1, iteration, holder.moving)
         (expected,) = twin.all(m.Move, [rows], step=holder.step + 1)
@@ -159,13 +157,13 @@ def advance(member: Member, random: Random) -> None:
 
 def fetch(member: Member, _random: Random) -> None:
     """The committed coordinates are the twin's."""
-    expected = member.require_twin().ask(m.Fetch).points
-    _require_same(member.holder.points(), expected, f"session {member.holder.seed}: FETCHED")
+    expected = member.twin.ask(m.Fetch).points
+    _require_same(member.holder.request(m.Fetch).points, expected, f"session {member.holder.seed}: FETCHED")
 
 
 def ask_status(member: Member, _random: Random) -> None:
     """STATUS is of this session."""
-    holder, report = member.holder, member.holder.status()
+    holder, report = member.holder, member.holder.request(m.Status)
     shown = (report.step, report.report["label"], report.report["epoch"])
     require(
         shown == (holder.step, f"session {holder.seed}", holder.epoch), f"session {holder.seed}: STATUS says {shown}"
@@ -198,7 +196,7 @@ def swap(fleet: Fleet, slot: int, random: Random) -> None:
     with fleet.lock:
         new = fleet.resting.pop(random.randrange(len(fleet.resting)))
     fleet.put_to_rest(old, politely=random.random() < 0.75)
-    new.holder.resume()
+    new.holder.come_back()
     fleet.live[slot] = new
     fetch(new, random)
 
@@ -252,11 +250,11 @@ def require_full(fleet: Fleet) -> None:
             require(code == "RESOURCE_EXHAUSTED.SESSIONS", f"{request} to a server that is full is answered {code}")
 
 
-def require_own_tokens(one: Member, other: Member) -> int:
+def require_own_tokens(control: str, one: Member, other: Member) -> int:
     """The token of one session opens no other, nor does one session's worker know another session; how many tries."""
     a, b = one.holder, other.holder
     crossed = {"session": a.session, "token": b.token}
-    tries: list[tuple[str, str, dict[str, Any]]] = [("PROBE", a.control, crossed), ("RESUME", a.control, crossed)]
+    tries: list[tuple[str, str, dict[str, Any]]] = [("PROBE", control, crossed), ("RESUME", control, crossed)]
     if a.endpoint:
         tries += [("JOIN", a.endpoint, crossed | {"epoch": a.epoch})]
         tries += [("JOIN", a.endpoint, {"session": b.session, "token": b.token, "epoch": b.epoch})]
@@ -338,9 +336,9 @@ def _voyage(fleet: Fleet, random: Random, budget: Budget) -> dict[str, Any]:
     fleet.open()
     require_full(fleet)
     ring = [*fleet.live, *random.sample(fleet.resting, min(5, len(fleet.resting)))]
-    tries = sum(require_own_tokens(one, other) for one, other in pairwise([*ring, ring[0]]))
-    memory = [proportional_bytes(pid) for pid in fleet.server.workers()]
-    deeds = Budget(_DONE_EACH * len(fleet.live), budget.seconds and budget.seconds / 2, budget.report)
+    tries = sum(require_own_tokens(fleet.server.endpoint, one, other) for one, other in pairwise([*ring, ring[0]]))
+    memory = [psutil.Process(pid).memory_full_info().pss for pid in fleet.server.workers()]
+    deeds = Budget(_DONE_EACH * len(fleet.live), budget.report)
     done = sail(fleet, random, deeds)
     require_listed(fleet)
     live = len(fleet.live)

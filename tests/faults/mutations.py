@@ -1,6 +1,13 @@
-"""Messages gone wrong: the golden vectors with bytes, header values and array frames changed, by a seeded generator."""
+"""Messages gone wrong, by a seeded generator: values of the header, declared arrays, numbers, frames, bytes.
 
-from collections.abc import Callable
+The decoder's fuzz begins with the golden vectors, the handlers' with requests that a session would take: most of these
+can still be decoded, and reach the handlers.
+"""
+
+import struct
+from collections.abc import Callable, Mapping
+from copy import deepcopy
+from dataclasses import dataclass
 from random import Random
 from typing import Any
 
@@ -9,21 +16,54 @@ from mesh_motion_protocol.vectors import load
 
 Frames = list[bytes]
 
-#: What a header's value is replaced by: the edges of each type, and what msgpack leaves open.
-_VALUES: tuple[Any, ...] = (
-    None, True, False, 0, 1, -1, 2**31, 2**53, 2**63 - 1, 2**64 - 1, -(2**63), 0.0, -0.0, 1e308, 5e-324,
-    float("nan"), float("inf"), "", "a", "\0", "é" * 300, "x" * 5000, b"", b"\xff" * 16, b"c" * 16, b"\0" * 70_000,
-    [], {}, [[]], [None] * 257, {"": ""}, [{}] * 256, {str(k): k for k in range(257)}, msgpack.Timestamp(1, 2),
-    msgpack.ExtType(5, b"x"), "<f8", "<i8", "<f4", ">f8", "O", "S2147483647", "MOVE", "ERROR", "HELLO",
+#: What a value is replaced by: the edges of each type, words of the protocol, and what msgpack leaves open.
+VALUES: tuple[Any, ...] = (
+    None, True, False, 0, 1, 2, 3, 5, -1, 255, 256, 2**31, 2**53, 2**62, 2**63 - 1, 2**63, 2**64 - 1, -(2**63),
+    0.0, -0.0, 0.5, 5e-324, 1e12, 1e300, -1e308, float("nan"), float("inf"), "", "a", "\0", "a\0b", "\ud800", "\r\n",
+    "é" * 128, "é" * 300, "x" * 256, "x" * 65_000, "../../etc/passwd", "%s%n", "0" * 32, "f" * 32, "F" * 32,
+    "committed", "reference", "keep", "discard", "nodes", "cells", "patch", "global_ids", "triangle", "quad", "left",
+    "moving", "fixed", "slip", "periodic", "full", "relaxed", "replay", "MOVE", "ERROR", "HELLO",
+    b"", b"\0" * 16, b"\0" * 32, b"t" * 32, b"\xff" * 33, b"\0" * 70_000, [], {}, [[]], [[1, 0]], [[1, 2**63]],
+    [None] * 257, ["a"] * 300, {"": None}, [{}] * 256, {str(k): k for k in range(257)}, [[[[[[[[[[{"a": [1]}]]]]]]]]]],
+    {"support_radius": -1.0}, {"basis": 1}, {"nonsense": []}, msgpack.Timestamp(1, 2), msgpack.ExtType(5, b"x"),
 )  # fmt: skip
-#: Keys that no schema has; one that an answer could not repeat.
-_KEYS: tuple[Any, ...] = ("", "v", "extra", "__class__", "dtype", "fields", "shape", 7, b"v", "k" * 40_000)
+#: Keys that no schema has, or another place; one that an answer could not repeat.
+_KEYS: tuple[Any, ...] = (
+    "", "v", "extra", "__class__", "dtype", "fields", "shape", "session", "token", "step", "settings", "label", 7, b"v",
+    "k" * 40_000,
+)  # fmt: skip
 #: Header bytes that no packer writes: types of msgpack at their largest lengths, invalid UTF-8, a key twice.
 _RAW: tuple[bytes, ...] = (
     b"\xdf\xff\xff\xff\xff", b"\xdd\xff\xff\xff\xff", b"\xdb\xff\xff\xff\xff", b"\xc6\xff\xff\xff\xff", b"\xc1",
     b"\xc9\x7f\xff\xff\xff\x01", b"\xa2\xff\xfe", b"\x82\xa1a\x01\xa1a\x02", b"\x81\x01\x02", b"\x91" * 600,
     b"\x81\xa1a" * 600, b"\xd6\xff\0\0\0\0", b"\xde\xff\xff", b"\xdc\xff\xff", b"\xc0", b"\x90",
 )  # fmt: skip
+_DTYPES = ("<f8", "<f4", "<i8", "<i4", ">f8", "O", "<u8", "S2147483647", "V100", "")
+_SHAPES: tuple[list[Any], ...] = (
+    [], [0, 2], [1, 1], [2, 2], [2**40, 2**40], [-1, 2], [0, 2**62], ["a", 1], [1.5, 2],
+)  # fmt: skip
+_DOUBLES = (*(float("nan"), float("inf"), -float("inf")) * 2, 1e300, -1e300, 5e-324, 1e13, 1e11, 0.0, -0.0, 3.0, -1.0)
+_INTEGERS = (-1, 0, 1, 99, 2**31, 2**40, 2**63 - 1, -(2**63))
+#: A change strikes so often inside the fields, and else anywhere in the header.
+_IN_FIELDS = 0.85
+
+
+@dataclass
+class Draft:
+    """A message before it is packed: its header and the frames behind it."""
+
+    header: Any
+    frames: Frames
+
+    @classmethod
+    def of(cls, frames: Any) -> "Draft":
+        """A message as it was sent."""
+        header, *rest = (bytes(frame) for frame in frames)
+        return cls(msgpack.unpackb(header), rest)
+
+    def packed(self) -> Frames:
+        """On the wire."""
+        return [msgpack.packb(self.header, unicode_errors="surrogatepass"), *self.frames]
 
 
 def golden_frames() -> list[Frames]:
@@ -31,144 +71,149 @@ def golden_frames() -> list[Frames]:
     return [[bytes.fromhex(frame) for frame in case["frames"]] for case in load("valid")]
 
 
-def _places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Keys and indices that lead to each value inside a header, itself apart."""
-    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    found = []
-    for key, item in items:
-        found += [(*path, key), *_places(item, (*path, key))]
-    return found
+# --- of a value in the header: what holds it, its key there ----------------------------------------------------------
 
 
-def _header(frames: Frames, change: Callable[[Any, Any], None], random: Random) -> Frames:
-    """Change what is at a random place of the header, as long as it can be read."""
-    try:
-        header = msgpack.unpackb(frames[0], strict_map_key=False)
-        places = _places(header)
-        if not places:
-            return frames
-        *way, last = random.choice(places)
-        inner = header
-        for key in way:
-            inner = inner[key]
-        change(inner, last)
-        return [msgpack.packb(header), *frames[1:]]
-    except (ValueError, TypeError, OverflowError, RecursionError, msgpack.UnpackException):
-        return frames
+def _replace(inner: Any, key: Any, random: Random) -> None:
+    """Another value, of its own type or of any."""
+    alike = [value for value in VALUES if type(value) is type(inner[key])]
+    inner[key] = deepcopy(random.choice(alike if alike and random.random() < 0.6 else VALUES))
 
 
-def _replace(frames: Frames, random: Random) -> Frames:
-    """Another value at some place."""
-    return _header(frames, lambda inner, key: inner.__setitem__(key, random.choice(_VALUES)), random)
+def _nudge(inner: Any, key: Any, random: Random) -> None:
+    """A number off by a little or a lot; anything else longer, shorter or turned round."""
+    value = inner[key]
+    if isinstance(value, (int, float)):
+        moved = value + random.choice((-1, 1, 0.5, 255, 2**32, -(2**40)))
+        inner[key] = moved if isinstance(moved, float) else min(max(moved, -(2**63)), 2**64 - 1)
+    elif isinstance(value, (str, bytes, list)):
+        inner[key] = random.choice((value * 2, value[:-1], value[::-1]))
 
 
-def _nudge(frames: Frames, random: Random) -> Frames:
-    """A number off by a little or a lot; anything else twice as long."""
-
-    def change(inner: Any, key: Any) -> None:
-        value = inner[key]
-        if isinstance(value, (int, float)):
-            inner[key] = value + random.choice((-1, 1, 0.5, 255, 2**32, -(2**40)))
-        elif isinstance(value, (str, bytes, list)):
-            inner[key] = random.choice((value * 2, value[:-1], value[::-1]))
-
-    return _header(frames, change, random)
+def _remove(inner: Any, key: Any, _random: Random) -> None:
+    inner.pop(key)
 
 
-def _remove(frames: Frames, random: Random) -> Frames:
-    """A key or an item is missing."""
-    return _header(frames, lambda inner, key: inner.pop(key), random)
-
-
-def _add(frames: Frames, random: Random) -> Frames:
+def _add(inner: Any, key: Any, random: Random) -> None:
     """An unknown key, or one more item."""
-
-    def change(inner: Any, key: Any) -> None:
-        if isinstance(inner, dict):
-            inner[random.choice(_KEYS)] = random.choice(_VALUES)
-        else:
-            inner.append(inner[key])
-
-    return _header(frames, change, random)
-
-
-def _rename(frames: Frames, random: Random) -> Frames:
-    """A key under another name."""
-
-    def change(inner: Any, key: Any) -> None:
-        if isinstance(inner, dict):
-            inner[random.choice((*_KEYS, str(key).upper()))] = inner.pop(key)
-
-    return _header(frames, change, random)
-
-
-def _bits(frames: Frames, random: Random) -> Frames:
-    """Some bits of some frame turned."""
-    at = random.randrange(len(frames)) if random.random() < 0.3 else 0
-    data = bytearray(frames[at])
-    for _ in range(random.randrange(1, 6) if data else 0):
-        data[random.randrange(len(data))] ^= 1 << random.randrange(8)
-    return [*frames[:at], bytes(data), *frames[at + 1 :]]
-
-
-def _splice(frames: Frames, random: Random) -> Frames:
-    """Bytes of the header left out, doubled, or replaced by what no packer writes."""
-    data = frames[0]
-    start = random.randrange(len(data) + 1)
-    end = min(len(data), start + random.randrange(16))
-    middle = random.choice((b"", data[start:end] * 2, random.choice(_RAW), random.randbytes(8)))
-    return [data[:start] + middle + data[end:], *frames[1:]]
-
-
-def _noise(frames: Frames, random: Random) -> Frames:
-    """Something else altogether in frame 0."""
-    return [random.choice((random.randbytes(random.randrange(64)), random.choice(_RAW))), *frames[1:]]
-
-
-def _cut(frames: Frames, random: Random) -> Frames:
-    """A frame ends early, or goes on."""
-    at = random.randrange(len(frames))
-    data = frames[at]
-    data = data[: random.randrange(len(data) + 1)] if random.random() < 0.5 else data + random.randbytes(8)
-    return [*frames[:at], data, *frames[at + 1 :]]
-
-
-def _frames(frames: Frames, random: Random) -> Frames:
-    """Frames missing, doubled, empty, in another order, or none at all."""
-    changed = list(frames)
-    what = random.randrange(5)
-    if what == 0:
-        changed.pop(random.randrange(len(changed)))
-    elif what == 1:
-        changed.insert(random.randrange(len(changed) + 1), random.choice(changed))
-    elif what == 2:
-        changed[random.randrange(len(changed))] = b""
-    elif what == 3:
-        random.shuffle(changed)
+    if isinstance(inner, dict):
+        inner[random.choice(_KEYS)] = deepcopy(random.choice(VALUES))
     else:
-        changed += [b"\0" * random.choice((1, 8, 16, 4096))] * random.randrange(1, 4)
+        inner.append(inner[key])
+
+
+def _rename(inner: Any, key: Any, random: Random) -> None:
+    if isinstance(inner, dict):
+        inner[random.choice((*_KEYS, str(key).upper()))] = inner.pop(key)
+
+
+def _places(value: Any) -> list[tuple[Any, Any]]:
+    """What holds a value, and its key there, for each value inside another."""
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    return [place for key, item in items for place in ((value, key), *_places(item))]
+
+
+def _somewhere(change: Callable[[Any, Any, Random], None]) -> "Change":
+    def changed(draft: Draft, random: Random) -> None:
+        root = draft.header.get("fields") if random.random() < _IN_FIELDS else None
+        places = _places(root) or _places(draft.header)
+        if places:
+            change(*random.choice(places), random)
+
     return changed
 
 
-#: By name; each takes frames (one at least) and a generator.
-MUTATIONS: dict[str, Callable[[Frames, Random], Frames]] = {
-    "replace": _replace,
-    "nudge": _nudge,
-    "remove": _remove,
-    "add": _add,
-    "rename": _rename,
-    "bits": _bits,
-    "splice": _splice,
-    "noise": _noise,
-    "cut": _cut,
-    "frames": _frames,
-}
-_WEIGHTS = (6, 6, 3, 3, 2, 5, 4, 1, 2, 3)
+# --- of arrays and frames --------------------------------------------------------------------------------------------
 
 
-def mutated(frames: Frames, random: Random) -> Frames:
-    """One to three changes, one after the other."""
-    for change in random.choices(tuple(MUTATIONS.values()), _WEIGHTS, k=random.choice((1, 1, 2, 3))):
-        if frames:
-            frames = change(frames, random)
-    return frames
+def _reshaped(draft: Draft, random: Random) -> None:
+    """Another shape or dtype with a frame that fits it, or does not."""
+    declared = draft.header.get("arrays")
+    for array in declared if isinstance(declared, list) else ():
+        if not (isinstance(array, dict) and isinstance(shape := array.get("shape"), list)):
+            continue
+        what = random.randrange(5)
+        if what == 0:
+            array["shape"] = list(random.choice((*_SHAPES, shape[::-1], [*shape, 1], shape[:1])))
+        elif what == 1:
+            array["dtype"] = random.choice(_DTYPES)
+        elif what == 2 and draft.frames:
+            array["dtype"] = "<f4" if array.get("dtype") == "<f8" else "<i4"
+            draft.frames[0] = draft.frames[0][: len(draft.frames[0]) // 2]
+        elif what == 3:
+            array["name"] = random.choice(("rows", "displacement", "points", ""))
+        else:
+            rows, columns = random.randrange(4), random.choice((0, 1, 2, 3, 4, 8))
+            array["shape"] = [rows, columns]
+            draft.frames[:1] = [bytes(8 * rows * columns)] if rows * columns else []
+
+
+def _numbers(draft: Draft, random: Random) -> None:
+    """Numbers inside an array: not finite, huge, tiny, or indices that are none."""
+    for at in range(min(1, len(draft.frames))):
+        frame = bytearray(draft.frames[at])
+        for _ in range(random.choice((1, 1, 3)) if len(frame) >= 8 else 0):
+            place, real = 8 * random.randrange(len(frame) // 8), random.random() < 0.6
+            number = struct.pack("<d", random.choice(_DOUBLES)) if real else struct.pack("<q", random.choice(_INTEGERS))
+            frame[place : place + 8] = number
+        draft.frames[at] = bytes(frame)
+
+
+def _frames(draft: Draft, random: Random) -> None:
+    """Frames missing, doubled, empty, cut, in another order, or too many."""
+    frames, what = draft.frames, random.randrange(5)
+    if what == 0 or not frames:
+        frames += [b"\0" * random.choice((0, 1, 8, 4096))] * random.randrange(1, 4)
+    elif what == 1:
+        frames.pop(random.randrange(len(frames)))
+    elif what == 2:
+        frames.insert(random.randrange(len(frames) + 1), random.choice(frames))
+    elif what == 3:
+        at = random.randrange(len(frames))
+        frames[at] = frames[at][: random.randrange(len(frames[at]) + 1)]
+    else:
+        frames[0] = b""
+        random.shuffle(frames)
+
+
+# --- of bytes --------------------------------------------------------------------------------------------------------
+
+
+def _bits(data: bytes, random: Random) -> bytes:
+    """Some bits turned."""
+    turned = bytearray(data)
+    for _ in range(random.randrange(1, 6)):
+        turned[random.randrange(len(turned))] ^= 1 << random.randrange(8)
+    return bytes(turned)
+
+
+def _splice(data: bytes, random: Random) -> bytes:
+    """Bytes left out, doubled, or replaced by what no packer writes; or the end is missing."""
+    start = random.randrange(len(data) + 1)
+    end = random.choice((len(data), *(min(len(data), start + random.randrange(16)) for _ in range(4))))
+    middle = random.choice((b"", data[start:end] * 2, random.choice(_RAW), random.randbytes(8)))
+    return data[:start] + middle + data[end:]
+
+
+def _noise(_data: bytes, random: Random) -> bytes:
+    """Something else altogether."""
+    return random.choice((random.randbytes(random.randrange(64)), random.choice(_RAW)))
+
+
+Change = Callable[[Draft, Random], None]
+#: What changes a message, with how often each comes.
+CHANGES: Mapping[Change, int] = {
+    _somewhere(_replace): 8, _somewhere(_nudge): 4, _somewhere(_remove): 2, _somewhere(_add): 1, _somewhere(_rename): 1,
+    _reshaped: 5, _numbers: 8, _frames: 3,
+}  # fmt: skip
+
+
+def gone_wrong(draft: Draft, random: Random, changes: Mapping[Change, int] = CHANGES, raw: float = 0.4) -> Frames:
+    """No change to three, one after the other; then packed, and with this probability changed as bytes."""
+    for change in random.choices(list(changes), list(changes.values()), k=random.choice((0, 1, 1, 1, 2, 3))):
+        change(draft, random)
+    head, *frames = draft.packed()
+    if random.random() < raw:
+        (change_bytes,) = random.choices((_bits, _splice, _noise), (5, 4, 1))
+        head = change_bytes(head, random)
+    return [head, *frames]

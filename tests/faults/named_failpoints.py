@@ -21,8 +21,7 @@ from mesh_motion_server.session.journal.filesystem import PosixFileSystem
 from tests.faults.check import BrokenPromise, Budget, Check, Result, require
 from tests.faults.failing_server import FailingServer
 from tests.faults.failpoint_table import POINTS
-from tests.faults.persistent_holder import PARTITIONS
-from tests.faults.persistent_user import PersistentUser
+from tests.faults.persistent_user import PARTITIONS, PersistentUser
 from tests.faults.stand_in import grid_mesh, split_mesh
 from tests.faults.undisturbed import Undisturbed
 from tests.faults.waiting import PATIENCE, wait_until
@@ -56,7 +55,7 @@ class Rig:
             visitor.advance()
             visitor.leave("discard")
         finally:
-            visitor.end()
+            visitor.disconnect()
             self.user.refusals += visitor.refusals
         gone = self.server.state / "sessions" / visitor.session
         wait_until(lambda: not gone.exists(), "the discarded session is gone")
@@ -153,8 +152,8 @@ def rig() -> Iterator[Rig]:
                 each.advance()
             yield Rig(server, undisturbed, user, bystander)
         finally:
-            user.end()
-            bystander.end()
+            user.disconnect()
+            bystander.disconnect()
             server.end()
 
 

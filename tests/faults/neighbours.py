@@ -1,6 +1,4 @@
-"""Bad neighbours of a session, each a process: ``python -m tests.faults.neighbours KIND ENDPOINT``.
-
-Each does its harm again and again until standard input ends, and writes a line for each time that it was done:
+"""Bad neighbours of a session, each a process that does its harm again and again and counts.
 
 ===========  ========================================================================================================
 ``upload``   opens a session and uploads 100 MB to it
@@ -11,8 +9,6 @@ Each does its harm again and again until standard input ends, and writes a line 
 """
 
 import socket
-import sys
-import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
@@ -43,9 +39,11 @@ from mesh_motion_protocol.messages import (
 
 from tests.faults.attacks import connection, greeting, ready, until
 from tests.faults.check import require
-from tests.faults.isolation_service import LARGE_ROWS
+from tests.faults.processes import end_with_parent
 
 _SECONDS = 60.0
+#: Rows of three numbers, 8 bytes each, that make 100 MB.
+_LARGE_ROWS = 100_000_000 // 24
 _PARTS = 4
 _SILENT, _SLOW = 100, 10
 _ASKED = 5_000
@@ -77,7 +75,7 @@ class Guest:
 def upload(endpoint: str) -> None:
     """100 MB, in parts as the client would send them."""
     guest = Guest(endpoint, "upload")
-    rows = np.random.default_rng(1).random((LARGE_ROWS // _PARTS, 3))
+    rows = np.random.default_rng(1).random((_LARGE_ROWS // _PARTS, 3))
     for _ in range(_PARTS):
         guest.courier.deliver(Upload(**guest.courier.address, item="nodes", rows=rows), Uploaded, _SECONDS)
     guest.close()
@@ -156,22 +154,9 @@ KINDS: dict[str, list[Callable[[str], Any]]] = {
 }
 
 
-def main(kind: str, endpoint: str) -> None:
-    """Until its input ends."""
-    over = threading.Event()
-
-    def wait() -> None:
-        sys.stdin.read()
-        over.set()
-
-    threading.Thread(target=wait, daemon=True).start()
-    for harm in cycle(KINDS[kind]):
-        if over.is_set():
-            return
-        harm(endpoint)
-        sys.stdout.write("done\n")
-        sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
+def harm(kind: str, endpoint: str, done: Any) -> None:
+    """Again and again; ``done`` counts."""
+    end_with_parent()
+    for each in cycle(KINDS[kind]):
+        each(endpoint)
+        done.value += 1

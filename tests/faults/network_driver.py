@@ -6,12 +6,14 @@ those of an undisturbed session in this process.
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
-from mesh_motion_client import Keys, MeshMotionError, Session, Timeout, Unavailable, connect
+from mesh_motion_client import Keys, Mesh, MeshMotionError, Session, Timeout, Unavailable, connect
 from mesh_motion_client.connection import DamagedReply
 from mesh_motion_client.server import Server
 
@@ -39,6 +41,23 @@ class Lost(Exception):
     """The session is not ours any more: it is to be resumed."""
 
 
+@dataclass(frozen=True)
+class Work:
+    """What a driver does.
+
+    ``options``: of OPEN; ``frame``: of its moves; ``again`` (Mesh or None): what a RESUME needs; ``undisturbed``: makes
+    the run that its own must equal; ``patience``: how much longer than next to nothing its calls compute.
+    """
+
+    mesh: Mesh = field(default_factory=lambda: client_mesh(grid_mesh()))
+    settings: Mapping[str, Any] = field(default_factory=lambda: {"support_radius": 2.0})
+    options: Mapping[str, Any] = field(default_factory=dict)
+    frame: Any = "committed"
+    again: Mesh | None = None
+    undisturbed: Callable[[], Any] = lambda: Undisturbed([grid_mesh()], _MOVES)
+    patience: float = 1.0
+
+
 class Driver:
     """One user's client behind a network.
 
@@ -46,22 +65,23 @@ class Driver:
     raised; ``under_way`` (str, float) or None: the call that has not returned, and its deadline.
     """
 
-    def __init__(self, endpoint: str, keys: Keys | None) -> None:
-        self.endpoint, self.keys = endpoint, keys
+    def __init__(self, endpoint: str, keys: Keys | None, work: Work) -> None:
+        self.endpoint, self.keys, self._work = endpoint, keys, work
         self.errors: Counter[str] = Counter()
         self.under_way: tuple[str, float] | None = None
-        self.acknowledged = 0
-        self._committing = False
-        self._mesh = client_mesh(grid_mesh())
         self._server: Server | None = None
         self._session: Session | None = None
-        self._undisturbed = Undisturbed([grid_mesh()], _MOVES)
+
+    @property
+    def _quick(self) -> float:
+        """Seconds for a call that waits for no process."""
+        return _QUICK * self._work.patience
 
     # --- what it does ------------------------------------------------------------------------------------------------
 
     def open(self) -> None:
         """Another session, from scratch."""
-        self._undisturbed, self.acknowledged, self._committing = Undisturbed([grid_mesh()], _MOVES), 0, False
+        self._undisturbed, self.acknowledged, self._committing = self._work.undisturbed(), 0, False
         while not self._opened():
             pass
 
@@ -69,16 +89,16 @@ class Driver:
         """Whether there was a session, with our mesh, before it was lost."""
         self.discard()
         # HELLO, then three tries at most, each OPEN, JOIN, four UPLOADs, BUILD, CLOSE
-        seconds = _QUICK + 3 * (2 * _SLOW + 6 * _QUICK)
+        seconds, work = self._quick + 3 * (2 * _SLOW + 6 * self._quick), self._work
         self._session = self._again(
-            "OPEN", seconds, lambda: self._connected().open(self._mesh, {"support_radius": 2.0})
+            "OPEN", seconds, lambda: self._connected().open(work.mesh, work.settings, **work.options)
         )
         require(self._session.step == 0, f"a new session is at step {self._session.step}")
         try:
-            reference = self._again_here("FETCH", lambda s: s.points("reference", timeout=_QUICK))
+            reference = self._again_here("FETCH", lambda s: s.points("reference", timeout=self._quick))
         except Lost:
             return False
-        require(np.array_equal(reference, self._mesh.points), "the mesh that was uploaded has other coordinates")
+        require(np.array_equal(reference, work.mesh.points), "the mesh that was uploaded has other coordinates")
         return True
 
     def resume(self) -> None:
@@ -87,7 +107,9 @@ class Driver:
         require(old is not None, "there is no session to resume")
         self._disconnect()
         credentials = old.credentials  # type: ignore[union-attr]
-        self._session = self._again("RESUME", _SLOW + 2 * _QUICK, lambda: self._connected().resume(credentials))
+        self._session = self._again(
+            "RESUME", _SLOW + 2 * self._quick, lambda: self._connected().resume(credentials, self._work.again)
+        )
         self._close(old)
         step = self._session.step
         admitted = (self.acknowledged, self.acknowledged + self._committing)
@@ -99,6 +121,13 @@ class Driver:
         while not self._stepped():
             require(time.monotonic() < deadline, f"step {self.acknowledged + 1} is not reached: {dict(self.errors)}")
             self.resume()
+
+    def abandon(self) -> None:
+        """Another MOVE, and the client is gone."""
+        (rows,) = self._undisturbed.step(self.acknowledged + 1).given[-1]
+        with suppress(Lost):
+            self._again_here("MOVE", lambda s: s.move(0.5 * rows, frame=self._work.frame, timeout=self._quick))
+        self.resume()
 
     def step_of_doubt(self) -> bool:
         """A step whose requests and answers may be changed on the way, up to the first error.
@@ -122,7 +151,7 @@ class Driver:
     def check_points(self) -> None:
         """The committed coordinates."""
         try:
-            points = self._again_here("FETCH", lambda s: s.points(timeout=_QUICK))
+            points = self._again_here("FETCH", lambda s: s.points(timeout=self._quick))
         except Lost:
             self.resume()
             return
@@ -156,15 +185,17 @@ class Driver:
         moves = zip(expected.given, expected.displacements, strict=True)
         for number, ((rows,), (displacement,)) in enumerate(moves, 1):
             moved = self._again_here(
-                "MOVE", partial(Session.move, displacements=rows, frame="committed", timeout=_QUICK)
+                "MOVE", partial(Session.move, displacements=rows, frame=self._work.frame, timeout=self._quick)
             )
             require(np.array_equal(moved.displacement, displacement), f"MOVED {number} of step {step} is another array")
             require(moved.step == step, f"MOVED says step {moved.step}, not {step}")
-            require(moved.iteration <= number, f"{moved.iteration} moves of step {step} were executed, {number} made")
+            once = moved.iteration <= number or self._work.again  # else a call is MOVE, JUDGE, …: it may end after MOVE
+            require(once, f"{moved.iteration} moves of step {step} were executed, {number} made")
         self._committing = True
-        committed = self._again_here("COMMIT", lambda s: s.commit(timeout=_QUICK))
+        committed = self._again_here("COMMIT", lambda s: s.commit(timeout=self._quick))
         require(committed.step == step, f"COMMITTED says step {committed.step}, not {step}")
-        require(committed.digest == expected.digest, f"the digest of step {step} differs from an undisturbed run")
+        same = committed.digest == expected.digest or not expected.digest
+        require(same, f"the digest of step {step} differs from an undisturbed run")
 
     # --- calls -------------------------------------------------------------------------------------------------------
 
@@ -179,7 +210,7 @@ class Driver:
         Raises Lost: on an error that repeating will not cure.
         """
         session = self._here
-        return self._again(what, _QUICK, lambda: action(session), lost=True)
+        return self._again(what, self._quick, lambda: action(session), lost=True)
 
     def _again(self, what: str, seconds: float, action: Callable[[], _Answer], *, lost: bool = False) -> _Answer:
         """A call, until it has its result; each try by its deadline, with a typed error or none."""
@@ -189,14 +220,11 @@ class Driver:
                 return self._once(what, seconds, action)
             except MeshMotionError as error:
                 self.errors[error.code] += 1
-                self._require_excused(what, error)
+                excused = error.code.startswith(EXCUSED) or isinstance(error, DamagedReply)
+                require(excused, f"{what} raised {error.code}: {error}")
                 require(time.monotonic() < deadline, f"{what} has no result within {PATIENCE} s: {error}")
                 if lost and not isinstance(error, (Timeout, Unavailable, DamagedReply)):
                     raise Lost from error
-
-    def _require_excused(self, what: str, error: MeshMotionError) -> None:
-        excused = error.code.startswith(EXCUSED) or isinstance(error, DamagedReply)
-        require(excused, f"{what} raised {error.code}: {error}")
 
     def _once(self, what: str, seconds: float, action: Callable[[], _Answer]) -> _Answer:
         begun = time.monotonic()
@@ -214,7 +242,7 @@ class Driver:
 
     def _connected(self) -> Server:
         if self._server is None:
-            self._server = connect(self.endpoint, timeout=_QUICK, compute_timeout=_SLOW, keys=self.keys)
+            self._server = connect(self.endpoint, timeout=self._quick, compute_timeout=_SLOW, keys=self.keys)
         return self._server
 
     def _disconnect(self) -> None:
@@ -227,6 +255,6 @@ class Driver:
         if session is None:
             return
         try:
-            self._once("CLOSE", 2 * _QUICK, lambda: session.close(outcome))
+            self._once("CLOSE", 2 * self._quick, lambda: session.close(outcome))
         except MeshMotionError as error:
             self.errors[error.code] += 1

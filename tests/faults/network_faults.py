@@ -20,31 +20,23 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random, SystemRandom
+from typing import Any
 
 from mesh_motion_client import Keys
 
-from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
 from tests.faults.check import Budget, Check, Result, require
 from tests.faults.faulty_network import CORRUPTING, KINDS, Fault, Network
-from tests.faults.network_driver import Driver
-from tests.faults.stand_in_server import SERVICE, StandInServer
+from tests.faults.network_driver import Driver, Work
+from tests.faults.server_process import ServerProcess, make_keys
+from tests.faults.stand_in_server import StandInServer
 
 #: Clients at work at the same time, every other one with keys.
 _LANES = 4
 #: Steps of each seed while faults strike.
 _STEPS = 2
-_PORTS = range(20000, 20032)
-_SETTINGS = {
-    "advertised_host": "0.0.0.0",
-    "data_ports": f"{_PORTS[0]}-{_PORTS[-1]}",
-    "max_sessions": len(_PORTS) - 2,
-    "handshake_seconds": 1.0,
-    "lease_seconds": 2.0,
-    "idle_seconds": 5.0,
-}
+_SETTINGS = {"handshake_seconds": 1.0, "lease_seconds": 2.0, "idle_seconds": 5.0}
 #: How a seed begins, and how often.
 _BEGINNINGS = {"go on": 12, "resume": 6, "open": 2}
 #: How often each kind is chosen; a restart takes seconds, and all clients see it.
@@ -59,45 +51,39 @@ def loopback() -> str:
     return f"127.{rng.randrange(16, 255)}.{rng.randrange(256)}.{rng.randrange(1, 255)}"
 
 
-@dataclass
-class Found:
-    """What lanes have seen.
-
-    ``struck``: faults by kind; ``errors``: errors of calls by code; ``quiet``: seeds in which no fault struck: too few
-    units came where it waited; ``changed``, ``unnoticed``: without keys: seeds with changed bytes, and those in which
-    the client was given a wrong result.
-    """
-
-    struck: Counter[str] = field(default_factory=Counter)
-    errors: Counter[str] = field(default_factory=Counter)
-    quiet: int = 0
-    changed: int = 0
-    unnoticed: int = 0
-
-    def __add__(self, other: Found) -> Found:
-        return Found(
-            self.struck + other.struck,
-            self.errors + other.errors,
-            self.quiet + other.quiet,
-            self.changed + other.changed,
-            self.unnoticed + other.unnoticed,
-        )
+def places_of(ports: range) -> dict[str, Any]:
+    """Settings of a server behind networks: its endpoint, on an address of its own, and the ports of its data."""
+    return {
+        "endpoint": f"tcp://{loopback()}:{ports[0] - 1}",
+        "advertised_host": "0.0.0.0",
+        "data_ports": f"{ports[0]}-{ports[-1]}",
+        "max_sessions": len(ports) - 2,
+    }
 
 
 class Lane:
     """One client behind its own network.
 
-    ``keys`` (Keys or None); ``crossing``: shared by the lanes of a server.
+    ``keys`` (Keys or None); ``crossing``: shared by the lanes of a server; ``work``: what it does. ``struck``: faults
+    by kind; ``seen``: "quiet" seeds, in which no fault struck (too few units came where it waited); without keys the
+    seeds with "changed" bytes, and those of them where a wrong result went "unnoticed".
     """
 
     def __init__(
-        self, server: StandInServer, keys: Keys | None, crossing: set[int], restart: Callable[[], None]
+        self,
+        server: ServerProcess,
+        keys: Keys | None,
+        crossing: set[int],
+        restart: Callable[[], None],
+        work: Work | None = None,
     ) -> None:
         host, _, port = server.endpoint.removeprefix("tcp://").rpartition(":")
-        self.network = Network(loopback(), (host, int(port)), _PORTS, crossing=crossing, restart=restart)
+        ports = [int(end) for end in server.settings["data_ports"].split("-")]
+        data_ports = range(ports[0], ports[1] + 1)
+        self.network = Network(loopback(), (host, int(port)), data_ports, crossing=crossing, restart=restart)
         self.server = server
-        self.driver = Driver(self.network.endpoint, keys)
-        self.found = Found(errors=self.driver.errors)
+        self.driver = Driver(self.network.endpoint, keys, work or Work())
+        self.struck, self.seen = Counter[str](), Counter[str]()
         self.failure: Exception | None = None
 
     def open(self) -> None:
@@ -120,23 +106,20 @@ class Lane:
         for _ in range(_STEPS):
             self.driver.step()
         self.driver.check_points()
-        self._count()
+        self.struck.update(self.network.struck)
+        self.seen["quiet"] += not self.network.struck
         self.network.heal()
         self.driver.step()
         self.driver.check_points()
-
-    def _count(self) -> None:
-        self.found.struck.update(self.network.struck)
-        self.found.quiet += not self.network.struck
 
     def _run_corrupted(self, rng: Random) -> None:
         """Without keys: a session that is given up afterwards, for its inputs are unknown."""
         faults = [_fault(rng, rng.choice(CORRUPTING), "go on") for _ in range(2)]
         self.network.arm(faults)
         mistaken = self.driver.step_of_doubt()
-        self.found.struck.update(f"{kind} (no keys)" for kind in self.network.struck)
-        self.found.changed += bool(self.network.struck)
-        self.found.unnoticed += mistaken
+        self.struck.update(f"{kind} (no keys)" for kind in self.network.struck)
+        self.seen["changed"] += bool(self.network.struck)
+        self.seen["unnoticed"] += mistaken
         self.open()
 
 
@@ -156,16 +139,16 @@ def _fault(rng: Random, kind: str, begin: str) -> Fault:
 
 
 @contextmanager
-def lanes(folder: Path, numbers: Sequence[int], service: str = SERVICE) -> Iterator[list[Lane]]:
+def lanes(folder: Path, numbers: Sequence[int]) -> Iterator[list[Lane]]:
     """Clients, each with an open session, and their servers; odd numbers have keys."""
     with ExitStack() as stack, ThreadPoolExecutor(_LANES) as pool:
         sides = sorted({bool(number % 2) for number in numbers})
-        servers = {side: _server(folder / f"keys {side}", with_keys=side, service=service) for side in sides}
+        servers = {side: _server(folder / f"keys {side}", with_keys=side) for side in sides}
         for server, _ in servers.values():
             stack.callback(server.stop)
         list(pool.map(lambda pair: pair[0].start(), servers.values()))
         crossings: dict[bool, set[int]] = {side: set() for side in sides}
-        restarts = {side: _restarter(servers[side][0]) for side in sides}
+        restarts = {side: restarter(servers[side][0]) for side in sides}
         made = []
         for number in numbers:
             side = bool(number % 2)
@@ -178,19 +161,16 @@ def lanes(folder: Path, numbers: Sequence[int], service: str = SERVICE) -> Itera
             lane.driver.close()
 
 
-def _server(folder: Path, *, with_keys: bool, service: str) -> tuple[StandInServer, Keys | None]:
+def _server(folder: Path, *, with_keys: bool) -> tuple[StandInServer, Keys | None]:
     """A server that listens on an address of its own, and its client's keys."""
-    settings = _SETTINGS | {"endpoint": f"tcp://{loopback()}:{_PORTS[0] - 1}"}
+    settings = _SETTINGS | places_of(range(20000, 20032))
     if not with_keys:
-        return StandInServer(folder, service=service, **settings), None
-    make_server_keys(folder / "keys")
-    public = make_client_keys("prover", folder / "client")
-    admit(public.key, folder / "keys", name="prover")
-    keys = Keys.load(folder / "client" / "prover.secret", folder / "keys" / "server.public")
-    return StandInServer(folder, service=service, **settings | {"keys_folder": str(folder / "keys")}), keys
+        return StandInServer(folder, **settings), None
+    keys = make_keys(folder)
+    return StandInServer(folder, **settings | {"keys_folder": str(folder / "keys")}), keys
 
 
-def _restarter(server: StandInServer) -> Callable[[], None]:
+def restarter(server: ServerProcess) -> Callable[[], None]:
     """Kills and starts a server, one at a time."""
     lock = threading.Lock()
 
@@ -257,20 +237,13 @@ def run(seed: int, budget: Budget) -> Result:
     """So many seeds, to all lanes at once."""
     with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-") as folder, lanes(Path(folder), range(_LANES)) as made:
         done = run_seeds(made, 1_000_000 * seed, budget)
-        found = sum((lane.found for lane in made), start=Found())
-    changed = sum(found.struck[kind] for kind in CORRUPTING)
-    details = {
-        "seeds": done,
-        "seeds_without_a_fault": found.quiet,
-        "faults": dict(found.struck),
-        "errors": dict(found.errors),
-        "changed_with_keys": changed,
-        "changed_without_keys": found.changed,
-        "wrong_without_keys": found.unnoticed,
-    }
-    got = (
-        f"{done} seeds, {found.struck.total()} faults; without keys {found.unnoticed} of {found.changed} changes unseen"
-    )
+        struck, seen, errors = (
+            sum((getattr(each, what) for each in parts), Counter[str]())
+            for parts, what in ((made, "struck"), (made, "seen"), ([lane.driver for lane in made], "errors"))
+        )
+    details = {"seeds": done, "faults": dict(struck), "errors": dict(errors), "seen": dict(seen)}
+    unseen = f"{seen['unnoticed']} of {seen['changed']} changes unseen"
+    got = f"{done} seeds, {struck.total()} faults; without keys {unseen}"
     return Result(got, passed=True, details=details)
 
 

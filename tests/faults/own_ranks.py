@@ -6,28 +6,24 @@ and now and then the client itself is gone and another one resumes with mesh and
 coordinates must be bitwise those of a session whose server has the whole mesh, and no acknowledged step may be lost.
 """
 
-import contextlib
-import signal
 import tempfile
-import time
 from collections import Counter
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from random import Random
 from typing import Any
 
 import numpy as np
-from mesh_motion_client import Mesh, MeshMotionError, Patch, Session, connect
-from mesh_motion_client.connection import DamagedReply
-from mesh_motion_client.server import Server
+from mesh_motion_client import Mesh, Patch, Session, connect
 
 from tests.faults.check import Budget, Check, Result, require
-from tests.faults.faulty_network import KINDS, Fault, Network
-from tests.faults.network_driver import EXCUSED
-from tests.faults.network_faults import loopback
+from tests.faults.faulty_network import KINDS, Fault
+from tests.faults.network_driver import Work
+from tests.faults.network_faults import Lane, places_of, restarter
 from tests.faults.server_process import ServerProcess
+from tests.faults.undisturbed import Step
 
-_PORTS = range(20100, 20108)
 #: Cells along a side; motions, which come in turn: each depends on the reference mesh alone.
 _CELLS, _MOTIONS = 12, 4
 _SETTINGS = {
@@ -37,11 +33,9 @@ _SETTINGS = {
     "quality_threshold": 0.7,
     "sub_steps": "never",
 }
-#: Seconds for a call, and until a call that is repeated has its result.
-_CALL, _PATIENCE = 20.0, 120.0
 _STEPS = 2
 _WEIGHTS = {"restart": 4.0}
-_ABANDONED = 0.3  # share of the seeds in which the client is gone in the middle of a step
+_ABANDONED = 0.3  # share of the steps in which the client is gone in the middle
 
 
 def square() -> Mesh:
@@ -64,144 +58,78 @@ def _motion(session: Session, mesh: Mesh, step: int) -> Any:
     return np.stack([0.25 * wave, np.zeros_like(y)], axis=1)
 
 
-def undisturbed() -> list[Any]:
-    """Displacements (n, d) of all nodes by each motion, of a server with the whole mesh."""
-    mesh = square()
-    with connect() as server, server.open(mesh, _SETTINGS) as session:
-        moves = [session.move(_motion(session, mesh, step)) for step in range(_MOTIONS)]
-    require(all(moved.correction["freed_nodes"] for moved in moves), "a motion has no cells to correct")
-    return [np.array(moved.displacement) for moved in moves]
+class WholeMesh:
+    """The run of a server with the whole mesh, as :class:`.undisturbed.Undisturbed`; its digests are of another state.
 
-
-class Rank:
-    """One client behind a network.
-
-    ``server``: is running; ``expected`` (list of (n, d) arrays): of :func:`undisturbed`. ``errors``: codes of the
-    errors that calls have raised.
+    ``mesh``: of the session.
     """
 
-    def __init__(self, server: ServerProcess, expected: list[Any]) -> None:
-        host, _, port = server.endpoint.removeprefix("tcp://").rpartition(":")
-        self._process = server
-        self.network = Network(loopback(), (host, int(port)), _PORTS, crossing=set(), restart=self.restart)
-        self.errors: Counter[str] = Counter()
-        self._expected, self._mesh = expected, square()
-        self._server: Server | None = None
-        self._session: Session = self._connected().open(self._mesh, _SETTINGS, evaluation="client")
-        self._credentials = self._session.credentials
-        self.acknowledged = 0
+    def __init__(self) -> None:
+        self.mesh = square()
+        with connect() as server, server.open(self.mesh, _SETTINGS) as session:
+            given = [_motion(session, self.mesh, step) for step in range(_MOTIONS)]
+            moves = [session.move(rows) for rows in given]
+        require(all(moved.correction["freed_nodes"] for moved in moves), "a motion has no cells to correct")
+        found = [np.array(moved.displacement) for moved in moves]
+        self._steps = [
+            Step([[rows]], [[moved]], [self.mesh.points + moved], b"", [])
+            for rows, moved in zip(given, found, strict=True)
+        ]
 
-    def restart(self) -> None:
-        """Kill the server and start it again."""
-        self._process.stop(signal.SIGKILL)
-        self._process.start()
+    def step(self, number: int) -> Step:
+        """Step 1, 2, …"""
+        return self._steps[number % _MOTIONS]
 
-    def run(self, seed: int) -> None:
-        """A seed: steps among faults, then one in peace."""
-        random = Random(f"own ranks {seed}")
-        kinds = [kind for kind in KINDS if kind != "half-open"]  # that one is silence, and takes a call's whole time
-        chosen = random.choices(kinds, [_WEIGHTS.get(kind, 1.0) for kind in kinds], k=random.choice((1, 1, 2)))
-        self.network.arm(
-            [
-                Fault(kind, "data", random.choice(("in", "out")), random.randrange(10), random.random())
-                for kind in chosen
-            ]
-        )
-        for _ in range(_STEPS):
-            self._step(abandon=random.random() < _ABANDONED)
-        self.network.heal()
-        self._step()
+    def points(self, number: int) -> list[Any]:
+        """Coordinates (n, d) after so many steps, of the only partition."""
+        return self.step(number).points if number else [self.mesh.points]
 
-    def close(self) -> None:
-        """End everything."""
-        self.network.heal()
-        self._again("CLOSE", lambda: self._session.close("discard"))
-        self._disconnect()
-        self.network.close()
 
-    def _step(self, *, abandon: bool = False) -> None:
-        """The next one, whatever it takes; then the coordinates."""
-        step = self.acknowledged + 1
-        wanted = self._expected[step % _MOTIONS]
+@contextmanager
+def rank(folder: Path, whole: WholeMesh) -> Iterator[Lane]:
+    """A client with an open session behind a network, and its server."""
+    mesh, options = whole.mesh, {"evaluation": "client"}
+    work = Work(mesh, _SETTINGS, options, "reference", mesh, lambda: whole, patience=25.0)
+    with ServerProcess(folder, **places_of(range(20100, 20108))) as server:
+        lane = Lane(server, None, set(), restarter(server), work)
+        try:
+            lane.open()
+            yield lane
+            lane.network.heal()
+            lane.driver.close()
+        finally:
+            lane.network.close()
 
-        def move_and_commit() -> None:
-            if self._session.step < step:
-                moved = self._session.move(_motion(self._session, self._mesh, step), timeout=_CALL)
-                require(np.array_equal(moved.displacement, wanted), f"the displacement of step {step} is another one")
-                self._session.commit(timeout=_CALL)
 
-        if abandon:
-            half = 0.5 * _motion(self._session, self._mesh, step)
-            self._again("MOVE", lambda: self._session.move(half, timeout=_CALL))
-            self._resume()
-        self._again("MOVE and COMMIT", move_and_commit)
-        require(self._session.step == step, f"the session is at step {self._session.step}, not at {step}")
-        self.acknowledged = step
-        points = self._again("FETCH", lambda: self._session.points(timeout=_CALL))
-        require(np.array_equal(points, self._mesh.points + wanted), f"the coordinates of step {step} are others")
-
-    def _again(self, what: str, action: Any) -> Any:
-        """A call, until it has its result; an error that repeating does not cure is followed by a resume."""
-        deadline = time.monotonic() + _PATIENCE
-        while True:
-            try:
-                return action()
-            except MeshMotionError as error:
-                self.errors[error.code] += 1
-                excused = error.code.startswith(EXCUSED) or isinstance(error, DamagedReply)
-                require(excused, f"{what} raised {error.code}: {error}")
-                require(time.monotonic() < deadline, f"{what} has no result within {_PATIENCE} s: {error}")
-                self._resume()
-
-    def _resume(self) -> None:
-        """As another process would that has mesh and credentials."""
-        deadline, old = time.monotonic() + _PATIENCE, self._session
-        while True:
-            self._disconnect()
-            try:
-                self._session = self._connected().resume(self._credentials, self._mesh)
-            except MeshMotionError as error:
-                self.errors[error.code] += 1
-                require(error.code.startswith(EXCUSED), f"RESUME raised {error.code}: {error}")
-                require(time.monotonic() < deadline, f"RESUME has no result within {_PATIENCE} s: {error}")
-            else:
-                admitted = (self.acknowledged, self.acknowledged + 1)
-                step = self._session.step
-                require(step in admitted, f"resumed at step {step}, {self.acknowledged} was acknowledged")
-                with contextlib.suppress(MeshMotionError):
-                    old.close()  # it is fenced
-                return
-
-    def _connected(self) -> Server:
-        self._server = connect(self.network.endpoint, timeout=_CALL, compute_timeout=_CALL)
-        return self._server
-
-    def _disconnect(self) -> None:
-        if self._server is not None:
-            self._server.close()
-            self._server = None
+def play(lane: Lane, seed: int) -> None:
+    """A seed: steps among faults, then one in peace."""
+    random = Random(f"own ranks {seed}")
+    kinds = [kind for kind in KINDS if kind != "half-open"]  # that one is silence, and takes a call's whole time
+    chosen = random.choices(kinds, [_WEIGHTS.get(kind, 1.0) for kind in kinds], k=random.choice((1, 1, 2)))
+    lane.network.arm(
+        [Fault(kind, "data", random.choice(("in", "out")), random.randrange(10), random.random()) for kind in chosen]
+    )
+    for _ in range(_STEPS):
+        if random.random() < _ABANDONED:
+            lane.driver.abandon()
+        lane.driver.step()
+        lane.driver.check_points()
+    lane.network.heal()
+    lane.driver.step()
+    lane.driver.check_points()
 
 
 def run(seed: int, budget: Budget) -> Result:
     """So many seeds."""
-    expected, done = undisturbed(), 0
+    done = steps = 0
     struck: Counter[str] = Counter()
-    with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-") as folder, ExitStack() as stack:
-        settings: dict[str, Any] = {
-            "endpoint": f"tcp://{loopback()}:{_PORTS[0] - 1}",
-            "advertised_host": "0.0.0.0",
-            "data_ports": f"{_PORTS[0]}-{_PORTS[-1]}",
-            "max_sessions": len(_PORTS) - 2,
-        }
-        server = stack.enter_context(ServerProcess(Path(folder), **settings))
-        rank = Rank(server, expected)
-        stack.callback(rank.close)
+    with tempfile.TemporaryDirectory(prefix="mesh-motion-prove-") as folder, rank(Path(folder), WholeMesh()) as lane:
         while budget.admits(done):
-            rank.run(1_000_000 * seed + done)
-            struck.update(rank.network.struck)
+            play(lane, 1_000_000 * seed + done)
+            struck.update(lane.network.struck)
             done += 1
-        steps = rank.acknowledged
-    details = {"seeds": done, "steps": steps, "faults": dict(struck), "errors": dict(rank.errors)}
+        steps = lane.driver.acknowledged
+    details = {"seeds": done, "steps": steps, "faults": dict(struck), "errors": dict(lane.driver.errors)}
     got = f"{done} seeds, {struck.total()} faults, {struck['restart']} of them kills; {steps} corrected steps alike"
     return Result(got, passed=True, details=details)
 

@@ -8,53 +8,25 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from mesh_motion_protocol.messages import (
-    Build,
-    Close,
-    Commit,
-    Fetch,
-    Hello,
-    List,
-    Move,
-    Open,
-    Ping,
-    Rollback,
-    SessionMessage,
-    Status,
-    Upload,
-)
+from mesh_motion_protocol.messages import Commit, Fetch, Hello, List, Move, Ping, Rollback, SessionMessage, Status
 
 from tests.faults.check import require
-from tests.faults.driver import parts_of
 from tests.faults.failing_server import FailingServer
-from tests.faults.persistent_holder import PARTITIONS, SILENCE, PersistentHolder, SessionLost, TrialLost
+from tests.faults.holder import SILENCE, Holder, TrialLost
 from tests.faults.undisturbed import Undisturbed, committer, frames_of
 
+PARTITIONS = 2
 
-class PersistentUser(PersistentHolder):
+
+class PersistentUser(Holder):
     """One session's user.
 
     ``undisturbed``: the run that this one must equal.
     """
 
     def __init__(self, server: FailingServer, undisturbed: Undisturbed) -> None:
-        super().__init__(server)
+        super().__init__(server, undisturbed.meshes)
         self._undisturbed = undisturbed
-
-    def open(self) -> None:
-        """From OPEN to READY; what is lost before it was durable is begun again."""
-        while True:
-            try:
-                opened = self.ask(Open, dimension=2, partitions=PARTITIONS)
-                self.session, self._token = opened.session, opened.token
-                self._endpoint, self._epoch = opened.endpoint, opened.epoch
-                self.join()
-                self._upload()
-                self.deliver([self.new(Build, p) for p in range(PARTITIONS)])
-            except SessionLost:
-                continue
-            self.built = True
-            return
 
     def advance(self) -> None:
         """MOVE and COMMIT of the next step, each asked for twice."""
@@ -91,19 +63,10 @@ class PersistentUser(PersistentHolder):
         same = all(np.array_equal(one.points, other) for one, other in zip(fetched, points, strict=True))
         require(same, f"the coordinates of step {self.step} differ from the undisturbed run's")
 
-    def leave(self, outcome: str = "keep") -> None:
-        """CLOSE of both partitions."""
-        self.leaving = outcome == "discard"
-        try:
-            self.deliver([self.new(Close, p, outcome=outcome) for p in range(PARTITIONS)])
-        except SessionLost:
-            require(self.leaving, f"the session {self.session} is lost")
-        self.disconnect()
-
     def take_over(self) -> None:
         """RESUME while the old holder is there, who must be fenced."""
         self.connect()
-        old, epoch = self._lines, self._epoch
+        old, epoch = self._lines, self.epoch
         self._lines = []
         with ExitStack() as closing:
             for line in old:
@@ -131,9 +94,3 @@ class PersistentUser(PersistentHolder):
         replies = self.deliver(commits)
         same = [frames_of(reply) for reply in replies] == expected
         require(same, f"COMMIT of step {commits[0].sequence} is answered otherwise than in the undisturbed run")
-
-    def _upload(self) -> None:
-        """Part by part, both partitions in turn."""
-        for p, mesh in enumerate(self._undisturbed.meshes):
-            for item, name, role, rows in parts_of(mesh):
-                self.deliver([self.new(Upload, p, item=item, name=name, role=role, rows=rows)])

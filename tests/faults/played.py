@@ -20,7 +20,7 @@ from tests.faults.expected import Answer, Asked, compare, compare_all
 from tests.faults.in_process import InProcessServer, standing_of
 from tests.faults.in_process_parts import Replies
 from tests.faults.ranks import Ranks
-from tests.faults.session_fate import MortalSession
+from tests.faults.session_model import SessionModel
 from tests.faults.session_table import ADMITTED
 
 #: What waits until all commits are durable, or needs the disk for something else.
@@ -90,14 +90,14 @@ class Played:
         for kind in ("RESUME", "JOIN", "FETCH", "STATUS"):
             self.act(Action(kind, ALL if kind != "RESUME" else 0))
 
-    def _open(self) -> MortalSession:
+    def _open(self) -> SessionModel:
         """A session, as the owner opens it."""
         about = {"partitions": self.partitions, "durability": self._ranks.level}
         asked = self._ranks.control(wire.Open, Action("OPEN"), dimension=2, **about)
         opened = self._control(asked)
         require(opened.type == "OPENED" and opened.epoch == 1, f"OPEN was answered {opened}")
         self._resume = None
-        model = MortalSession(opened, self._ranks.shares(), self._kept, self._ranks.level)
+        model = SessionModel(opened, self._ranks.shares(), self._kept, self._ranks.level)
         model.visited = self.visited
         return model
 
@@ -342,15 +342,13 @@ class Played:
         if ended is not None:
             envelopes = ended.handle(Envelope(asked.peer, asked.message))
             return [(e.peer, [bytes(frame) for frame in encode(e.message)]) for e in envelopes]
-        frames = [bytes(frame) for frame in encode(asked.message)]
-        return self.server.data(self.model.session, asked.user, asked.peer, frames)
+        return self.server.data(self.model.session, asked.user, asked.peer, encode(asked.message))
 
     # --- the control endpoint ----------------------------------------------------------------------------------------
 
     def _control(self, asked: Asked) -> Any:
         """Its one reply."""
-        frames = [bytes(frame) for frame in encode(asked.message)]
-        replies = self.server.control(asked.user, asked.peer, frames)
+        replies = self.server.control(asked.user, asked.peer, encode(asked.message))
         require(len(replies) == 1, f"{asked.kind} has {len(replies)} replies")
         return decode(replies[0][1])
 

@@ -99,7 +99,7 @@ class Life:
 
     def run(self, script: str) -> None:
         """Build or open the journal and check it, then live by the script."""
-        writer = _WRITERS[self.level](self._begin())
+        writer = _Writer(self._begin(), self.level)
         for command in script:
             if command == "c":
                 self.asked = self.step + 1
@@ -114,7 +114,7 @@ class Life:
                 self.epoch = writer.journal.raise_epoch()
             else:
                 writer.journal.close()
-                writer = _WRITERS[self.level](self._begin())
+                writer = _Writer(self._begin(), self.level)
         writer.journal.close()
 
     def _begin(self) -> Journal:
@@ -147,62 +147,37 @@ class Life:
         self.epoch = epoch
 
 
-class _Full:
-    """Commits as the level "full" does; its journal may be asked for everything else."""
+class _Writer:
+    """Commits as the journal's level does; with "relaxed" the work of its thread is done on call."""
 
-    def __init__(self, journal: Journal) -> None:
-        self.journal = journal
+    def __init__(self, journal: Journal, level: str) -> None:
+        self.journal, self._level, self._backlog = journal, level, Backlog(journal)
+        self._replay, self._relaxed = ReplayKeeper(journal), RelaxedKeeper(journal)
 
     def commit(self, step: int) -> int:
         """The durable step that the reply gives."""
-        state = state_of(step)
-        if step % 3:
-            self.journal.write_ahead(state)
-        if step % 3 == 2:
-            state = state.copy()  # another one than was expected
-        self.journal.store(entry_of(step), state)
+        entry, state = entry_of(step), state_of(step)
+        if self._level == "replay":
+            self._replay.commit(entry, state, lambda: boundary_of(step))
+        elif self._level == "relaxed":
+            self._backlog.accept(entry, state)
+            return self._relaxed.durable_after(step)
+        else:
+            if step % 3:
+                self.journal.write_ahead(state)
+            self.journal.store(entry, state.copy() if step % 3 == 2 else state)  # another one than was expected
         return step
 
     def catch_up(self) -> None:
         """All that was committed is durable."""
-
-    def rest(self, step: int) -> None:
-        """As before closing."""
-        self.catch_up()
-
-
-class _Replay(_Full):
-    """As "replay" does."""
-
-    def __init__(self, journal: Journal) -> None:
-        super().__init__(journal)
-        self._keeper = ReplayKeeper(journal)
-
-    def commit(self, step: int) -> int:
-        self._keeper.commit(entry_of(step), state_of(step), lambda: boundary_of(step))
-        return step
-
-    def rest(self, step: int) -> None:
-        self._keeper.rest(lambda: state_of(step))
-
-
-class _Relaxed(_Full):
-    """As "relaxed" does, with the thread's work done on call."""
-
-    def __init__(self, journal: Journal) -> None:
-        super().__init__(journal)
-        self._keeper, self._backlog = RelaxedKeeper(journal), Backlog(journal)
-
-    def commit(self, step: int) -> int:
-        self._backlog.accept(entry_of(step), state_of(step))
-        return self._keeper.durable_after(step)
-
-    def catch_up(self) -> None:
         if self._backlog:
             self._backlog.take()()
 
-
-_WRITERS = {"full": _Full, "replay": _Replay, "relaxed": _Relaxed}
+    def rest(self, step: int) -> None:
+        """As before closing."""
+        if self._level == "replay":
+            self._replay.rest(lambda: state_of(step))
+        self.catch_up()
 
 
 def explore(script: str, random: Random, *, wrap: Wrap = _bare, disks: int = DISKS, level: str = "full") -> int:

@@ -1,10 +1,12 @@
-"""What Linux shows of processes: their children, open files and memory."""
+"""What the system shows of processes: their children, open files and memory."""
 
 import os
+import threading
 from dataclasses import dataclass
-from pathlib import Path
+from multiprocessing import parent_process
+from multiprocessing.connection import wait
 
-from mesh_motion_server.operation.room import resident_bytes
+import psutil  # type: ignore[import-untyped]
 
 
 @dataclass(frozen=True)
@@ -18,50 +20,49 @@ class Usage:
 def alive(pid: int) -> bool:
     """Whether it runs: one that has ended, and whose parent has not waited for it yet, does not."""
     try:
-        return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] != "Z"
-    except OSError:
+        return bool(psutil.Process(pid).status() != psutil.STATUS_ZOMBIE)
+    except psutil.NoSuchProcess:
         return False
 
 
 def children_of(pid: int) -> list[int]:
     """The processes that it has started and that have not ended, oldest first.
 
-    Raises OSError if it has ended.
+    Raises psutil.NoSuchProcess if it has ended.
     """
-    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()]
+    children = sorted(psutil.Process(pid).children(), key=psutil.Process.create_time)
+    return [child.pid for child in children]
 
 
 def descendants(pid: int) -> set[int]:
     """A process, its children, and theirs; empty once it has ended."""
     try:
-        children = children_of(pid)
-    except OSError:
+        return {pid, *(child.pid for child in psutil.Process(pid).children(recursive=True))}
+    except psutil.NoSuchProcess:
         return set()
-    return {pid}.union(*(descendants(child) for child in children))
 
 
 def usage_of(pid: int) -> Usage:
     """Of a process that lives."""
-    return Usage(len(os.listdir(f"/proc/{pid}/fd")), resident_bytes(pid))
-
-
-def proportional_bytes(pid: int) -> int:
-    """Memory of a process, of what it shares with others its part; 0 once it has ended."""
-    try:
-        lines = Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="ascii").splitlines()
-    except OSError:
-        return 0
-    return sum(1024 * int(line.split()[1]) for line in lines if line.startswith("Pss:"))
-
-
-def threads_of(pid: int) -> int:
-    """How many threads a process has."""
-    return len(os.listdir(f"/proc/{pid}/task"))
+    process = psutil.Process(pid)
+    return Usage(process.num_fds(), process.memory_info().rss)
 
 
 def name_of(pid: int) -> str:
     """What ``ps -e`` calls it; empty once it has ended."""
     try:
-        return Path(f"/proc/{pid}/comm").read_text(encoding="utf-8", errors="replace").strip()
-    except OSError:
+        return str(psutil.Process(pid).name())
+    except psutil.NoSuchProcess:
         return ""
+
+
+def end_with_parent() -> None:
+    """Let this process, which multiprocessing has started, end with the one that did so, however that ends."""
+    parent = parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

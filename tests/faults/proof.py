@@ -9,63 +9,34 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError
-from importlib.metadata import version as installed
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import zmq
 from mesh_motion_protocol import PROTOCOL_VERSION
 
-from mesh_motion_server import __version__
+from mesh_motion_server.session.replay import maker
 from tests.faults.check import Budget, Check, Result
 
-_PACKAGES = ("numpy", "scipy", "msgpack", "pyzmq")
 _ROW = "{check:<15} {target:<63} {got:<63} {seed:>6} {seconds:>8} {verdict}"
-
-#: The second try to end a row that hangs comes so much later, seconds.
-_AGAIN_SECONDS = 60.0
-
 #: The first line of the table.
 HEADING = _ROW.format(check="check", target="target", got="got", seed="seed", seconds="seconds", verdict="").rstrip()
+#: The second try to end a row that hangs comes so much later, seconds.
+_AGAIN_SECONDS = 60.0
 
 
 @dataclass(frozen=True)
 class Plan:
     """How much is done.
 
-    ``scale``: "short" or "full": each check's own counts; ``minutes`` (float or None): if given, the time for all
-    checks, instead of counts.
+    ``scale``: "short" or "full": each check's own counts.
     """
 
     scale: str = "short"
     seed: int = 1
-    minutes: float | None = None
-
-    def seconds(self, check: Check, checks: Sequence[Check]) -> float | None:
-        """The check's share of the time."""
-        if self.minutes is None:
-            return None
-        return 60 * self.minutes * check.seconds / sum(each.seconds for each in checks)
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """A check's line, and what proof.json contains of it.
-
-    ``seconds``: wall time; ``traceback``: of the exception that ended the check, if one did.
-    """
-
-    check: str
-    target: str
-    got: str
-    seed: int
-    seconds: float
-    passed: bool
-    details: dict[str, Any]
-    traceback: str = ""
 
 
 class Proof:
@@ -85,48 +56,41 @@ class Proof:
         progress: Callable[[str], None] = lambda _: None,
     ) -> None:
         self._plan, self._checks, self._out, self._report, self._progress = plan, checks, out, report, progress
-        self._outcomes: list[Outcome] = []
+        self._outcomes: list[dict[str, Any]] = []
         self._about = {**asdict(plan), "started": _now(), "versions": versions(), "machine": machine()}
         out.mkdir(parents=True, exist_ok=True)
         report(HEADING)
 
-    def run(self, check: Check) -> Outcome:
-        """Run one of the rows; whatever it raises is its failure, and the next one can run."""
-        outcome = _outcome(check, self._plan, self._plan.seconds(check, self._checks), self._progress)
+    def run(self, check: Check) -> dict[str, Any]:
+        """Run one of the rows; whatever it raises is its failure, with its traceback, and the next one can run."""
+        count = check.count(self._plan.scale)
+        budget = Budget(count, lambda done: self._progress(f"{check.name}: {done} of {count}"))
+        start, trace = time.monotonic(), ""
+        try:
+            with _limited(check.limit(count)):
+                result = check.run(self._plan.seed, budget)
+        except (Exception, _Hangs) as error:
+            trace, result = traceback.format_exc(), Result(_one_line(error), False, {})
+        taken = time.monotonic() - start
+        outcome = {"check": check.name, "target": check.target_of(count), "seed": self._plan.seed}
+        outcome |= {"seconds": round(taken, 3)} | vars(result) | {"traceback": trace}
         self._outcomes.append(outcome)
-        self._report(line_of(outcome))
-        finished = len(self._outcomes) == len(self._checks)
-        _write(self._out / "proof.json", self._about, self._outcomes, finished=finished)
+        shown = outcome | {"seconds": f"{taken:.1f}", "verdict": "PASS" if result.passed else "FAIL"}
+        self._report(_ROW.format(**shown))
+        self._write()
         return outcome
 
-
-def line_of(outcome: Outcome) -> str:
-    """One line of the table."""
-    return _ROW.format(
-        check=outcome.check,
-        target=outcome.target,
-        got=outcome.got,
-        seed=outcome.seed,
-        seconds=f"{outcome.seconds:.1f}",
-        verdict="PASS" if outcome.passed else "FAIL",
-    )
-
-
-def _outcome(check: Check, plan: Plan, seconds: float | None, progress: Callable[[str], None]) -> Outcome:
-    """Run one check."""
-    count = check.count(plan.scale)
-    target = check.target_of(count if seconds is None else None)
-    budget = Budget(count, seconds, lambda done: progress(f"{check.name}: {done}" + (f" of {count}" * (not seconds))))
-    start = time.monotonic()
-    trace = ""
-    try:
-        with _limited(check.limit(count, seconds)):
-            result = check.run(plan.seed, budget)
-    except (Exception, _Hangs) as error:
-        trace = traceback.format_exc()
-        result = Result(_one_line(error), False, {})
-    taken = time.monotonic() - start
-    return Outcome(check.name, target, result.got, plan.seed, taken, result.passed, result.details, trace)
+    def _write(self) -> None:
+        """proof.json as of now, replaced whole."""
+        finished = len(self._outcomes) == len(self._checks)
+        proof = self._about | {
+            "finished": _now() if finished else None,
+            "passed": finished and all(outcome["passed"] for outcome in self._outcomes),
+            "checks": self._outcomes,
+        }
+        part = self._out / "proof.json.part"
+        part.write_text(json.dumps(proof, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        part.replace(self._out / "proof.json")
 
 
 class _Hangs(BaseException):
@@ -160,53 +124,18 @@ def _one_line(error: BaseException) -> str:
     return " ".join(words.split())[:400]
 
 
-def _write(path: Path, about: dict[str, Any], outcomes: Sequence[Outcome], *, finished: bool) -> None:
-    """proof.json as of now, replaced whole."""
-    proof = about | {
-        "finished": _now() if finished else None,
-        "passed": finished and all(outcome.passed for outcome in outcomes),
-        "checks": [asdict(replace(outcome, seconds=round(outcome.seconds, 3))) for outcome in outcomes],
-    }
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(proof, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    part.replace(path)
-
-
 def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def versions() -> dict[str, str]:
     """Of the program, its protocol, and what it stands on."""
-    found = {
-        "mesh-motion-server": __version__,
-        "protocol": ".".join(map(str, PROTOCOL_VERSION)),
-        "python": platform.python_version(),
-        "libzmq": zmq.zmq_version(),
-    }
-    for name in _PACKAGES:
-        try:
-            found[name] = installed(name)
-        except PackageNotFoundError:
-            found[name] = "not installed"
-    return found
+    found = {name: version(name) for name in ("msgpack", "pyzmq")}
+    found |= {"python": platform.python_version(), "libzmq": zmq.zmq_version()}
+    return found | {"protocol": ".".join(map(str, PROTOCOL_VERSION))}
 
 
 def machine() -> dict[str, Any]:
     """What the figures were measured on."""
-    return {
-        "system": platform.platform(),
-        "processor": _processor(),
-        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
-        "memory_bytes": os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"),
-    }
-
-
-def _processor() -> str:
-    """Its model where Linux shows it, else its architecture."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return {"system": platform.platform(), "computes": maker(), "cores": os.cpu_count(), "memory_bytes": memory}

@@ -12,6 +12,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Self
 
+from mesh_motion_client import Keys
+
+from mesh_motion_server.security.key_folder import admit, make_client_keys, make_server_keys
 from mesh_motion_server.transport.serve import LIFELINE
 from tests.faults.check import BrokenPromise
 from tests.faults.processes import alive, children_of, descendants, name_of
@@ -79,7 +82,7 @@ class ServerProcess:
     def children(self) -> list[int]:
         """Processes that the supervisor has started, oldest first: the gateway, the monitor if there is one, workers.
 
-        Raises OSError if the supervisor has ended.
+        Raises psutil.NoSuchProcess if the supervisor has ended.
         """
         return children_of(self.process.pid)
 
@@ -200,6 +203,20 @@ class ServerProcess:
 
     def __exit__(self, *_: object) -> None:
         self.stop()
+
+
+def seeded(*names: str) -> dict[str, str]:
+    """Environment of a server with faults by name: tests/faults/seeded/sitecustomize.py."""
+    paths = [str(Path(__file__).with_name("seeded")), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return {"PYTHONPATH": os.pathsep.join(paths), "SEEDED_FAULTS": ",".join(names)}
+
+
+def make_keys(folder: Path, name: str = "prover") -> Keys:
+    """Keys of a server, in ``folder / "keys"``, and of one user on its list."""
+    make_server_keys(folder / "keys")
+    public = make_client_keys(name, folder / "clients")
+    admit(public.key, folder / "keys", name=name)
+    return Keys.load(folder / "clients" / f"{name}.secret", folder / "keys" / "server.public")
 
 
 def memory_folder() -> str | None:

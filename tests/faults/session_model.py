@@ -1,12 +1,14 @@
 """What a session has to do, written once more from SPEC.md: a few values and rules, no journal, no numerics.
 
-The model is asked the same requests as a server, in the same order, and says which replies are due. Coordinates it has
-from the replies themselves, by the rule that a displacement and the coordinates of its frame add up to the server's
-bits (section 7); the digest of a committed state it takes from them (section 16).
+The model is asked the same requests as a server, in the same order, and says which replies are due; it learns what
+happens to its process and its disk. Coordinates it has from the replies themselves, by the rule that a displacement and
+the coordinates of its frame add up to the server's bits (section 7); the digest of a committed state it takes from them
+(section 16).
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -14,17 +16,162 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.faults.check import require
-from tests.faults.expected import Answer, Asked, Codes
-from tests.faults.reply_book import Entry
-from tests.faults.session_state import SessionState, Snapshot
-from tests.faults.session_table import COLLECTIVE, DISK, OTHERS
+from tests.faults.expected import Answer, Asked, Codes, Share
+from tests.faults.reply_book import Book, Entry
+from tests.faults.session_table import ADMITTED, COLLECTIVE, DISK, OTHERS
+
+Points = list[NDArray[np.float64]]
 
 
-class SessionModel(SessionState):
-    """One session: which replies are due.
+@dataclass(frozen=True)
+class Snapshot:
+    """What may be found after a crash: a step, its coordinates, and the COMMITs that made it, with its digest."""
 
-    Its parameters are those of :class:`.session_state.SessionState`.
+    step: int
+    committed: Points
+    commits: Sequence[Asked] = ()
+    digest: bytes = b""
+
+
+class SessionModel:
+    """One session.
+
+    ``shares``: by partition; ``kept``: ``stored_replies``; ``level``: of durability.
     """
+
+    def __init__(self, opened: Any, shares: Sequence[Share], kept: int, level: str = "full") -> None:
+        self.session, self.token, self.epoch = opened.session, opened.token, int(opened.epoch)
+        self.shares, self.kept, self.level = shares, kept, level
+        self.durable_step, self.reopened, self.unreported = 0, False, False
+        self.state, self.worker, self.step, self.iteration = "NEW", "alive", 0, 0
+        self.lost = "no"
+        self.joined: dict[int, bytes] = {}
+        self.uploaded = [0] * len(shares)
+        self.waiting: dict[int, Asked] = {}
+        self.books: dict[bytes, Book] = {}
+        self.committed: Points = []
+        self.trial: Points = []
+        self.may_be_found: list[Snapshot | None] = [None]
+        self.disk_broken = False
+        self.visited: set[tuple[str, str]] = set()
+        self.discarded = False
+        self._moved: dict[Any, bytes] = {}
+
+    # --- what it knows -----------------------------------------------------------------------------------------------
+
+    @property
+    def built(self) -> bool:
+        """Whether BUILT was answered, or a RESUME has found that it should have been."""
+        return bool(self.committed)
+
+    @property
+    def gone(self) -> bool:
+        """Whether no client will find it again."""
+        return self.worker == "none" and self.may_be_found == [None]
+
+    @property
+    def complete(self) -> bool:
+        """Whether all of the mesh is uploaded, and nothing twice."""
+        return self.uploaded == [share.parts for share in self.shares]
+
+    @property
+    def spoilt(self) -> bool:
+        """Whether something is uploaded twice."""
+        return any(n > share.parts for n, share in zip(self.uploaded, self.shares, strict=True))
+
+    @property
+    def missing(self) -> list[int]:
+        """Partitions that a collective request waits for."""
+        return [p for p in range(len(self.shares)) if p not in self.waiting] if self.waiting else []
+
+    def admits(self, operation: str) -> bool:
+        """The cell of section 8's table; it is now visited."""
+        self.visited.add((self.state, operation))
+        return operation in ADMITTED[self.state].split()
+
+    def book(self, client: bytes) -> Book:
+        """The requests of a client."""
+        return self.books.setdefault(client, Book(self.kept))
+
+    def digest(self, step: int, points: Points) -> bytes:
+        """Section 16."""
+        ids, first = np.unique(np.concatenate([share.ids for share in self.shares]), return_index=True)
+        rows = np.concatenate(points)[first]
+        head = np.array([step, len(ids), rows.shape[1]], dtype="<i8").tobytes()
+        return hashlib.sha256(b"mesh-motion state 1\n" + head + rows.astype("<f8").tobytes()).digest()
+
+    # --- what becomes of it ------------------------------------------------------------------------------------------
+
+    def learn_durable(self, reply: Any) -> None:
+        """Section 21: it never goes back, and is the last step unless the level is "relaxed"."""
+        durable = getattr(reply, "durable_step", reply.step)
+        least = self.durable_step if self.level == "relaxed" else self.step
+        require(
+            least <= durable <= self.step,
+            f"{reply.type} says durable step {durable}; {least} is the least, {self.step} made",
+        )
+        self.durable_step = durable
+        self.may_be_found = [s for s in self.may_be_found if s is None or s.step >= durable]
+
+    def all_is_durable(self) -> None:
+        """Unless the disk has failed: then CLOSED or RESUMED says what is durable."""
+        if self.built and self.state not in ("FROZEN", "FAILED"):
+            self.durable_step, self.may_be_found = self.step, [Snapshot(self.step, self.committed)]
+
+    def end(self, *, discard: bool) -> None:
+        """The worker has ended as it should; what is built stays."""
+        if discard or not self.built:
+            self.may_be_found = [None]
+        self.forget()
+        self.state, self.worker, self.trial, self.iteration = "CLOSED", "none", [], 0
+        self.waiting = {}
+
+    def forget(self) -> None:
+        """What no worker knows any more; a trial may have been lost, for all that the next one knows."""
+        self.lost = "surely" if self.trial or self.lost == "surely" else "perhaps"
+        for book in self.books.values():
+            book.restart()
+
+    def lose_trial(self, state: str) -> None:
+        self.lost = "surely" if self.trial else self.lost
+        self.state, self.trial, self.iteration = state, [], 0
+
+    def abandon(self, *codes: str) -> list[Answer]:
+        """Everyone who waits is refused."""
+        waiting, self.waiting = self.waiting, {}
+        return [self.refuse(waiting[p], *codes) for p in sorted(waiting)]
+
+    # --- what it answers ---------------------------------------------------------------------------------------------
+
+    def refuse(self, asked: Asked, *codes: str, state: str | None = None) -> Answer:
+        return Answer(asked, "ERROR", codes, {"state": self.state if state is None else state})
+
+    def state_codes(self, kind: str) -> Codes:
+        if self.state == "FROZEN":
+            self.unreported = False
+            return (DISK,)
+        if kind == "COMMIT" and self.state == "READY" and self.lost != "no":
+            return ("ABORTED.TRIAL_LOST", *(["FAILED_PRECONDITION.STATE"] if self.lost == "perhaps" else []))
+        return ("FAILED_PRECONDITION.STATE",)
+
+    def executed(
+        self, asked: Asked, kind: str, effect: Callable[[Any], None] = lambda _: None, **fields: Any
+    ) -> Answer:
+        entry = Entry(asked.message.sequence, asked.content, executed=True, type=kind, fields=fields, kind=asked.kind)
+        self.book(asked.message.client).enter(entry, asked)
+
+        def keep(reply: Any) -> None:
+            entry.keep(reply)
+            effect(reply)
+
+        return Answer(asked, kind, fields=fields, effect=keep)
+
+    def refuse_all(self, all_asked: Sequence[Asked], *codes: str) -> list[Answer]:
+        """They are refused alike, and tried again when they are repeated."""
+        for asked in all_asked:
+            entry = Entry(asked.message.sequence, asked.content, executed=False, kind=asked.kind)
+            self.book(asked.message.client).enter(entry, asked)
+        return [self.refuse(asked, *codes) for asked in all_asked]
 
     # --- requests to the data endpoint -------------------------------------------------------------------------------
 
@@ -244,6 +391,103 @@ class SessionModel(SessionState):
     def _rollback(self, all_asked: Sequence[Asked], _fault: str) -> list[Answer]:
         self.state, self.trial, self.iteration, self.lost = "READY", [], 0, "no"
         return [self.executed(asked, "ROLLED_BACK", step=self.step) for asked in all_asked]
+
+    # --- what happens to it ------------------------------------------------------------------------------------------
+
+    def lease_ends(self) -> list[Answer]:
+        """No client was connected for too long."""
+        self.admits("LEASE_END")
+        self.unreported = False
+        self.all_is_durable()
+        if self.state in ("READY", "TRIAL"):
+            self.lose_trial("SUSPENDED")
+        abandoned = self.abandon("ABORTED")
+        if self.state in ("NEW", "OPENING"):
+            self.end(discard=True)
+        return abandoned
+
+    def time_out(self) -> list[Answer]:
+        """Those who wait for partitions have waited long enough."""
+        return self.abandon("DEADLINE_EXCEEDED")
+
+    def ends(self) -> None:
+        """The server stops: the worker closes its journal; no waiting client gets an answer."""
+        self.all_is_durable()
+        self.end(discard=False)
+
+    def crashes(self, worker: str) -> None:
+        """The process is gone; PROBE will say this of it."""
+        self.state, self.worker, self.unreported = "", worker, False
+        self.joined, self.waiting = {}, {}
+        self.forget()
+        self.trial, self.iteration = [], 0
+
+    # --- RESUME and PROBE --------------------------------------------------------------------------------------------
+
+    def gate_control(self, asked: Asked) -> Answer | None:
+        """Who asks, with which token, of a session that is there."""
+        may, code = OTHERS.get(asked.user, (asked.kind, ""))
+        if asked.kind not in may.split():
+            return self.refuse(asked, code, state="")
+        if self.gone or (asked.user == "owner" and asked.message.token != self.token):
+            return self.refuse(asked, "NOT_FOUND", state="")
+        return None
+
+    def resume(self, asked: Asked, fault: str = "") -> Answer:
+        """Of a worker that lives, or from the journal."""
+        if self.worker == "alive" and self.admits("RESUME"):
+            if not (fault and self.built):
+                state = self.state if not self.built else "READY"
+                return Answer(asked, "RESUMED", fields={"epoch": self.epoch + 1}, effect=partial(self._resumed, state))
+            self.lose_trial("FROZEN")
+        if self.worker == "alive":
+            self.crashes("dead")
+        if self.may_be_found == [None]:
+            self.worker = "none"
+            return self.refuse(asked, "NOT_FOUND", state="")
+        perhaps = ("NOT_FOUND",) if None in self.may_be_found else ()
+        if fault:
+            return Answer(asked, "ERROR", (DISK, *perhaps), {"state": ""}, effect=self._found)
+        return Answer(asked, "RESUMED", perhaps, effect=self._found)
+
+    def _resumed(self, state: str, reply: Any) -> None:
+        """By the worker that lives."""
+        require((reply.state, reply.step) == (state, self.step), f"RESUMED says {reply.state} at step {reply.step}")
+        self.epoch, self.joined, self.waiting, self.discarded = reply.epoch, {}, {}, False
+        self.all_is_durable()
+        if self.built:
+            self.lose_trial("READY")
+            self.lost = "surely" if self.lost == "surely" else "perhaps"
+
+    def _found(self, reply: Any) -> None:
+        """From the journal, or not at all."""
+        if reply.type == "ERROR":
+            self.may_be_found, self.worker = [None] if reply.code == "NOT_FOUND" else self.may_be_found, "none"
+            return
+        require(reply.epoch > self.epoch, f"epoch {reply.epoch} after {self.epoch}")
+        found = [snapshot for snapshot in self.may_be_found if snapshot and snapshot.step == reply.step]
+        require(found, f"RESUMED says step {reply.step}, {self.step} was committed")
+        snapshot = found[0]
+        require(snapshot is not None and reply.state == "READY", f"RESUMED says {reply.state}")
+        self.state, self.worker, self.epoch, self.joined = "READY", "alive", reply.epoch, {}
+        self.discarded, self.reopened = False, True
+        self._adopt(snapshot)
+
+    def _adopt(self, snapshot: Any) -> None:
+        """It was this one that was durable; if a COMMIT made it, that COMMIT was executed."""
+        self.durable_step = snapshot.step
+        for book in self.books.values():
+            book.forget_steps_after(snapshot.step)
+        self.step, self.committed, self.may_be_found = (
+            snapshot.step,
+            snapshot.committed,
+            [replace(snapshot, commits=())],
+        )
+        about = {"step": snapshot.step, "durable_step": snapshot.step, "digest": snapshot.digest}
+        if snapshot.commits:
+            self.lost = "perhaps"
+        for asked in snapshot.commits:
+            self.executed(asked, "COMMITTED", **about)
 
 
 def _common(asked: Asked) -> Any:

@@ -3,18 +3,8 @@
 #: The columns of section 8's table, without JUDGE and CORRECT, since the server judges the cells of these sessions,
 #: and without TANGENT and COTANGENT, which change nothing: they are played after other requests (:mod:`.played`).
 OPERATIONS = (
-    "JOIN",
-    "UPLOAD",
-    "BUILD",
-    "MOVE",
-    "COMMIT",
-    "ROLLBACK",
-    "FETCH",
-    "STATUS",
-    "CLOSE",
-    "RESUME",
-    "LEASE_END",
-)
+    "JOIN", "UPLOAD", "BUILD", "MOVE", "COMMIT", "ROLLBACK", "FETCH", "STATUS", "CLOSE", "RESUME", "LEASE_END",
+)  # fmt: skip
 #: Its rows: what is not refused.
 ADMITTED = {
     "NEW": "JOIN UPLOAD STATUS CLOSE RESUME LEASE_END",

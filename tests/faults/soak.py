@@ -12,21 +12,19 @@ remembered, 1024 of each and about 1 MB. Until they are full, a slope counts fro
 
 import contextlib
 import os
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+import psutil  # type: ignore[import-untyped]
+from scipy.stats import theilslopes
 
-from mesh_motion_server.operation.room import resident_bytes
+from tests.faults import soak_client
 from tests.faults.check import BrokenPromise, Budget, Check, Result, require
-from tests.faults.processes import threads_of, usage_of
 from tests.faults.server_process import memory_folder
 from tests.faults.stand_in_server import StandInServer
 
@@ -47,8 +45,6 @@ _SETTINGS: dict[str, Any] = {
 }
 #: Files of the state folder may take so much more than at the first reading: a manifest's successor, a session.
 _MOST_STORED = 8 << 20
-#: Of what a client that ends has said, characters.
-_MOST_SAID = 4000
 
 
 @dataclass(frozen=True)
@@ -69,92 +65,69 @@ class Soak:
     """
 
     def __init__(self, folder: Path, seed: int) -> None:
-        self._state, self._said = folder / "state", folder / "client.log"
-        self._server = StandInServer(folder, **_SETTINGS).start()
-        self.done: dict[str, int] = {}
+        self._state, self.done = folder / "state", {"steps": 0}
         self.readings: dict[str, list[Reading]] = {}
         self.stored: list[int] = []
+        self._server = StandInServer(folder, **_SETTINGS).start()
+        context = get_context("spawn")
+        self._line, theirs = context.Pipe()
+        given = (self._server.endpoint, seed, theirs)
+        self._client = context.Process(target=soak_client.main, args=given, daemon=True)
         try:
             before = self._server.workers()
-            self._client = self._start(seed)
+            self._client.start()
+            theirs.close()
+            self._await_count()
             self._pids = self._name(before)
         except BaseException:
-            self._server.stop()
+            self.close()
             raise
-
-    def _start(self, seed: int) -> subprocess.Popen[str]:
-        arguments = (self._server.endpoint, str(seed), str(os.getpid()))
-        command = [sys.executable, "-m", "tests.faults.soak_client", *arguments]
-        with self._said.open("w", encoding="utf-8") as log:
-            client = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True, encoding="utf-8"
-            )
-        try:
-            self._await_count(client)
-        except BaseException:
-            _end(client)
-            raise
-        return client
 
     def _name(self, before: set[int]) -> dict[str, int]:
         """Processes that stay: the template, which is the oldest of its kind, and those of the three sessions."""
-        template, *workers = sorted(before | self._server.workers(), key=_started)[:4]
+        template, *workers = sorted(before | self._server.workers(), key=lambda pid: psutil.Process(pid).create_time())[
+            :4
+        ]
         named = {f"worker {number}": pid for number, pid in enumerate(workers, start=1)}
         return {
             "supervisor": self._server.process.pid,
             "gateway": self._server.gateway(),
             "template": template,
-            "client": self._client.pid,
+            "client": self._client.pid or 0,
         } | named
 
-    def _await_count(self, client: subprocess.Popen[str]) -> None:
+    def _await_count(self) -> None:
         """What the client has done by now."""
-        assert client.stdout is not None
-        line = client.stdout.readline()
-        if not line:
-            after = f"after {self.done.get('steps', 0)} steps or more"
-            said = self._said.read_text(encoding="utf-8", errors="replace")[-_MOST_SAID:].strip()
-            raise BrokenPromise(f"the soaking client has ended by itself, {after}: {said or 'without a word'}")
-        self.done = {name: int(count) for name, _, count in (word.partition("=") for word in line.split())}
+        try:
+            said = self._line.recv()
+        except EOFError:
+            said = "without a word"
+        require(isinstance(said, dict), f"the client has ended by itself, after {self.done['steps']} steps: {said}")
+        self.done = said
 
     def go(self, steps: int) -> None:
         """So many steps, then a reading."""
-        assert self._client.stdin is not None
-        self._client.stdin.write(f"{steps}\n")
-        self._client.stdin.flush()
-        self._await_count(self._client)
+        self._line.send(steps)
+        self._await_count()
         for name, pid in self._pids.items():
             self.readings.setdefault(name, []).append(self._read(name, pid))
         self.stored.append(sum(path.stat().st_size for path in _files(self._state)))
 
     def _read(self, name: str, pid: int) -> Reading:
         try:
-            return Reading(self.done["steps"], resident_bytes(pid), usage_of(pid).files, threads_of(pid))
-        except OSError:
+            process = psutil.Process(pid)
+            memory = process.memory_info().rss
+            return Reading(self.done["steps"], memory, process.num_fds(), process.num_threads())
+        except psutil.NoSuchProcess:
             raise BrokenPromise(f"{name} has ended after {self.done['steps']} steps") from None
 
     def close(self) -> None:
         """End both."""
-        if self._client.stdin is not None:
-            self._client.stdin.close()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._client.wait(30)
-        _end(self._client)
+        self._line.close()
+        if self._client.pid is not None:
+            self._client.join(30)
+            self._client.kill()
         self._server.stop()
-
-
-def _end(client: subprocess.Popen[str]) -> None:
-    """Kill it if it has not ended, and close its pipes."""
-    client.kill()
-    client.wait()
-    for stream in (client.stdin, client.stdout):
-        if stream is not None:
-            stream.close()
-
-
-def _started(pid: int) -> int:
-    """When a process was started, in the clock's ticks."""
-    return int(Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[19])
 
 
 def _files(folder: Path) -> Iterator[Path]:
@@ -163,14 +136,6 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 # --- judging ---
-
-
-def slope(steps: Sequence[int], values: Sequence[float]) -> float:
-    """The median of the slopes between all pairs (Theil 1950, Sen 1968)."""
-    x, y = np.asarray(steps, dtype=float), np.asarray(values, dtype=float)
-    i, j = np.triu_indices(len(x), 1)
-    slopes: NDArray[np.float64] = (y[j] - y[i]) / (x[j] - x[i])
-    return float(np.median(slopes))
 
 
 def allowed_slope(first: int, last: int) -> float:
@@ -189,9 +154,9 @@ def _fitted(readings: Sequence[Reading]) -> tuple[int, int]:
 
 
 def _slope_of(readings: Sequence[Reading]) -> float:
-    """Bytes a step in the second half."""
+    """Bytes a step in the second half: the median of the slopes between all pairs (Theil 1950, Sen 1968)."""
     half = _half(readings)
-    return slope([reading.steps for reading in half], [reading.resident_bytes for reading in half])
+    return float(theilslopes([reading.resident_bytes for reading in half], [reading.steps for reading in half])[0])
 
 
 def judge(readings: dict[str, list[Reading]], stored: Sequence[int]) -> dict[str, float]:
@@ -232,7 +197,7 @@ def run(seed: int, budget: Budget) -> Result:
     """So many steps."""
     with soaking(seed) as soak:
         start, portion = time.monotonic(), max(_LEAST_STEPS, budget.count // _READINGS)
-        while budget.admits(soak.done.get("steps", 0)) or len(soak.stored) < 8:
+        while budget.admits(soak.done["steps"]) or len(soak.stored) < 8:
             soak.go(portion)
         seconds = time.monotonic() - start
     slopes = judge(soak.readings, soak.stored)

@@ -1,27 +1,27 @@
-"""Steps for ever, as somebody asks for: ``python -m tests.faults.soak_client ENDPOINT SEED PARENT``.
+"""Steps as long as they are asked for, over a pipe of multiprocessing.
 
 Three sessions are held: one by the Python client, one by hand, whose requests are often sent twice and whose
-connection is cut often, and one with the real numerics. For each line of standard input, a number of steps, so many are
-made, in random order over the three; then a line with the session ids' steps goes to standard output. Meanwhile holders
-rejoin and resume, sessions are opened and discarded, closed and resumed, lists and reports are asked for.
+connection is cut often, and one with the real numerics. Steps are made in random order over the three. Meanwhile
+holders rejoin and resume, sessions are opened and discarded, closed and resumed, lists and reports are asked for.
 """
 
 import contextlib
-import os
-import sys
-import threading
-import time
+import traceback
 from collections import Counter
 from collections.abc import Callable
+from multiprocessing.connection import Connection
 from random import Random
+from types import SimpleNamespace
 
 import numpy as np
 from mesh_motion_client import MeshMotionError, connect
 from mesh_motion_client.session import Session
+from mesh_motion_protocol import messages as m
 
 from tests.faults.check import require
 from tests.faults.client_mesh import client_mesh
-from tests.faults.holder import Holder, seeded_mesh, seeded_rows
+from tests.faults.holder import SeededHolder, seeded_mesh, seeded_rows
+from tests.faults.processes import end_with_parent
 from tests.faults.stand_in_service import REAL
 
 #: What comes once in so many steps: another connection, another epoch, a session that comes and goes, a list.
@@ -30,8 +30,6 @@ REJOINS, RESUMES, SHORT_LIVED, LISTS = 80, 80, 500, 200
 _RESTS = 2
 _REHEARSED = 50
 _OPEN_SECONDS = 300.0
-#: Between two looks at whether the proof still runs, seconds.
-_LOOKS = 1.0
 
 
 class Soaker:
@@ -41,12 +39,12 @@ class Soaker:
     """
 
     def __init__(self, endpoint: str, seed: int) -> None:
-        self.random, self.done, self._endpoint = Random(f"soak {seed}"), Counter[str](), endpoint
+        self.random, self.done, self._there = Random(f"soak {seed}"), Counter[str](), SimpleNamespace(endpoint=endpoint)
         self._server = connect(endpoint, timeout=_OPEN_SECONDS, compute_timeout=_OPEN_SECONDS)
         self._client = self._server.open(client_mesh(seeded_mesh(1)), {"support_radius": 2.0})
-        self._by_hand, self._real = Holder(endpoint, 2), Holder(endpoint, 3)
+        self._by_hand, self._real = SeededHolder(self._there, 2), SeededHolder(self._there, 3)
         self._by_hand.open()
-        self._real.open(REAL)
+        self._real.open(label=REAL, settings={"support_radius": 2.0})
         self._ways: tuple[tuple[Callable[[], None], int], ...] = (
             (self._client_step, 50),
             (self._step_by_hand, 45),
@@ -110,7 +108,7 @@ class Soaker:
 
     def _resume(self) -> None:
         """Another holder, under the next epoch."""
-        self._by_hand.resume()
+        self._by_hand.come_back()
         self._replace(self._server.resume(self._client.credentials))
 
     def _replace(self, session: Session) -> None:
@@ -121,58 +119,44 @@ class Soaker:
 
     def _short_lived(self) -> None:
         """A session that comes and goes; some rest in between."""
-        holder = Holder(self._endpoint, self.done["short-lived sessions"])
-        holder.open("short-lived")
+        holder = SeededHolder(self._there, self.done["short-lived sessions"])
+        holder.open(label="short-lived")
         holder.move()
         holder.commit()
         if self.random.randrange(_RESTS) == 0:
-            holder.close()
-            holder.resume()
-        holder.close("discard")
+            holder.leave()
+            holder.come_back()
+        holder.leave("discard")
 
     def _look(self) -> None:
         """Lists, reports and coordinates."""
         require(len(self._server.sessions()) >= 3, "LIST has lost a session")
         require(self._client.status().step == self._client.step, "STATUS says another step")
         require(bool(np.isfinite(self._client.points()).all()), "FETCH has lost the coordinates")
-        self._by_hand.status()
-        self._real.points()
+        self._by_hand.request(m.Status)
+        self._real.request(m.Fetch)
 
     def close(self) -> None:
         """Discard the sessions."""
         self._client.close("discard")
-        self._by_hand.close("discard")
-        self._real.close("discard")
+        self._by_hand.leave("discard")
+        self._real.leave("discard")
         self._server.close()
 
 
-def _end_with(proof: int) -> None:
-    """A proof that is interrupted while it starts this process does not know of it yet: nothing else would end it."""
-
-    def watch() -> None:
-        while os.getppid() == proof:
-            time.sleep(_LOOKS)
-        os._exit(1)
-
-    threading.Thread(target=watch, name="proof", daemon=True).start()
-
-
-def main(endpoint: str, seed: str, proof: str) -> None:
-    """Obey standard input; ``proof`` is the process that starts this one."""
-    _end_with(int(proof))
-    soaker = Soaker(endpoint, int(seed))
-    soaker.rehearse()
-    _say(soaker.done)
-    for line in sys.stdin:
-        soaker.go(int(line))
-        _say(soaker.done)
-    soaker.close()
-
-
-def _say(done: Counter[str]) -> None:
-    sys.stdout.write(" ".join(f"{name.replace(' ', '-')}={count}" for name, count in done.items()) + "\n")
-    sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
+def main(endpoint: str, seed: int, line: Connection) -> None:
+    """As many steps as each message says, and what was done by then; the last one says why there are no more."""
+    end_with_parent()
+    try:
+        soaker = Soaker(endpoint, seed)
+        soaker.rehearse()
+        while True:
+            line.send({"steps": 0} | soaker.done)
+            try:
+                steps = line.recv()
+            except EOFError:
+                break
+            soaker.go(steps)
+        soaker.close()
+    except Exception:
+        line.send(traceback.format_exc())

@@ -11,8 +11,8 @@ from mesh_motion_protocol.messages import Ping
 
 from mesh_motion_server.security.authorisation import Verdict, decide
 from tests.faults import authorisation_matrix as row
-from tests.faults.authorisation_matrix import CHECK, Stage
-from tests.faults.check import BrokenPromise, Budget
+from tests.faults.authorisation_matrix import Stage
+from tests.faults.check import BrokenPromise
 from tests.faults.expected_rights import COMBINATIONS, REQUESTS, Cell, expected, role_cells
 from tests.faults.hidden_sessions import require_alike, require_same_time, time_differences, times
 from tests.faults.wire import Wire
@@ -27,17 +27,6 @@ def stage(folder: Path) -> Iterator[Stage]:
         yield made
     finally:
         made.close()
-
-
-@pytest.mark.slow  # it waits for the delay of what is not found
-def test_some_questions_and_all_that_the_table_does_not_have(monkeypatch: pytest.MonkeyPatch) -> None:
-    cells = list(role_cells())
-    monkeypatch.setattr(row, "_TIMED", 5)
-    monkeypatch.setattr(row, "role_cells", lambda: Random(3).sample(cells, 40))
-    result = CHECK.run(3, Budget(1))
-    assert result.passed
-    assert result.details["cells"] == CHECK.short - len(cells) + 40
-    assert result.details["compared"] == 8
 
 
 def test_what_is_written_down_and_the_servers_table_agree_but_are_two() -> None:
@@ -92,7 +81,7 @@ def test_wrong_cells_are_found(seed: Seed, tmp_path: Path) -> None:
 def test_what_reveals_a_session_is_found(seed: Seed, tmp_path: Path) -> None:
     seed("no delay of not found", "another hint where there is a session")
     with stage(tmp_path) as made, Wire(made.server.endpoint, made.subject) as control:
-        existing = {"open": made.held(False).known}
+        existing = {"open": row.known(made.held(False))}
         with pytest.raises(BrokenPromise, match="PROBE of another's session, which is open, is answered"):
             require_alike(control, existing)
         with pytest.raises(BrokenPromise, match="it is to wait for 50 ms"):
@@ -103,7 +92,7 @@ def test_what_reveals_a_session_is_found(seed: Seed, tmp_path: Path) -> None:
 def test_a_delay_that_begins_after_the_lookup_is_found(seed: Seed, tmp_path: Path) -> None:
     seed("a lookup that takes its time after the delay began")
     with stage(tmp_path) as made, Wire(made.server.endpoint, made.subject) as control:
-        seconds = times(control, {"open": made.held(False).known}, Random(1), 40)
+        seconds = times(control, {"open": row.known(made.held(False))}, Random(1), 40)
     with pytest.raises(BrokenPromise, match="that is open comes"):
         require_same_time(seconds)
 

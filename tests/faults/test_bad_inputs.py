@@ -14,9 +14,8 @@ from mesh_motion_protocol.errors import InvalidInput
 from mesh_motion_server.service import move
 from mesh_motion_server.session import motions, session
 from mesh_motion_server.session.partitions import merging, uploads
-from tests.faults.bad_inputs import BAD_INPUTS, prove_bad_inputs
-from tests.faults.extreme_inputs import prove_extreme_inputs
 from tests.faults.inputs.extremes import EXTREMES
+from tests.faults.numerical_input import BAD_INPUTS, prove_bad_inputs, prove_extreme_inputs
 
 
 def rows(*starts: str) -> list[Any]:
@@ -59,8 +58,8 @@ def nothing(*args: Any, **kwargs: Any) -> None:
         (mesh_check, "_refuse_geometry", ("an inverted cell", "a folded mesh")),
         (mesh_check, "_check_extent", ("square × 1e+200", "cube × 1e-120")),
         (patch_check, "_check_nodes", ("a fixed patch without nodes",)),
-        (method_check, "_check_lengths", ("square with support_radius = 1e+300",)),
-        (method_check, "_check_periodic", ("periodic with basis = tps",)),
+        (method_check, "_check_lengths", ("square at build with support_radius = 1e+300",)),
+        (method_check, "_check_periodic", ("periodic at build with basis = tps",)),
         (move, "_check_lengths", ("displacement × 1e+300",)),
     ],
 )
@@ -99,4 +98,4 @@ def test_a_refusal_that_leaves_something_behind_is_found(monkeypatch: Any) -> No
 
 def test_a_lost_code_is_found(monkeypatch: Any) -> None:
     monkeypatch.setattr(method_check, "_unfit", lambda setting, message, hint="": InvalidInput(message))
-    assert prove_bad_inputs(0, rows("square with support_radius = 1e+300")).right == 0
+    assert prove_bad_inputs(0, rows("square at build with support_radius = 1e+300")).right == 0

@@ -5,12 +5,10 @@ from random import Random
 import pytest
 from mesh_motion_conformance.case import Case, Outcome
 from mesh_motion_conformance.client import client_cases
-from mesh_motion_conformance.command import Subject
 from mesh_motion_conformance.server import server_cases
 
 from tests.faults import conformance
-from tests.faults.check import Budget
-from tests.faults.conformance import CHECK, CLIENTS_VARIABLE, Part, choice, clients, verdict
+from tests.faults.conformance import CLIENTS_VARIABLE, choice, clients, verdict
 
 
 @pytest.mark.parametrize("cases", [server_cases(), client_cases()], ids=["server", "client"])
@@ -22,16 +20,6 @@ def test_a_choice_has_every_section_in_the_documents_order(cases: list[Case]) ->
         assert len(chosen) == min(max(count, len(sections)), len(cases))
         assert chosen == [case for case in cases if case in chosen]
     assert choice(cases, 30, Random(1)) == choice(cases, 30, Random(1)) != choice(cases, 30, Random(2))
-
-
-def test_the_full_plan_has_all_cases() -> None:
-    parts = [Part("server", Subject("tcp://127.0.0.1:1"), 1.0), Part("Python", Subject(client="x"), 1.0)]
-    for part, cases in zip(parts, (server_cases(), client_cases()), strict=True):
-        chosen, budget = conformance._share(part, parts, Budget(CHECK.full), Random(1))
-        assert [case.id for case in chosen] == [case.id for case in cases]
-        assert budget.count == len(cases)
-        _, timed = conformance._share(part, parts, Budget(1, 10.0), Random(1))
-        assert timed.seconds == 5.0
 
 
 def test_a_failure_and_a_case_that_was_left_out_are_reported() -> None:

@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import pytest
 
-from tests.faults import named_failpoints, persistent_holder, waiting
+from tests.faults import holder, named_failpoints, waiting
 from tests.faults.check import BrokenPromise, Budget
 from tests.faults.failpoint_table import POINTS
 from tests.faults.named_failpoints import CHECK, TASKS, NotPassed, Rig, let_fail, passages, rig
@@ -76,7 +76,7 @@ def test_a_bug_is_found(
 ) -> None:
     seed(bug)
     hangs = bug.startswith("a worker")
-    monkeypatch.setattr(persistent_holder, "PATIENCE", 4.0 if hangs else waiting.PATIENCE)
+    monkeypatch.setattr(holder, "PATIENCE", 4.0 if hangs else waiting.PATIENCE)
     point, fault, hit = re.split("[=@]", failing)
     with pytest.raises(BrokenPromise, match=said):
         try_several_times(task, point, fault, int(hit))

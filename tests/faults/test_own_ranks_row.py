@@ -4,38 +4,29 @@ import pytest
 from mesh_motion_client import Session, volume
 from mesh_motion_client.courier import Courier
 
-from tests.faults import own_ranks
-from tests.faults.check import BrokenPromise, Budget
-from tests.faults.network_faults import loopback
-from tests.faults.own_ranks import Rank, undisturbed
-from tests.faults.server_process import ServerProcess
+from tests.faults import network_driver, own_ranks
+from tests.faults.check import BrokenPromise
+from tests.faults.network_faults import restarter
 
 
 @pytest.fixture(scope="module")
-def expected():
-    return undisturbed()
+def whole():
+    return own_ranks.WholeMesh()
 
 
 @pytest.fixture
-def rank(tmp_path, expected, monkeypatch):
-    ports = own_ranks._PORTS
-    settings = {"advertised_host": "0.0.0.0", "data_ports": f"{ports[0]}-{ports[-1]}", "max_sessions": len(ports) - 2}
-    with ServerProcess(tmp_path, endpoint=f"tcp://{loopback()}:{ports[0] - 1}", **settings) as server:
-        made = Rank(server, expected)
-        yield made
+def driver(tmp_path, whole, monkeypatch):
+    monkeypatch.setattr(network_driver, "SLACK", 200.0)  # a server is killed and started again within a call
+    with own_ranks.rank(tmp_path, whole) as lane:
+        lane.driver.restart = restarter(lane.server)
+        yield lane.driver
         monkeypatch.undo()
-        made.close()
-
-
-@pytest.mark.nightly
-def test_some_seeds():
-    assert own_ranks.run(1, Budget(3)).passed
 
 
 @pytest.fixture
-def killed_before_commit(rank, monkeypatch):
+def killed_before_commit(driver, monkeypatch):
     """The server is killed once, when the trial is corrected and judged."""
-    commit, kills = Session.commit, iter([rank.restart])
+    commit, kills = Session.commit, iter([driver.restart])
 
     def after_a_kill(session, **options):
         next(kills, lambda: None)()
@@ -44,14 +35,15 @@ def killed_before_commit(rank, monkeypatch):
     monkeypatch.setattr(Session, "commit", after_a_kill)
 
 
-def test_a_server_killed_before_the_commit_corrects_the_trial_again(rank, killed_before_commit):
-    rank._step()
-    rank._resume()
-    rank._step()
-    assert not rank.errors
+def test_a_server_killed_before_the_commit_corrects_the_trial_again(driver, killed_before_commit):
+    driver.step()
+    driver.check_points()
+    driver.resume()
+    driver.step()
+    assert not driver.errors
 
 
-def test_a_client_that_does_not_correct_a_lost_trial_again_is_found(rank, killed_before_commit, monkeypatch):
+def test_a_client_that_does_not_correct_a_lost_trial_again_is_found(driver, killed_before_commit, monkeypatch):
     repeat = Courier._repeat_trial
 
     def forgetful(self, deadline):
@@ -59,11 +51,16 @@ def test_a_client_that_does_not_correct_a_lost_trial_again_is_found(rank, killed
         return repeat(self, deadline)
 
     monkeypatch.setattr(Courier, "_repeat_trial", forgetful)
-    with pytest.raises(BrokenPromise, match=r"the coordinates of step 1 are others|MOVE and COMMIT raised"):
-        rank._step()
+    with pytest.raises(BrokenPromise, match=r"the coordinates of step 1 differ|COMMIT raised"):
+        _step_and_look(driver)
 
 
-def test_a_client_that_resumes_without_the_correction_is_found(rank, monkeypatch):
+def test_a_client_that_resumes_without_the_correction_is_found(driver, monkeypatch):
     monkeypatch.setattr(volume.Volume, "_here", lambda self, ids: (ids[:0], ids[:0]))
-    with pytest.raises(BrokenPromise, match="step 1 is another one"):
-        rank._step()
+    with pytest.raises(BrokenPromise, match="MOVED 1 of step 1 is another array"):
+        driver.step()
+
+
+def _step_and_look(driver):
+    driver.step()
+    driver.check_points()

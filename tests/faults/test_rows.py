@@ -13,6 +13,6 @@ from tests.faults.proof import Proof
 @pytest.mark.parametrize("row", table.CHECKS, ids=lambda row: row.name)
 def test_row(row: Check, proof: Proof) -> None:
     outcome = proof.run(row)
-    if outcome.traceback:
-        pytest.fail(outcome.traceback, pytrace=False)
-    assert outcome.passed, f"{outcome.got}; the target: {outcome.target}"
+    if outcome["traceback"]:
+        pytest.fail(outcome["traceback"], pytrace=False)
+    assert outcome["passed"], f"{outcome['got']}; the target: {outcome['target']}"

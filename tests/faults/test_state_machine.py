@@ -6,9 +6,6 @@ from types import MappingProxyType
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, settings
-from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
 from seeded_faults import (
     does_not_compare_what_partitions_ask_for,
     does_not_look_at_the_step,
@@ -29,10 +26,9 @@ from mesh_motion_server.session.session import Session
 from mesh_motion_server.session.state import Operation, State
 from mesh_motion_server.transport.protection import Protection, Rights
 from tests.faults import state_machine
-from tests.faults.actions import ALL, EVENTS, REQUESTS, TWISTS, Action, read_story, story
 from tests.faults.check import BrokenPromise, Budget
 from tests.faults.session_table import ADMITTED, OPERATIONS
-from tests.faults.state_machine import CELLS, CHECK, Life, begin, nth_life, replay
+from tests.faults.state_machine import CELLS, CHECK, Life, nth_life, replay
 
 #: No client of these sessions judges; and derivatives, which change nothing, are played after other requests.
 NOT_PLAYED = {"JUDGE", "CORRECT", "TANGENT", "COTANGENT"}
@@ -47,14 +43,6 @@ def test_the_models_table_is_that_of_spec() -> None:
         assert set(operations.split()) == allowed - NOT_PLAYED, row
 
 
-@pytest.mark.nightly
-def test_sixty_lives_visit_every_cell() -> None:
-    result = CHECK.run(1, Budget(60))
-    assert result.passed, result.got
-    assert result.details["cells"] == len(CELLS) == 99
-    assert result.details["sequences_with"]["the numerics"] == 6
-
-
 def test_a_seed_repeats_a_life(protection: Protection) -> None:
     stories = []
     for _ in range(2):
@@ -63,47 +51,6 @@ def test_a_seed_repeats_a_life(protection: Protection) -> None:
         stories.append(str(life))
     assert stories[0] == stories[1]
     assert str(Life.of(stories[0])) == stories[0]
-
-
-def test_a_story_is_read_as_it_is_written() -> None:
-    actions = [Action("MOVE", ALL, "far", 3), Action("LEASE_END"), Action("COMMIT", 2, "", 7)]
-    assert read_story(story(actions)) == actions
-
-
-@pytest.mark.slow
-def test_hypothesis_finds_no_difference(protection: Protection) -> None:
-    pairs = [(kind, twist) for kind in REQUESTS for twist in TWISTS[kind]] + [(event, "") for event in EVENTS]
-    onward = [(kind, "") for kind in ("JOIN", "UPLOAD", "BUILD", "MOVE", "COMMIT", "RESUME")]
-
-    class Sessions(RuleBasedStateMachine):
-        def __init__(self) -> None:
-            super().__init__()
-            self.played = begin(protection, 2)
-            for _ in range(5):
-                self.played.act(Action("JOIN", ALL))
-                self.played.act(Action("UPLOAD", ALL))
-
-        @rule(what=st.sampled_from(pairs), partition=st.integers(-1, 1), value=st.integers(0, 32))
-        def anything(self, what: tuple[str, str], partition: int, value: int) -> None:
-            self.played.act(Action(what[0], partition, what[1], value))
-
-        @rule(what=st.sampled_from(onward), value=st.integers(0, 3))
-        def gets_on(self, what: tuple[str, str], value: int) -> None:
-            self.played.act(Action(what[0], 0 if what[0] == "RESUME" else ALL, what[1], value))
-
-        def teardown(self) -> None:
-            self.played.finish()
-
-    run_state_machine_as_test(
-        Sessions,
-        settings=settings(
-            max_examples=settings.default.max_examples // 3,
-            stateful_step_count=40,
-            derandomize=True,
-            database=None,
-            suppress_health_check=list(HealthCheck),
-        ),
-    )
 
 
 @pytest.mark.parametrize("between", ["STOP/1//5 ", ""])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from tests.faults.check import require
-from tests.faults.driver import undisturbed_driver
+from tests.faults.driver import Driver, undisturbed_driver
 
 Floats = NDArray[np.float64]
 
@@ -24,6 +24,12 @@ def committer(partition: int) -> bytes:
 def frames_of(message: Message) -> bytes:
     """A message as it goes over the wire."""
     return b"".join(bytes(frame) for frame in encode(message))
+
+
+def to_and_fro(driver: Driver, number: int, factor: float = 1.0) -> list[Floats]:
+    """So small that the mesh is as good after ten thousand steps; each step's own, and back in the next."""
+    sign = 0.01 if number % 2 else -0.01
+    return [sign * factor * rows for rows in driver.displacement((number + 1) // 2)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +70,8 @@ class Undisturbed:
         """Coordinates (n, d) after so many steps, by partition."""
         return self.step(number).points if number else [mesh.points for mesh in self.meshes]
 
-    def _given(self, number: int, factor: float) -> list[Floats]:
-        """To and fro, so small that the mesh is as good after many steps; each step's own, and back in the next."""
-        sign = 0.01 if number % 2 else -0.01
-        return [sign * factor * rows for rows in self._driver.displacement((number + 1) // 2)]
-
     def _next(self, number: int) -> Step:
-        given, partitions = [self._given(number, factor) for factor in self._moves], range(len(self.meshes))
+        given, partitions = [to_and_fro(self._driver, number, f) for f in self._moves], range(len(self.meshes))
         moved = [[reply.displacement for reply in self._driver.all(Move, rows, step=number)] for rows in given]
         replies: list[Any] = []
         for p in partitions:

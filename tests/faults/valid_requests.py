@@ -1,4 +1,4 @@
-"""Requests that a session would take, as the headers and frames of the wire: what a fuzz begins with."""
+"""Requests that a session would take: what a fuzz begins with."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -6,7 +6,9 @@ from random import Random
 from typing import Any
 
 import numpy as np
+from mesh_motion_protocol.messages import MESSAGES, Message
 
+from mesh_motion_server.session.partitions.meshes import PartitionMesh
 from tests.faults.ranks import shared_mesh, uploads_of
 
 CONTROL = ("HELLO", "OPEN", "RESUME", "LIST", "PROBE", "PING")
@@ -18,19 +20,8 @@ _SETTINGS: tuple[dict[str, Any], ...] = (
     {}, {"basis": "wendland-c4"}, {"correction": "none", "quality_threshold": 0.1}, {"support_radius": 2.5},
     {"reduction": "greedy"},
 )  # fmt: skip
-
-
-@dataclass
-class Request:
-    """A header, not yet packed, and the frames behind it."""
-
-    header: dict[str, Any]
-    frames: list[bytes] = field(default_factory=list)
-
-    @property
-    def kind(self) -> str:
-        """Its type."""
-        return str(self.header["type"])
+_FRAMES = ("committed", "reference")
+_TRIANGLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 
 
 @dataclass
@@ -46,114 +37,82 @@ class Known:
     partitions: int
     step: int = 0
     sequence: int = 0
-    uploads: list[list[dict[str, Any]]] = field(default_factory=list)
-    moving: list[np.ndarray[Any, Any]] = field(default_factory=list)
+    meshes: list[PartitionMesh] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        meshes = shared_mesh(self.partitions)
-        self.uploads = [uploads_of(mesh, self.partitions) for mesh in meshes]
-        self.moving = [mesh.points[np.sort(mesh.patches["left"].nodes), 1] for mesh in meshes]
+        self.meshes = shared_mesh(self.partitions)
+
+    def uploads(self, partition: int) -> list[dict[str, Any]]:
+        """The parts of a partition's mesh."""
+        return [{"name": "", "role": ""} | part for part in uploads_of(self.meshes[partition], self.partitions)]
+
+    def heights(self, partition: int) -> Any:
+        """(k,) of a partition's moving nodes."""
+        mesh = self.meshes[partition]
+        return mesh.points[np.sort(mesh.patches["left"].nodes), 1]
 
 
-def valid_request(kind: str, known: Known, partition: int, random: Random) -> Request:
-    """A request of a partition that fits the session, if its state does too."""
-    request = _bare(kind, known, partition)
-    more = _MORE.get(kind)
-    if more is not None:
-        request.header["fields"] |= more(request, known, partition, random)
-    return request
-
-
-def upload_of(known: Known, partition: int, part: dict[str, Any]) -> Request:
-    """The UPLOAD of a part of a partition's mesh."""
-    request = _bare("UPLOAD", known, partition)
-    request.header["fields"] |= _part(request, part)
-    return request
-
-
-def _bare(kind: str, known: Known, partition: int) -> Request:
-    """With an id and an address."""
+def valid_request(kind: str, known: Known, partition: int, random: Random, **fields: Any) -> Message:
+    """A request of a partition that fits the session, if its state does too; these fields instead of drawn ones."""
     known.sequence += 1
-    header: dict[str, Any] = {"v": 1, "type": kind, "client": bytes([partition + 1]) * 16, "sequence": known.sequence}
-    fields = {"session": known.session, "epoch": known.epoch, "partition": partition}
-    header |= {"fields": fields if kind in DATA and kind != "PING" else {}, "arrays": []}
-    return Request(header)
+    about: dict[str, Any] = {"client": bytes([partition + 1]) * 16, "sequence": known.sequence}
+    if kind in DATA and kind != "PING":
+        about |= {"session": known.session, "epoch": known.epoch, "partition": partition}
+    if kind in _MORE:
+        about |= _MORE[kind](known, partition, random)
+    return MESSAGES[kind](**about | fields)
 
 
-def _array(request: Request, name: str, rows: np.ndarray[Any, Any]) -> None:
-    """Declare an array, and put its frame behind."""
-    dtype = "<f8" if rows.dtype.kind == "f" else "<i8"
-    request.header["arrays"].append({"name": name, "dtype": dtype, "shape": list(rows.shape)})
-    if rows.size:
-        request.frames.append(rows.astype(dtype).tobytes())
-
-
-def _open(_request: Request, _known: Known, _partition: int, random: Random) -> dict[str, Any]:
+def _open(_known: Known, _partition: int, random: Random) -> dict[str, Any]:
     return {"dimension": random.choice((1, 2, 3)), "partitions": random.choice((1, 2, 256)), "label": "a label",
             "settings": dict(random.choice(_SETTINGS)), "bytes_reserved": 1000, "durability": "",
             "time": -1.5, "time_levels": random.choice(("", "bdf2", "bossak"))}  # fmt: skip
 
 
-def _address(_request: Request, known: Known, _partition: int, _random: Random) -> dict[str, Any]:
+def _address(known: Known, _partition: int, _random: Random) -> dict[str, Any]:
     return {"session": known.session, "token": known.token}
 
 
-def _upload(request: Request, known: Known, partition: int, random: Random) -> dict[str, Any]:
-    return _part(request, random.choice(known.uploads[partition]))
-
-
-def _part(request: Request, part: dict[str, Any]) -> dict[str, Any]:
-    _array(request, "rows", part["rows"])
-    return {"item": part["item"], "name": part.get("name", ""), "role": part.get("role", "")}
-
-
-def _move(request: Request, known: Known, partition: int, random: Random) -> dict[str, Any]:
-    y = known.moving[partition]
-    alike = random.random() < 0.8  # with the other partitions
+def _move(known: Known, partition: int, random: Random) -> dict[str, Any]:
+    y, alike = known.heights(partition), random.random() < 0.8  # with the other partitions
     phase = known.step if alike else random.randrange(8)
-    _array(request, "displacement", 0.002 * np.stack([np.sin(phase + y), np.cos(phase * y)], axis=1))
+    rows = 0.002 * np.stack([np.sin(phase + y), np.cos(phase * y)], axis=1)
     more: dict[str, Any] = {"time": known.step + 1.0, "velocity": ("", "bdf1", "tangent")[known.step % 3]}
     if more["velocity"] == "tangent":
-        _array(request, "boundary_velocity", np.stack([y, 1.0 - y], axis=1))
+        more["boundary_velocity"] = np.stack([y, 1.0 - y], axis=1)
     if random.random() < 0.3:
         ways = ("step", "displacement", "velocity")[: 3 if more["velocity"] else 2]
         more |= {"report": "headroom", "headroom_along": random.choice(ways)}
     elif random.random() < 0.4:
         more["report"] = "swept"
-        if random.random() < 0.5:
-            _array(request, "swept_faces", np.array([[0, 1], [1, 2], [2, 0]]))
-    return {"step": known.step + 1, "frame": "committed" if alike else "reference"} | more
+        more |= {"swept_faces": np.array([[0, 1], [1, 2], [2, 0]])} if random.random() < 0.5 else {}
+    return {"step": known.step + 1, "frame": "committed" if alike else "reference", "displacement": rows} | more
 
 
-def _tangent(request: Request, known: Known, partition: int, random: Random) -> dict[str, Any]:
-    y = known.moving[partition]
-    _array(request, "velocity", np.stack([np.sin(y), np.cos(y)], axis=1))
-    return {"what": random.choice(("trial", "committed"))}
+def _tangent(known: Known, partition: int, random: Random) -> dict[str, Any]:
+    y = known.heights(partition)
+    return {"what": random.choice(("trial", "committed")), "velocity": np.stack([np.sin(y), np.cos(y)], axis=1)}
 
 
-def _cotangent(request: Request, known: Known, partition: int, random: Random) -> dict[str, Any]:
-    _array(request, "weights", shared_mesh(known.partitions)[partition].points / 3)
-    return {"what": random.choice(("trial", "committed"))}
+def _cotangent(known: Known, partition: int, random: Random) -> dict[str, Any]:
+    return {"what": random.choice(("trial", "committed")), "weights": known.meshes[partition].points / 3}
 
 
-def _judge(request: Request, known: Known, _partition: int, _random: Random) -> dict[str, Any]:
-    _array(request, "bins", np.array([[0, 1536, 18]]))
-    _array(request, "values", np.array([[0.0, 0.5, 18.0]]))
-    _array(request, "worst", np.array([[1.0, 0.0, 0.5, 0.5, 1.0, 0.5, 0.0, 0.0]]))
+def _judge(known: Known, _partition: int, _random: Random) -> dict[str, Any]:
     part = {"cells": 18, "inverted": 0, "sums": {"size": 9.0}, "minima": {"size": 0.5}}
-    return {"step": known.step + 1, "part": part, "questions": [{"metric": "size", "way": []}]}
+    arrays = {"bins": np.array([[0, 1536, 18]]), "values": np.array([[0.0, 0.5, 18.0]]),
+              "worst": np.array([[1.0, 0.0, 0.5, 0.5, 1.0, 0.5, 0.0, 0.0]])}  # fmt: skip
+    return {"step": known.step + 1, "part": part, "questions": [{"metric": "size", "way": []}]} | arrays
 
 
-def _correct(request: Request, known: Known, _partition: int, random: Random) -> dict[str, Any]:
-    _array(request, "nodes", np.array([[0, 1], [1, 0], [2, 1]]))
-    for name in ("points", "positions"):
-        _array(request, name, np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
-    _array(request, "corners", np.array([[0], [1], [2]]))
+def _correct(known: Known, _partition: int, random: Random) -> dict[str, Any]:
     region = {"metric": "size", "below": 0.2, "rings": 4, "cells": {"triangle": 1}, "interior": 0, "least": [1.0, 1.0]}
-    return {"step": known.step + 1, "what": random.choice(("trial", "committed")), "part": region}
+    arrays = {"nodes": np.array([[0, 1], [1, 0], [2, 1]]), "points": _TRIANGLE, "positions": _TRIANGLE,
+              "corners": np.array([[0], [1], [2]])}  # fmt: skip
+    return {"step": known.step + 1, "what": random.choice(("trial", "committed")), "part": region} | arrays
 
 
-_More = Callable[[Request, Known, int, Random], dict[str, Any]]
+_More = Callable[[Known, int, Random], dict[str, Any]]
 #: Fields in addition to the address, by type.
 _MORE: Mapping[str, _More] = {
     "HELLO": lambda *_: {"versions": [[1, 0]], "features": [], "agent": "fuzz"},
@@ -161,15 +120,15 @@ _MORE: Mapping[str, _More] = {
     "RESUME": _address,
     "PROBE": _address,
     "LIST": lambda *_: {"after": ""},
-    "JOIN": lambda _r, known, _p, _: {"token": known.token},
-    "UPLOAD": _upload,
+    "JOIN": lambda known, *_: {"token": known.token},
+    "UPLOAD": lambda known, partition, random: random.choice(known.uploads(partition)),
     "MOVE": _move,
     "TANGENT": _tangent,
     "COTANGENT": _cotangent,
     "JUDGE": _judge,
     "CORRECT": _correct,
-    "COMMIT": lambda _r, known, _p, _: {"step": known.step + 1, "time": known.step + 1.0},
-    "ROLLBACK": lambda _r, known, _p, _: {"step": known.step + 1},
-    "FETCH": lambda _r, _k, _p, random: {"what": random.choice(("committed", "reference"))},
+    "COMMIT": lambda known, *_: {"step": known.step + 1, "time": known.step + 1.0},
+    "ROLLBACK": lambda known, *_: {"step": known.step + 1},
+    "FETCH": lambda _k, _p, random: {"what": random.choice(_FRAMES)},
     "CLOSE": lambda *_: {"outcome": "keep"},
 }

@@ -53,105 +53,72 @@ _INDICES = (
 # --- cells -----------------------------------------------------------------------------------------------------------
 
 
-def _repeated_node(draft: Draft, rng: Rng) -> Names:
-    cells = draft.rows("cells", "triangle")
-    cell = int(rng.integers(len(cells)))
-    cells[cell, 2] = cells[cell, 0]
-    return {"cell": cell}
+_CELL: Names = {"cell": lambda cell: isinstance(cell, int)}
+_INVERTED: Names = {**_CELL, "determinant": lambda d: d < 0}
 
 
-def _flat(draft: Draft, rng: Rng) -> Names:
-    """An inner node goes onto the opposite edge of its cell."""
-    draft.points[6] = [0.0, 0.125]
-    return {"cell": lambda cell: isinstance(cell, int), "determinant": lambda d: d <= 1e-12}
+def _moved(where: Any, places: Any, names: Names) -> Spoil:
+    """These nodes, or coordinates of theirs, are elsewhere."""
+
+    def spoil(draft: Draft, rng: Rng) -> Names:
+        draft.points[where] = places
+        return names
+
+    return spoil
 
 
-def _sliver(draft: Draft, rng: Rng) -> Names:
-    """A height of 10⁻¹⁶, which is rounding and no cell."""
-    draft.points[6] = [1e-16, 0.125]
-    return {"cell": lambda cell: isinstance(cell, int)}
+def _renumbered(kind: str, order: list[int], names: Names, *, each: bool = False) -> Spoil:
+    """One cell, or each of them, has its nodes in another order."""
+
+    def spoil(draft: Draft, rng: Rng) -> Names:
+        cells = draft.rows("cells", kind)
+        cell: Any = slice(None) if each else int(rng.integers(len(cells)))
+        cells[cell] = cells[cell][..., order]
+        return names if names else {"cell": cell}
+
+    return spoil
 
 
-def _collapsed(draft: Draft, rng: Rng) -> Names:
-    """Two inner nodes in one place."""
-    draft.points[12] = draft.points[6]
-    return {"cell": lambda cell: isinstance(cell, int)}
+def _added(order: list[int], names: Callable[[int], Names]) -> Spoil:
+    """One of the 32 triangles once more, with its nodes in this order."""
 
+    def spoil(draft: Draft, rng: Rng) -> Names:
+        cells = draft.rows("cells", "triangle")
+        cell = int(rng.integers(len(cells)))
+        draft.replace("cells", "triangle", np.concatenate([cells, cells[[cell]][:, order]]))
+        return names(cell)
 
-def _collapsed_mesh(draft: Draft, rng: Rng) -> Names:
-    draft.points[:] = 0.5
-    return {"cell": 0, "count": 32}
-
-
-def _folded(draft: Draft, rng: Rng) -> Names:
-    """An inner node leaves the domain."""
-    draft.points[12] = [3.0, 0.5]
-    return {"cell": lambda cell: isinstance(cell, int), "determinant": lambda d: d < 0}
-
-
-def _twisted(draft: Draft, rng: Rng) -> Names:
-    """A hexahedron whose top is numbered the other way round."""
-    cells = draft.rows("cells", "hexahedron")
-    cell = int(rng.integers(len(cells)))
-    cells[cell, 4:] = cells[cell, [7, 6, 5, 4]]
-    return {"cell": cell}
-
-
-def _crossed_quad(draft: Draft, rng: Rng) -> Names:
-    quads = draft.rows("cells", "quad")
-    row = int(rng.integers(len(quads)))
-    quads[row] = quads[row, [0, 2, 1, 3]]
-    return {"cell": lambda cell: isinstance(cell, int)}
-
-
-def _lexicographic(draft: Draft, rng: Rng) -> Names:
-    """All quadrilaterals in rows of two, as some codes number them."""
-    draft.rows("cells", "quad")[:] = draft.rows("cells", "quad")[:, [0, 1, 3, 2]]
-    return {"count": 12}
-
-
-def _twice(draft: Draft, rng: Rng) -> Names:
-    cells = draft.rows("cells", "triangle")
-    cell = int(rng.integers(len(cells)))
-    draft.replace("cells", "triangle", np.concatenate([cells, cells[[cell]]]))
-    return {"type": "triangle", "cells": [cell, 32]}
-
-
-def _twice_rotated(draft: Draft, rng: Rng) -> Names:
-    """The same cell begun at another node."""
-    cells = draft.rows("cells", "triangle")
-    cell = int(rng.integers(len(cells)))
-    draft.replace("cells", "triangle", np.concatenate([cells, cells[[cell]][:, [1, 2, 0]]]))
-    return {"facet": lambda facet: len(facet) == 2, "cells": lambda cells: {cell, 32} <= set(cells)}
+    return spoil
 
 
 def _overlapping(draft: Draft, rng: Rng) -> Names:
-    """One more cell over others."""
     draft.replace("cells", "triangle", np.concatenate([draft.rows("cells", "triangle"), [[0, 1, 6]]]))
     return {"facet": lambda facet: len(facet) == 2, "cells": lambda cells: 32 in cells}
 
 
-def _line_folded(draft: Draft, rng: Rng) -> Names:
-    """An inner node passes its neighbour."""
-    draft.points[[1, 2]] = draft.points[[2, 1]]
-    return {"cell": lambda cell: cell in range(4)}
-
-
 _CELLS = (
-    _row("a cell with a node twice", _DEGENERATE, _repeated_node, "names a node twice"),
-    _row("a flat cell", _DEGENERATE, _flat, "cell", "determinant"),
-    _row("a cell that is flat but for rounding", _DEGENERATE, _sliver, "cell", "determinant"),
-    _row("two inner nodes in one place", _DEGENERATE, _collapsed, "cell", "determinant"),
-    _row("all nodes in one place", _DEGENERATE, _collapsed_mesh, "cell 0"),
-    _row("a folded mesh", _DEGENERATE, _folded, "cell", "inverted"),
-    _row("a twisted hexahedron", _DEGENERATE, _twisted, "cell", "inverted", draft="cube"),
-    _row("a crossed quadrilateral", _DEGENERATE, _crossed_quad, "quad", "inverted", draft="quads"),
-    _row("quadrilaterals in another node order", _DEGENERATE, _lexicographic, "12 such cells", draft="quads"),
-    _row("a cell twice", _MESH, _twice, "cell 32", "'triangle'"),
-    _row("the same cell, begun elsewhere", _DEGENERATE, _twice_rotated, "facet", "32"),
+    _row("a cell with a node twice", _DEGENERATE, _renumbered("triangle", [0, 1, 0], {}), "names a node twice"),
+    _row("a flat cell", _DEGENERATE, _moved(6, [0.0, 0.125], {**_CELL, "determinant": lambda d: d <= 1e-12}),
+         "cell", "determinant"),
+    _row("a cell that is flat but for rounding", _DEGENERATE, _moved(6, [1e-16, 0.125], _CELL), "cell", "determinant"),
+    _row("two inner nodes in one place", _DEGENERATE, _moved(12, [0.25, 0.25], _CELL), "cell", "determinant"),
+    _row("all nodes in one place", _DEGENERATE, _moved(slice(None), 0.5, {"cell": 0, "count": 32}), "cell 0"),
+    _row("a folded mesh", _DEGENERATE, _moved(12, [3.0, 0.5], _INVERTED), "cell", "inverted"),
+    _row("a twisted hexahedron", _DEGENERATE, _renumbered("hexahedron", [0, 1, 2, 3, 7, 6, 5, 4], {}), "cell",
+         "inverted", draft="cube"),
+    _row("a crossed quadrilateral", _DEGENERATE, _renumbered("quad", [0, 2, 1, 3], _CELL), "cell", "inverted",
+         draft="quads"),
+    _row("quadrilaterals in another node order", _DEGENERATE,
+         _renumbered("quad", [0, 1, 3, 2], {"count": 12}, each=True), "12 such cells", draft="quads"),
+    _row("a cell twice", _MESH, _added([0, 1, 2], lambda cell: {"type": "triangle", "cells": [cell, 32]}), "cell 32",
+         "'triangle'"),
+    _row("the same cell, begun elsewhere", _DEGENERATE,
+         _added([1, 2, 0], lambda cell: {"facet": lambda facet: len(facet) == 2,
+                                         "cells": lambda cells: {cell, 32} <= set(cells)}), "facet", "32"),
     _row("a cell over others", _DEGENERATE, _overlapping, "facet", "32"),
-    _row("1D, a folded mesh", _DEGENERATE, _line_folded, "inverted", draft="line"),
-)
+    _row("1D, a folded mesh", _DEGENERATE, _moved([1, 2], [[0.5], [0.25]], {"cell": lambda cell: cell in range(4)}),
+         "inverted", draft="line"),
+)  # fmt: skip
 
 # --- what is missing, patches ----------------------------------------------------------------------------------------
 
@@ -169,10 +136,14 @@ def _without_patches(draft: Draft, rng: Rng) -> Names:
     return {}
 
 
-def _empty_patch(role: str) -> Spoil:
+def _patch(name: str, role: str, nodes: Any, names: Names) -> Spoil:
+    """One more patch; of a name that there is: other nodes for it."""
+
     def spoil(draft: Draft, rng: Rng) -> Names:
-        draft.add_patch("empty", role, [])
-        return {"patch": "empty"}
+        if any(part.name == name for part in draft.parts[0]):
+            draft.drop("patch", name)
+        draft.add_patch(name, role, nodes)
+        return names
 
     return spoil
 
@@ -187,64 +158,37 @@ def _ids(values: Any) -> Spoil:
     return spoil
 
 
-def _stray_slip(draft: Draft, rng: Rng) -> Names:
-    draft.add_patch("loose", "slip", [12])
-    return {"node": 12, "patch": "loose"}
-
-
-def _bent_mirror(draft: Draft, rng: Rng) -> Names:
-    """The symmetry line is an arc."""
-    draft.points[1:4, 1] = [-0.02, -0.03, -0.02]
-    return {"patch": "mirror", "node": lambda node: node in range(5)}
-
-
-def _no_partner(draft: Draft, rng: Rng) -> Names:
-    draft.drop("patch", "high")
-    return {"patch": "low"}
-
-
-def _unlike_sides(draft: Draft, rng: Rng) -> Names:
-    """One node of a periodic side lies elsewhere along it."""
-    draft.points[21, 0] += 0.05
-    return {"patch": lambda patch: patch in {"low", "high"}, "node": lambda node: node in {*range(5), *range(20, 25)}}
-
-
-def _shorter_side(draft: Draft, rng: Rng) -> Names:
-    draft.replace("patch", "high", np.arange(20, 24)[:, None])
-    return {"patch": "low", "node": lambda node: node in range(5)}
-
-
-def _same_side(draft: Draft, rng: Rng) -> Names:
-    """Both periodic patches are the same nodes."""
-    draft.replace("patch", "high", np.arange(5)[:, None])
-    return {"patch": lambda patch: patch in {"low", "high"}}
-
-
-def _half_fixed(draft: Draft, rng: Rng) -> Names:
-    """A node of a periodic side is fixed, its image is not."""
-    draft.replace("patch", "right", np.append(draft.rows("patch", "right"), [[2]], axis=0))
-    return {"node": lambda node: node in {2, 22}, "image": lambda node: node in {2, 22}}
-
-
+_ON_LOW: Names = {"patch": "low", "node": lambda node: node in range(5)}
+_ON_SIDES: Names = {
+    "patch": lambda patch: patch in {"low", "high"},
+    "node": lambda node: node in {*range(5), *range(20, 25)},
+}
+_IMAGES: Names = {"node": lambda node: node in {2, 22}, "image": lambda node: node in {2, 22}}
 _PATCHES = (
     _row("no nodes", _MESH, _without("nodes", "", {"partition": 0}), "partition 0", mended=True),
     _row("no cells", _MESH, _without("cells", "triangle", {}), "no cells", mended=True),
     _row("no patches", _MESH, _without_patches, "'moving'", "none", mended=True),
     _row("no moving patch", _MESH, _without("patch", "left", {}), "'moving'", "'walls'", mended=True),
     *(
-        _row(f"a {role} patch without nodes", _MESH, _empty_patch(role), "'empty'")
+        _row(f"a {role} patch without nodes", _MESH, _patch("empty", role, [], {"patch": "empty"}), "'empty'")
         for role in ("moving", "fixed", "slip", "periodic")
     ),
     _row("fewer global ids than nodes", _SHAPE, _ids(np.arange(24)), "25", "24"),
     _row("a global id twice", _MESH, _ids([*range(24), 7]), "7"),
-    _row("a slip node inside the mesh", _MESH, _stray_slip, "node 12", "'loose'"),
-    _row("a symmetry line that is bent", _MESH, _bent_mirror, "'mirror'", "plan", draft="symmetric"),
-    _row("a periodic patch without a partner", _MESH, _no_partner, "'low'", draft="periodic", mended=True),
-    _row("periodic sides with other spacing", _MESH, _unlike_sides, "node", draft="periodic"),
-    _row("a periodic side that is shorter", _MESH, _shorter_side, "'low'", "node", draft="periodic"),
-    _row("a side that is its own image", _MESH, _same_side, "'low'", draft="periodic"),
-    _row("a fixed node with a free image", _MESH, _half_fixed, "node 2", draft="periodic"),
-)
+    _row("a slip node inside the mesh", _MESH, _patch("loose", "slip", [12], {"node": 12, "patch": "loose"}), "node 12",
+         "'loose'"),
+    _row("a symmetry line that is bent", _MESH, _moved((slice(1, 4), 1), [-0.02, -0.03, -0.02],
+         {"patch": "mirror", "node": lambda node: node in range(5)}), "'mirror'", "plan", draft="symmetric"),
+    _row("a periodic patch without a partner", _MESH, _without("patch", "high", {"patch": "low"}), "'low'",
+         draft="periodic", mended=True),
+    _row("periodic sides with other spacing", _MESH, _moved((21, 0), 0.3, _ON_SIDES), "node", draft="periodic"),
+    _row("a periodic side that is shorter", _MESH, _patch("high", "periodic", range(20, 24), _ON_LOW), "'low'", "node",
+         draft="periodic"),
+    _row("a side that is its own image", _MESH, _patch("high", "periodic", range(5), {"patch": _ON_SIDES["patch"]}),
+         "'low'", draft="periodic"),
+    _row("a fixed node with a free image", _MESH, _patch("right", "fixed", [*range(4, 25, 5), 2], _IMAGES), "node 2",
+         draft="periodic"),
+)  # fmt: skip
 
 # --- partitions ------------------------------------------------------------------------------------------------------
 

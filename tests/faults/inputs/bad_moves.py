@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from tests.faults.inputs.cases import BadInput, Names, Rng
+from tests.faults.inputs.cases import BadInput, Names, Rng, spoilt
 from tests.faults.inputs.drafts import Draft, Rows
 
 _VALUE, _SHAPE, _DTYPE = "INVALID_ARGUMENT.VALUE", "INVALID_ARGUMENT.SHAPE", "INVALID_ARGUMENT.DTYPE"
@@ -51,29 +52,14 @@ def _rows(name: str, code: str, values: Any, *says: str) -> BadInput:
     if np.asarray(values).dtype.kind == "i":
         names = {"field": "displacement"}
 
-    def spoil(draft: Draft, rng: Rng) -> Names:
+    def change(draft: Draft) -> None:
         draft.displacement[0] = Rows(np.asarray(values))
-        return names
 
-    return BadInput(name, "move", spoil, code, says)
+    return spoilt(name, "move", code, change, names, *says)
 
 
 def _step(step: Any, code: str, names: Names, *says: str) -> BadInput:
-    def spoil(draft: Draft, rng: Rng) -> Names:
-        draft.step = step
-        return names
-
-    return BadInput(f"MOVE of step {step}", "move", spoil, code, says)
-
-
-def _frame(draft: Draft, rng: Rng) -> Names:
-    draft.frame = "absolute"
-    return {"field": "frame"}
-
-
-def _extra(draft: Draft, rng: Rng) -> Names:
-    draft.extra["viscosity"] = 1.0
-    return {"field": "viscosity"}
+    return spoilt(f"MOVE of step {step}", "move", code, lambda draft: setattr(draft, "step", step), names, *says)
 
 
 def _unmovable(
@@ -117,12 +103,6 @@ def _second_partition(draft: Draft, rng: Rng) -> Names:
     return {"partition": 1, "row": row, "value": "nan"}
 
 
-def _periodic_ends(draft: Draft, rng: Rng) -> Names:
-    """The ends of the left side are images of each other."""
-    draft.moved[4] += 0.01
-    return {"node": lambda node: node in {0, 20}}
-
-
 def _overflow(draft: Draft, rng: Rng) -> Names:
     """Finite, but no place can be that far away."""
     row, axis = int(rng.integers(5)), int(rng.integers(2))
@@ -131,11 +111,9 @@ def _overflow(draft: Draft, rng: Rng) -> Names:
 
 
 def _enormous(factor: float) -> BadInput:
-    def spoil(draft: Draft, rng: Rng) -> Names:
-        draft.moved[:] *= factor
-        return {"partition": 0, "row": 0, "node": 0, "value": lambda value: abs(float(value)) > 1e-3 * factor}
-
-    return BadInput(f"displacement × {factor:g}", "move", spoil, "INVALID_ARGUMENT.VALUE", ("node 0",))
+    names = {"partition": 0, "row": 0, "node": 0, "value": lambda value: abs(float(value)) > 1e-3 * factor}
+    change = partial(np.multiply, factor)
+    return spoilt(f"displacement × {factor:g}", "move", _VALUE, lambda d: change(d.moved, out=d.moved), names, "node 0")
 
 
 BAD_MOVES = (
@@ -154,8 +132,10 @@ BAD_MOVES = (
     _step(-1, _VALUE, {"field": "step"}, "-1"),
     _step(2**63, "INVALID_ARGUMENT.HEADER", {"field": "step"}, str(2**63)),
     _step(2.0, "INVALID_ARGUMENT.HEADER", {"field": "step"}, "integer"),
-    BadInput("an unknown frame", "move", _frame, _VALUE, ("absolute", "committed", "reference")),
-    BadInput("an unknown field", "move", _extra, "INVALID_ARGUMENT.HEADER", ("viscosity",)),
+    spoilt("an unknown frame", "move", _VALUE, lambda draft: setattr(draft, "frame", "absolute"), {"field": "frame"},
+           "absolute", "committed", "reference"),
+    spoilt("an unknown field", "move", "INVALID_ARGUMENT.HEADER", lambda draft: draft.extra.update(viscosity=1.0),
+           {"field": "viscosity"}, "viscosity"),
     BadInput("the largest float", "move", _overflow, _VALUE, ("node",)),
     _enormous(1e300),
     _enormous(1e160),
@@ -189,5 +169,7 @@ BAD_MOVES = (
     ),
     BadInput("partitions that disagree", "move", _disagreeing, _PARTITION, ("global id",), draft="halves"),
     BadInput("NaN in the second partition", "move", _second_partition, _NONFINITE, ("partition 1",), draft="halves"),
-    BadInput("periodic images that part", "move", _periodic_ends, _VALUE, ("node",), draft="periodic"),
-)
+    # the ends of the left side are images of each other
+    spoilt("periodic images that part", "move", _VALUE, lambda draft: np.add(draft.moved[4], 0.01, out=draft.moved[4]),
+           {"node": lambda node: node in {0, 20}}, "node", draft="periodic"),
+)  # fmt: skip

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from tests.faults.inputs.cases import BadInput, Names, Rng
+from tests.faults.inputs.cases import BadInput, Names, Rng, spoilt, unfit
 from tests.faults.inputs.drafts import Draft
 
 _HEADER, _VALUE = "INVALID_ARGUMENT.HEADER", "INVALID_ARGUMENT.VALUE"
@@ -36,37 +36,16 @@ def _short(value: Any) -> str:
     return repr(value) if len(repr(value)) <= 24 else f"{repr(value)[:20]}…"
 
 
-def _no_dimension(draft: Draft, rng: Rng) -> Names:
-    del draft.opening["dimension"]
-    return {"field": "dimension"}
-
-
-def _unknown_setting(draft: Draft, rng: Rng) -> Names:
-    draft.set_settings(radius=1.0)
-    return {"setting": "radius"}
-
-
-def _at_client(draft: Draft, rng: Rng) -> Names:
+def _at_client(draft: Draft) -> None:
     draft.opening["evaluation"] = "client"
     draft.set_settings(displacement="absolute", correction="enrichment")
-    return {"setting": "correction"}
-
-
-def _together(first: str, **settings: Any) -> BadInput:
-    """Settings that do not go together; the error names the ``first``."""
-
-    def spoil(draft: Draft, rng: Rng) -> Names:
-        draft.set_settings(**settings)
-        return {"setting": first}
-
-    chosen = ", ".join(f"{key} = {value}" for key, value in settings.items())
-    return BadInput(f"OPEN with {chosen}", "open", spoil, _SETTINGS, (first,))
 
 
 BAD_OPENS = (
     *(_field("dimension", value, _VALUE, str(value)) for value in (0, 4, -1)),
     *(_field("dimension", value, _HEADER) for value in (2.0, math.nan, True, "2", None, 2**63)),
-    BadInput("OPEN without dimension", "open", _no_dimension, _HEADER, ("dimension", "missing")),
+    spoilt("OPEN without dimension", "open", _HEADER, lambda draft: draft.opening.pop("dimension"),
+           {"field": "dimension"}, "dimension", "missing"),
     *(_field("partitions", value, _VALUE, str(value)) for value in (0, -1, 257)),
     _field("partitions", 5, _VALUE, "at most 4", "5"),
     _field("bytes_reserved", -1, _VALUE, "-1"),
@@ -76,9 +55,11 @@ BAD_OPENS = (
     _field("durability", "none", _VALUE, "none"),
     _field("durability", "relaxed", _VALUE, "relaxed"),
     _field("evaluation", "both", _VALUE, "both"),
-    BadInput("evaluation = client with enrichment", "open", _at_client, _SETTINGS, ("evaluation", "correction")),
+    spoilt("evaluation = client with enrichment", "open", _SETTINGS, _at_client, {"setting": "correction"},
+           "evaluation", "correction"),
     _field("settings", [], _HEADER),
-    BadInput("an unknown setting", "open", _unknown_setting, _SETTINGS, ("radius", "support_radius")),
+    spoilt("an unknown setting", "open", _SETTINGS, lambda draft: draft.set_settings(radius=1.0),
+           {"setting": "radius"}, "radius", "support_radius"),
     *(_setting("support_radius", value) for value in (0, 0.0, -1.0, -5e-324, "1", True, math.nan, math.inf)),
     _setting("enrichment_radius", -1e-300),
     *(_setting("quality_threshold", value) for value in (1.5, -1.0000001, math.nan, -math.inf, None)),
@@ -91,6 +72,6 @@ BAD_OPENS = (
     *(_setting("allow_invalid", value) for value in (1, "yes")),
     _setting("correction", ["optimised"]),
     _setting("displacement", "RELATIVE"),
-    _together("reduction", reduction="greedy", basis="tps"),
-    _together("correction", correction="smooth", displacement="relative"),
-)
+    unfit("open", "reduction", reduction="greedy", basis="tps"),
+    unfit("open", "correction", correction="smooth", displacement="relative"),
+)  # fmt: skip

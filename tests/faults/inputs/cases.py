@@ -23,9 +23,8 @@ class BadInput:
     ``where`` ({"open", "upload", "build", "move"}): the request that has to be refused; those before it are answered as
     those of a good session; ``spoil``: changes the good draft, and returns what the error's details have to name. For
     an upload it returns the bad part too, which is sent behind the good ones; ``code``: on the wire; ``says``: what the
-    message has to have in it; ``draft``: which good session; ``retryable``: what the reply has to say about it;
-    ``mended``: for "build": something was left out; once it is uploaded, the mesh is that of the good session;
-    ``settings``: of the good session too.
+    message has to have in it; ``draft``: which good session; ``mended``: for "build": something was left out; once it
+    is uploaded, the mesh is that of the good session; ``settings``: of the good session too.
     """
 
     name: str
@@ -34,6 +33,24 @@ class BadInput:
     code: str
     says: tuple[str, ...] = ()
     draft: str = "square"
-    retryable: bool = False
     mended: bool = False
     settings: Mapping[str, Any] | None = None
+
+
+def spoilt(
+    name: str, where: Where, code: str, change: Callable[[Draft], Any], names: Names, *says: str, draft: str = "square"
+) -> BadInput:
+    """A draft that is always changed alike."""
+
+    def spoil(spoiled: Draft, rng: Rng) -> Names:
+        change(spoiled)
+        return names
+
+    return BadInput(name, where, spoil, code, says, draft)
+
+
+def unfit(where: Where, first: str, draft: str = "square", /, **settings: Any) -> BadInput:
+    """Settings that do not go together, or not on this mesh; the error names the ``first``."""
+    name = f"{draft} at {where} with " + ", ".join(f"{key} = {value}" for key, value in settings.items())
+    code, names = "INVALID_ARGUMENT.SETTINGS", {"setting": first}
+    return spoilt(name, where, code, lambda spoiled: spoiled.set_settings(**settings), names, first, draft=draft)

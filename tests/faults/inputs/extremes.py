@@ -110,30 +110,20 @@ def _rigid(motion: Callable[[Any], Any], points: Callable[[], Any], tolerance: f
 # --- changes ---------------------------------------------------------------------------------------------------------
 
 
-def _scale(factor: float) -> Callable[[Draft], None]:
-    def change(draft: Draft) -> None:
-        draft.points[:] *= factor
-        draft.moved[:] *= factor
-
-    return change
+def _scale(factor: float) -> Callable[[Draft], Any]:
+    return lambda draft: [np.multiply(array, factor, out=array) for array in (draft.points, draft.moved)]
 
 
-def _shift(offset: float) -> Callable[[Draft], None]:
-    def change(draft: Draft) -> None:
-        draft.points[:] += offset
-
-    return change
+def _shift(offset: float) -> Callable[[Draft], Any]:
+    return lambda draft: np.add(draft.points, offset, out=draft.points)
 
 
-def _displaced_by(value: float) -> Callable[[Draft], None]:
-    def change(draft: Draft) -> None:
-        draft.moved[:] = value
-
-    return change
+def _displaced_by(value: float) -> Callable[[Draft], Any]:
+    return lambda draft: draft.moved.fill(value)
 
 
-def _narrow_floats(draft: Draft) -> None:
-    draft.part("nodes").rows = Rows(draft.points.astype(np.float32))
+def _settings(**settings: Any) -> Callable[[Draft], Any]:
+    return lambda draft: draft.set_settings(**settings)
 
 
 def _narrow_indices(draft: Draft) -> None:
@@ -155,15 +145,6 @@ def _empty_parts(draft: Draft) -> None:
     draft.parts[0] = [*empty, *draft.parts[0], *empty]
 
 
-def _patch_twice(draft: Draft) -> None:
-    draft.parts[0].append(draft.part("patch", "walls"))
-
-
-def _shared_nodes(draft: Draft) -> None:
-    """The fixed walls have the moving side too."""
-    draft.add_patch("all", "fixed", np.arange(5) * 5)
-
-
 def _all_moving(draft: Draft) -> None:
     draft.drop("patch", "walls")
     draft.replace("patch", "left", np.arange(25)[:, None])
@@ -180,10 +161,6 @@ def _smallest(draft: Draft) -> None:
     draft.displacement[0] = Rows(np.array([[0.1, -0.2]]))
 
 
-def _isolated(draft: Draft) -> None:
-    draft.replace("nodes", "", np.append(draft.points, [[0.4, 0.4]], axis=0))
-
-
 def _two_domains(draft: Draft) -> None:
     """A second square that touches nothing and has only free nodes."""
     cells = draft.rows("cells", "triangle")
@@ -198,22 +175,10 @@ def _ids(draft: Draft) -> None:
     draft.parts[0].append(Part("global_ids", "", "", Rows(ids[:, None])))
 
 
-def _subnormal(draft: Draft) -> None:
-    draft.points[draft.points == 0.0] = 5e-324
-
-
 def _flattened(draft: Draft) -> None:
     """Cells of aspect ratio 10⁶, as in a boundary layer."""
     draft.points[:, 1] *= 1e-6
     draft.moved[:] *= 1e-6
-
-
-def _unicode(draft: Draft) -> None:
-    draft.part("patch", "left").name = "Gehäuse/左\u0000'\";--"
-
-
-def _settings(**settings: Any) -> Callable[[Draft], None]:
-    return lambda draft: draft.set_settings(**settings)
 
 
 def _carried(motion: Callable[[Any], Any]) -> Callable[[Draft], None]:
@@ -249,20 +214,32 @@ EXTREMES = (
     *(Extreme(f"displacement {v:g}", _displaced_by(v), _tiny) for v in (5e-324, -5e-324, 1e-310, 1e-200)),
     *(Extreme(f"displacement {v}", _displaced_by(v), _unmoved) for v in (0.0, -0.0)),
     Extreme("no displacement in 3D", _displaced_by(0.0), _unmoved, "cube"),
-    Extreme("coordinates in single precision", _narrow_floats, _same_bits),
+    Extreme(
+        "coordinates in single precision", lambda d: d.replace("nodes", "", d.points.astype(np.float32)), _same_bits
+    ),
     Extreme("indices of 4 bytes", _narrow_indices, _same_bits),
     Extreme("a part for each row", _row_by_row, _same_bits),
     Extreme("parts without rows", _empty_parts, _same_bits),
-    Extreme("a patch twice", _patch_twice, _same_bits),
-    Extreme("patches that overlap", _shared_nodes, _warned("share 5 nodes", "moving wins")),
+    Extreme("a patch twice", lambda draft: draft.parts[0].append(draft.part("patch", "walls")), _same_bits),
+    Extreme(
+        "patches that overlap",
+        lambda d: d.add_patch("all", "fixed", np.arange(5) * 5),
+        _warned("share 5 nodes", "moving wins"),
+    ),
     Extreme("all nodes move", _all_moving, _all_prescribed),
     Extreme("a single cell", _smallest, _taken),
-    Extreme("a node in no cell", _isolated, _warned("no cell", "node 25")),
+    Extreme(
+        "a node in no cell",
+        lambda d: d.replace("nodes", "", np.append(d.points, [[0.4, 0.4]], axis=0)),
+        _warned("no cell", "node 25"),
+    ),
     Extreme("two domains", _two_domains, _warned("in no patch", "node 25")),
     Extreme("global ids at the ends of 64 bits", _ids, _same_bits),
-    Extreme("subnormal coordinates", _subnormal, _like(1.0, 1e-12)),
+    Extreme("subnormal coordinates", lambda d: np.putmask(d.points, d.points == 0.0, 5e-324), _like(1.0, 1e-12)),
     Extreme("aspect ratio 10⁶", _flattened, _taken),
-    Extreme("a name of any characters", _unicode, _same_bits),
+    Extreme(
+        "a name of any characters", lambda d: setattr(d.part("patch", "left"), "name", "Gehäuse/左\0'\";--"), _same_bits
+    ),
     Extreme("a support radius below all spacings", _settings(support_radius=1e-11), _taken),
     Extreme("carried far away", _carried(_far), _rigid(_far, _grid, 1e-12)),
     Extreme("turned by 90°", _carried(_turned), _rigid(_turned, _grid, 1e-12)),

@@ -1,4 +1,4 @@
-"""A session host without sockets that is spoken to in frames, so that the decoder's checks are met too."""
+"""A session of a server in this process that is spoken to in frames, so that the decoder's checks are met too."""
 
 from __future__ import annotations
 
@@ -12,20 +12,13 @@ from typing import Any
 import msgpack
 import numpy as np
 from mesh_motion_protocol.arrays import frames_of
-from mesh_motion_protocol.codec import decode, encode
-from mesh_motion_protocol.errors import MeshMotionError, ProtocolError
-from mesh_motion_protocol.messages import ErrorReply, Fetched, Message, Open
+from mesh_motion_protocol.codec import decode
+from mesh_motion_protocol.messages import ErrorReply, Fetched, Message, Opened
 
-from mesh_motion_server.service.dispatch import SessionHost, SessionSpec
-from mesh_motion_server.service.envelope import Envelope
-from mesh_motion_server.service.error_replies import error_reply
-from mesh_motion_server.session.store import SessionStore
-from mesh_motion_server.settings import MethodSettings, ServerSettings
-from mesh_motion_server.transport.opening import check_open
-from mesh_motion_server.transport.replies import undecodable
+from mesh_motion_server.settings import ServerSettings
+from tests.faults.in_process import InProcessServer
 from tests.faults.inputs.drafts import Draft, Part, Rows
 
-_TOKEN = bytes(range(32))
 #: Small, so that a case can pass them.
 LIMITS = ServerSettings(
     max_partitions=4, max_session_bytes=1 << 16, max_label_characters=40, durability=["full", "replay"]
@@ -54,39 +47,25 @@ def quietly(noise: list[str]) -> Iterator[None]:
     noise.extend(f"{w.category.__name__}: {w.message}" for w in caught)
 
 
-def opened(draft: Draft, store: SessionStore, session: str) -> Rig | ErrorReply:
-    """OPEN as the server answers it: checked, then carried out in a session host."""
-    request: Message | None = None
-    try:
-        request = decode(frames("OPEN", 1, draft.opening, {}))
-        assert isinstance(request, Open)  # its header says so
-        durability = check_open(request, LIMITS)
-        settings = MethodSettings.from_mapping(request.settings)
-        spec = SessionSpec(
-            session, _TOKEN, request.dimension, request.partitions, settings, request.label, durability,
-            evaluation=request.evaluation, time=float(request.time), time_levels=request.time_levels,
-        )  # fmt: skip
-        rig = Rig(SessionHost.create(spec, store, limits=LIMITS), request.partitions)
-    except ProtocolError as error:
-        return undecodable(error)
-    except MeshMotionError as error:
-        assert request is not None  # else the decoder has raised its own error
-        return error_reply(request, error)
+def opened(draft: Draft, server: InProcessServer, number: int) -> Rig | ErrorReply:
+    """OPEN, and JOIN of every partition; the number is another one each time."""
+    ((_, back),) = server.control("owner", b"control", frames("OPEN", number, draft.opening, {}))
+    reply = decode(back)
+    if isinstance(reply, ErrorReply):
+        return reply
+    assert isinstance(reply, Opened)
+    rig = Rig(server, reply, draft.opening.get("partitions", 1))
     for partition in range(rig.partitions):
-        rig.ask("JOIN", partition, {"token": _TOKEN})
+        rig.ask("JOIN", partition, {"token": reply.token})
     return rig
-
-
-def _over_the_wire(reply: Message) -> Message:
-    """The reply as its receiver reads it."""
-    return decode([bytes(frame) for frame in encode(reply)])
 
 
 @dataclass
 class Rig:
-    """A session host and what is said to it, every partition over a connection of its own."""
+    """A session and what is said to it, every partition over a connection of its own."""
 
-    host: SessionHost
+    server: InProcessServer
+    opened: Opened
     partitions: int
     sequence: int = 0
     noise: list[str] = field(default_factory=list)
@@ -94,30 +73,23 @@ class Rig:
     def ask(self, kind: str, partition: int = 0, fields: dict[str, Any] | None = None, **arrays: Rows) -> list[Message]:
         """One request, all replies that it causes."""
         self.sequence += 1
-        known = {"session": self.host.session, "epoch": self.host.epoch, "partition": partition}
+        session = self.opened.session
+        known = {"session": session, "epoch": self.opened.epoch, "partition": partition}
+        request = frames(kind, self.sequence, known | (fields or {}), arrays)
         with quietly(self.noise):
-            try:
-                request = decode(frames(kind, self.sequence, known | (fields or {}), arrays))
-            except ProtocolError as error:
-                return [_over_the_wire(undecodable(error, state=str(self.host.state)))]
-            replies = self.host.handle(Envelope(b"partition %d" % partition, request))
-        return [_over_the_wire(envelope.message) for envelope in replies]
+            replies = self.server.data(session, "owner", b"partition %d" % partition, request)
+        return [decode(back) for _, back in replies]
 
     def upload(self, part: Part, partition: int = 0) -> Message:
         """One part of the mesh."""
-        (reply,) = self.ask(
-            "UPLOAD", partition, {"item": part.item, "name": part.name, "role": part.role}, rows=part.rows
-        )
+        about = {"item": part.item, "name": part.name, "role": part.role}
+        (reply,) = self.ask("UPLOAD", partition, about, rows=part.rows)
         return reply
 
     def upload_all(self, draft: Draft) -> ErrorReply | None:
         """The whole mesh, up to the first part that is refused."""
-        for partition, parts in enumerate(draft.parts):
-            for part in parts:
-                reply = self.upload(part, partition)
-                if isinstance(reply, ErrorReply):
-                    return reply
-        return None
+        replies = (self.upload(part, p) for p, parts in enumerate(draft.parts) for part in parts)
+        return next((reply for reply in replies if isinstance(reply, ErrorReply)), None)
 
     def collective(self, kind: str, **fields: Any) -> list[Message]:
         """A request of every partition; the replies."""
@@ -138,3 +110,8 @@ class Rig:
             (reply,) = self.ask("FETCH", partition, {"what": "committed"})
             digest.update(reply.points.tobytes() if isinstance(reply, Fetched) else reply.type.encode())
         return digest.hexdigest()
+
+    def end(self) -> None:
+        """Its worker ends at once."""
+        if self.server.host(self.opened.session) is not None:
+            self.server.kill(self.opened.session)

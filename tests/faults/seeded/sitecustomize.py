@@ -204,6 +204,76 @@ def a_worker_that_hangs_where_it_fails() -> None:
     execution.known_error = lambda error: time.sleep(3600)
 
 
+# --- network ---
+
+
+@fault
+def requests_that_are_executed_twice() -> None:
+    from mesh_motion_server.session.journal.replies import ReplyTable
+
+    ReplyTable.find = lambda *_: None
+
+
+@fault
+def a_resume_at_an_older_step() -> None:
+    """A session that is opened from its journal for the second time is as it was at the first."""
+    import shutil
+
+    from mesh_motion_server.session.store import SessionStore
+
+    honest = SessionStore.open
+
+    def older(self, session, token):
+        folder, kept = self.root / "sessions" / session, self.root / f"kept {session}"
+        if kept.exists():
+            shutil.rmtree(folder)
+            shutil.copytree(kept, folder)
+        else:
+            shutil.copytree(folder, kept)
+        return honest(self, session, token)
+
+    SessionStore.open = older
+
+
+# --- isolation: what the row itself needs ---
+
+
+@fault
+def sessions_with_bad_manners() -> None:
+    """Labels ask for trouble in STATUS; FETCH is answered by 100 MB, whatever the mesh is.
+
+    ``kill`` ends the process at once, ``abort`` as a failed assertion in native code does, ``memory`` takes memory
+    until the worker's limit.
+    """
+    import signal
+
+    import numpy as np
+    from mesh_motion_protocol.messages import Fetched
+
+    from mesh_motion_server.service.dispatch import SessionHost
+    from mesh_motion_server.service.envelope import Envelope
+
+    handle, ends = SessionHost.handle, {"kill": signal.SIGKILL, "abort": signal.SIGABRT}
+
+    def take_memory(_envelope):
+        taken = []
+        while True:
+            taken.append(np.ones(64 << 20, dtype=np.uint8))
+
+    def ill_mannered(self, envelope):
+        request = envelope.message
+        if request.type == "FETCH":
+            large = {"step": 0, "points": np.zeros((100_000_000 // 24, 3))}
+            return [Envelope(envelope.peer, Fetched(client=request.client, sequence=request.sequence, **large))]
+        if request.type == "STATUS" and self.label in ends:
+            os.kill(os.getpid(), ends[self.label])
+        if request.type == "STATUS" and self.label == "memory":
+            return self._answered(envelope, take_memory)
+        return handle(self, envelope)
+
+    SessionHost.handle = ill_mannered
+
+
 # --- many sessions ---
 
 
