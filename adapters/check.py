@@ -1,4 +1,4 @@
-"""Builds and tests every client whose tools are installed, and says which are not: ``make adapters``."""
+"""Build and test every client whose tools are installed, and list the missing tools: ``make adapters``."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ PYTHONS: dict[str, tuple[str | None, ...]] = {
 
 
 def is_missing(tool: str) -> bool:
-    """Whether a program, a module of this Python, or the library of that name for the compiler is not installed."""
+    """Return True if a program, a module of this Python, or a library for the compiler is not installed."""
     if tool in PYTHONS:
         command = f"import {tool}"
         pythons = [python for python in PYTHONS[tool] if python and shutil.which(python)]
@@ -55,7 +55,7 @@ def is_missing(tool: str) -> bool:
 
 
 def main() -> int:
-    """One line a client; 1 if the tests of one failed."""
+    """Print one line for each client; return 1 if any client's tests failed."""
     results = {}
     for name, (tools, tests, chosen) in ADAPTERS.items():
         missing = []

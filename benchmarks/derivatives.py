@@ -1,8 +1,8 @@
 """What derivatives cost: ``python -m benchmarks.derivatives MESH FOLDER REPEAT`` prints JSON.
 
-Against a step of the same motion in the same process: small steps without a correction, the same by the default
-method, whose correction finds nothing to do, and larger ones until it frees nodes. A state is prepared once, with its
-first vector.
+Compares derivatives with a step of the same motion in the same process: small steps without a correction, the same
+steps with the default method (its correction has nothing to do), and larger steps until the correction frees nodes. A
+state is prepared once, for its first vector.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _CACHE_BYTES = 2**31
 
 @dataclass(frozen=True)
 class DerivativeCost:
-    """Of one mesh; of the steps the last one, of the vectors the shortest.
+    """Cost on one mesh: the last step, and the shortest time of a vector.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ def measured(mesh: str, folder: Path, repeat: int) -> DerivativeCost:
 def _cost(
     mesh: str, folder: Path, repeat: int, prefix: str, method: Method, *, freeing: bool = False
 ) -> tuple[int, dict[str, Seconds]]:
-    """Small steps, as many as are repeated; or large ones until the correction has freed nodes."""
+    """The cost after ``repeat`` small steps, or after large steps until the correction frees nodes."""
     parts = _LARGE if freeing else _SMALL
     built = load_or_build(mesh, folder)
     body = built.points[built.moving]
@@ -104,7 +104,7 @@ def _cost(
 
 
 def main(arguments: list[str]) -> None:
-    """The command line of the module's docstring."""
+    """Run the command line that the module's docstring describes."""
     mesh, folder, repeat = arguments
     print(json.dumps(asdict(measured(mesh, Path(folder), int(repeat)))))
 

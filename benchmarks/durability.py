@@ -1,10 +1,10 @@
-"""What a commit costs at each level of durability: ``python -m benchmarks.durability [--folder DIR] [--commits N]``.
+"""The cost of a commit at each level of durability: ``python -m benchmarks.durability [--folder DIR] [--commits N]``.
 
-The journal's own code commits states of 1, 10 and 100 MB (n nodes in 3D, of which n^(2/3) move), the levels in turns,
-so that changes of the disk's speed affect all levels alike. For comparison the disk alone: a page overwritten and
-synced, and the state overwritten and synced. With "relaxed" commits come as fast as the disk takes them (what its
-answer waits for) and every 5 ms (how far the durable step falls behind). Medians; "replay" also with its share of a
-state that is stored every ``snapshot_steps`` commits.
+The journal's own code commits states of 1, 10 and 100 MB (n nodes in 3D, of which n^(2/3) move). The levels alternate,
+so that changes of the disk's speed affect all levels alike. For comparison the disk alone is measured: a page
+overwritten and synced, and the state overwritten and synced. "relaxed" is measured twice: with commits as fast as the
+disk takes them (time of the answer) and with one commit every 5 ms (lag of the durable step). Values are medians;
+"replay" is also given with its share of a state that is stored every ``snapshot_steps`` commits.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _DIMENSION = 3
 
 
 def moving_nodes(nodes: int) -> int:
-    """Of a body in a domain with so many nodes."""
+    """Displacements of a body in a domain with ``nodes`` nodes."""
     return int(nodes ** (2 / 3))
 
 
@@ -75,7 +75,7 @@ class _Disk:
 
 
 def measure(folder: Path, megabytes: int, commits: int) -> dict[str, float]:
-    """Median seconds by what was done."""
+    """Median seconds of each operation."""
     nodes = round(megabytes * 1e6 / (8 * _DIMENSION))
     states = [np.random.default_rng(seed).random((nodes, _DIMENSION)) for seed in (1, 2)]
     rows = np.random.default_rng(3).random((moving_nodes(nodes), _DIMENSION)).tobytes()
@@ -104,7 +104,7 @@ def _commit(keeper: Keeper, entry: Commit, state: Any, rows: bytes) -> Callable[
 
 
 def _lag(keeper: Keeper, states: list[Any], rows: bytes, commits: int) -> int:
-    """By how many steps the durable one is behind at most where commits come every 5 ms."""
+    """Largest lag of the durable step, in steps, with one commit every 5 ms."""
     first, behind = keeper.durable_step + 1, 0
     for step in range(first, first + 4 * commits):
         _commit(keeper, Commit(step, bytes(32), (), b""), states[step % 2], rows)()

@@ -1,4 +1,4 @@
-"""Measurements in processes of their own, which print JSON."""
+"""Measurements in separate processes that print JSON."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def measured_in_fresh_process(module: str, threads: int, *words: str, timeout: float | None = None) -> dict[str, Any]:
-    """What ``python -m benchmarks.MODULE WORDS`` prints, with so many threads for the kernels.
+    """The output of ``python -m benchmarks.MODULE WORDS`` with the given number of threads for the kernels.
 
     Raises
     ------
     subprocess.SubprocessError
-        If it fails, or takes longer than the timeout in seconds.
+        If the process fails, or takes longer than the timeout in seconds.
     """
     environment = {**os.environ, **dict.fromkeys(_LIBRARIES, "1"), "MESH_MOTION_THREADS": str(threads)}
     environment["OMP_WAIT_POLICY"] = "passive"

@@ -1,8 +1,8 @@
 """Jᵀ w of the server and of IDWarp: ``python -m benchmarks.gradients MESH FOLDER REPEAT`` prints JSON.
 
-The same mesh, steps and weights w, which fall from the body outwards as those of a force on it do. Compared are the
-derivatives by 30 shape parameters: polynomials of second degree that displace the body. IDWarp runs with one thread in
-the Python that ``IDWARP_PYTHON`` names; without it only the server is measured.
+Both use the same mesh, steps and weights w; the weights decrease from the body outwards, like those of a force on the
+body. The derivatives by 30 shape parameters are compared: polynomials of second degree that displace the body. IDWarp
+runs with one thread in the Python that ``IDWARP_PYTHON`` names; without it only the server is measured.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _CACHE_BYTES = 2**31
 
 
 def compared(mesh: str, folder: Path, repeat: int) -> dict[str, object]:
-    """Seconds of the server; if IDWarp is installed also its own, and the cosine of the angle between the gradients."""
+    """Seconds of the server; if IDWarp is installed also IDWarp's, and the cosine between the gradients."""
     built = load_or_build(mesh, folder)
     body = built.points[built.moving]
     displacements = MOTIONS[MESHES[mesh]].displacements(body, _PARTS)[:repeat]
@@ -62,7 +62,7 @@ def compared(mesh: str, folder: Path, repeat: int) -> dict[str, object]:
 
 
 def _of_server(task: Task, weights: Floats, repeat: int) -> tuple[Seconds, Seconds, Floats]:
-    """The shortest step and Jᵀ w, its preparation included, and the gradient (k, 3) after the last step."""
+    """The shortest time of a step and of Jᵀ w (preparation included), and the gradient (k, 3) after the last step."""
     model, factors, points, steps = model_of(task, Method()), FactorCache(_CACHE_BYTES), task.points, []
     for step in range(task.steps):
         seconds, motion = timed(lambda p=points, s=step: model.move(p, task.targets(s), factors))
@@ -96,7 +96,7 @@ def _shapes(places: Floats) -> Floats:
 
 
 def main(arguments: list[str]) -> None:
-    """The command line of the module's docstring."""
+    """Run the command line that the module's docstring describes."""
     mesh, folder, repeat = arguments
     print(json.dumps(compared(mesh, Path(folder), int(repeat))))
 

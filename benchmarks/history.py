@@ -1,9 +1,9 @@
-"""What a session's history costs a step: ``python -m benchmarks.history [--folder DIR] [--steps N]``.
+"""The cost of a session's history for a step: ``python -m benchmarks.history [--folder DIR] [--steps N]``.
 
-Two sessions of the same mesh take turns, one with a history and one without, each step a Move and a commit through the
-whole service layer, without a socket. The difference is taken step by step, so that changes of the machine's load
-affect both sessions alike; medians, in microseconds. For comparison the time spent in the history itself, the least of
-all steps: on a machine with other work this is the only reliable figure.
+Two sessions of the same mesh alternate, one with a history and one without. Each step is a Move and a commit through
+the whole service layer, without a socket. The difference is taken step by step, so that changes of the machine's load
+affect both sessions alike; medians, in microseconds. For comparison the time inside the history itself is measured, the
+shortest of all steps: on a busy machine this is the only reliable figure.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class _Watch:
 
 
 def measure(folder: Path, side: int, steps: int) -> dict[str, float]:
-    """Microseconds: a step without a history, what one adds to it, and the least time spent in it."""
+    """Microseconds: a step without a history, the increase with a history, and the shortest time inside the history."""
     watch = _Watch()
     try:
         return _measure(watch, folder, side, steps)

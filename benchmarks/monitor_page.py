@@ -1,9 +1,9 @@
-"""What the monitor page costs a step: ``python -m benchmarks.monitor_page [--side N] [--browsers N] [--pairs N]``.
+"""The cost of the monitor page for a step: ``python -m benchmarks.monitor_page [--side N] [--browsers N] [--pairs N]``.
 
-One session of a real server steps on, each step a Move and a commit of a mesh of triangles. For blocks of some seconds
-browsers look at it, each as the page does: the list every second, every two seconds the session and its series, every
-three its mesh; for blocks in between no browser looks. The medians of neighbouring blocks are compared pair by pair.
-The processor time of the page's process is measured too: where other cores are free, it does not slow the step.
+One session of a real server makes steps, each a Move and a commit of a mesh of triangles. For blocks of some seconds,
+browsers send the page's requests: the list every second, the session and its series every two seconds, its mesh every
+three; in the blocks in between no browser sends requests. The medians of neighbouring blocks are compared pair by pair.
+The processor time of the page's process is measured too: if other cores are free, this process does not slow the step.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _TICK = os.sysconf("SC_CLK_TCK")
 
 
 class _Browser(threading.Thread):
-    """Looks at the page until it is stopped."""
+    """A browser that requests the page until it is stopped."""
 
     def __init__(self, address: str, session: str) -> None:
         super().__init__(daemon=True)
@@ -65,7 +65,7 @@ def _processor_seconds(pid: int) -> float:
 
 
 def _block(session: Any, rows: Any, steps: int) -> list[float]:
-    """Seconds of each step of a block: so many, and at least some seconds of them."""
+    """Seconds of each step of a block: at least a given number of steps, and at least some seconds in total."""
     taken: list[float] = []
     end = time.monotonic() + _BLOCK_SECONDS
     while time.monotonic() < end or len(taken) < steps:

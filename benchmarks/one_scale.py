@@ -1,4 +1,4 @@
-"""Control nodes that are all interpolated in one scale, by a named solver: what two scales are held against."""
+"""Interpolation of all control nodes in one scale by a named solver: the reference for the two-scale solver."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["in_one_scale"]
 
 @dataclass(frozen=True, eq=False)
 class _OneScale(StandardMotion):
-    """The standard motion with the solver of its control nodes given."""
+    """The standard motion with a given solver for its control nodes."""
 
     solver: str = "iterative"
 

@@ -1,8 +1,8 @@
 """What starting costs: ``python -m benchmarks.start MESH FOLDER REPEAT`` prints JSON.
 
-As a user meets it: the command's help, a server until it is ready, ``connect()`` and opening the mesh in a program,
-the process that a small session has, and one step of 22 000 nodes without a correction, played from a case file with
-pictures and VTU files.
+Measures what a user waits for: the command's help, a server until it is ready, ``connect()`` and opening the mesh in a
+program, the memory of a small session's process, and one step of 22 000 nodes without a correction, played from a case
+file with pictures and VTU files.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ count = 1
 
 
 def measured(mesh: str, folder: Path, repeat: int) -> StartFigures:
-    """The shortest of ``repeat`` times; of the mesh that is opened, one of those in :mod:`.peers.meshes`."""
+    """The shortest of ``repeat`` times; the opened mesh is one of :mod:`.peers.meshes`."""
     opened = load_or_build(mesh, folder)
     with tempfile.TemporaryDirectory() as name:
         case = _case(load_or_build(_PLAYED, folder), Path(name))
@@ -62,7 +62,7 @@ def _shortest(repeat: int, task: Callable[[], Seconds]) -> Seconds:
 
 
 def _run(words: list[str]) -> Seconds:
-    """A command, with all processes that it waits for."""
+    """Times of a command, with all processes that it waits for."""
     before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     subprocess.run([*_COMMAND, *words], check=True, stdout=subprocess.DEVNULL)
     wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -70,7 +70,7 @@ def _run(words: list[str]) -> Seconds:
 
 
 def _until_ready() -> Seconds:
-    """A server until it says so."""
+    """Times of a server until it reports that it is ready."""
     with tempfile.TemporaryDirectory() as folder:
         words = ["serve", "--endpoint", f"ipc://{folder}/control", "--state", f"{folder}/state", "--log-level", "error"]
         began = time.perf_counter()
@@ -121,7 +121,7 @@ def _case(mesh: BenchmarkMesh, folder: Path) -> Path:
 
 
 def main(arguments: list[str]) -> None:
-    """The command line of the module's docstring."""
+    """Run the command line that the module's docstring describes."""
     mesh, folder, repeat = arguments
     print(json.dumps(asdict(measured(mesh, Path(folder), int(repeat)))))
 

@@ -1,7 +1,7 @@
-"""Writes the tables of SPEC.md from the code: ``python protocol/render_spec.py``.
+"""Write the tables of SPEC.md from the code: ``python protocol/render_spec.py``.
 
 Between ``<!-- table: NAME -->`` and ``<!-- end -->`` SPEC.md holds what :func:`tables` renders; a test compares them.
-The meaning of a field is the comment behind its declaration.
+The meaning of a field is the comment after its declaration.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def tables() -> dict[str, str]:
 
 
 def rendered(text: str) -> str:
-    """SPEC.md's text with every table as the code has it."""
+    """SPEC.md's text with every table generated from the code."""
     known = tables()
     return _BLOCK.sub(lambda match: match[1] + known[match[2]] + match[3], text)
 
@@ -121,7 +121,7 @@ def _default(cls: type[Message], name: str) -> str:
 
 
 def _meanings(cls: type[Message]) -> dict[str, str]:
-    """Field → the comment behind its declaration, of the class and its bases."""
+    """Field → the comment after its declaration, of the class and its bases."""
     found: dict[str, str] = {}
     for base in reversed(cls.__mro__[:-1]):
         lines = inspect.getsource(inspect.getmodule(base)).splitlines()
@@ -157,7 +157,7 @@ def _states() -> str:
 
 
 def _authorisation() -> str:
-    """One row a request; two columns a role."""
+    """One row for each request; two columns for each role."""
     head = ["request"]
     for role in Role:
         head += [f"{role.value}: own", "another's"]
@@ -174,7 +174,7 @@ def _settings() -> str:
 
 
 def _setting_type(key: Key) -> str:
-    """Type and choices or range, as the conformance suite reads them."""
+    """Type and choices or range, in the form that the conformance suite reads."""
     if key.choices:
         return (
             "str: " + ", ".join(f'`"{choice}"`' for choice in key.choices) + (" or nil" if key.default is None else "")
@@ -190,5 +190,5 @@ def _setting_type(key: Key) -> str:
 
 if __name__ == "__main__":
     SPEC.write_text(rendered(SPEC.read_text(encoding="utf-8")), encoding="utf-8")
-    # The conformance suite knows nothing but the document, so it gets these tables from there.
+    # The conformance suite uses only the document, so it gets these tables from the document.
     subprocess.run([sys.executable, Path(__file__).parent / SPEC_TABLES, SPEC], check=True)

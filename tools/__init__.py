@@ -1,1 +1,1 @@
-"""Programs for those who change or release the server; run from the checkout, not installed."""
+"""Programs for developers who change or release the server; run from the checkout, not installed."""

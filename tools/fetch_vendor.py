@@ -1,8 +1,8 @@
-"""Fetches what the monitor page's ``static/vendor/vendor.toml`` lists with the npm client, and verifies it.
+"""Fetch the files that the monitor page's ``static/vendor/vendor.toml`` lists with the npm client, and verify them.
 
 ``python tools/fetch_vendor.py`` compares the files here with their sums and the packages;
-``--write`` replaces them (after a version or a sum was changed in vendor.toml); ``--tests`` fetches what only tests use
-into ``out/vendor``. Ends with status 1 if anything differs.
+``--write`` replaces them (after a version or a sum was changed in vendor.toml); ``--tests`` fetches files that only
+tests use into ``out/vendor``. Ends with status 1 if anything differs.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def fetch(package: str, version: str, names: list[str]) -> dict[str, bytes]:
 
 
 def differing(entry: dict[str, Any], target: Path, *, write: bool) -> list[str]:
-    """Files of one package that are not what vendor.toml says, here or in the package."""
+    """Files of one package that differ from vendor.toml, here or in the package."""
     wrong = []
     for name, content in fetch(entry["package"], entry["version"], list(entry["files"])).items():
         here = target / entry["package"] / Path(name).name

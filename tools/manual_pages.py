@@ -38,7 +38,7 @@ def commands() -> dict[str, Any]:
 
 
 def examples(help_text: str) -> list[str]:
-    """The command lines that a command's help ends with."""
+    """The example command lines at the end of a command's help."""
     return [line.strip() for line in inspect.cleandoc(help_text).splitlines() if line.startswith("mesh-motion ")]
 
 
@@ -73,7 +73,7 @@ def _overview() -> str:
 
 
 def _page(group: str, members: list[tuple[str, Any]]) -> Iterator[str]:
-    """Lines of the page of a command, or of a command with commands of its own."""
+    """Lines of the page of a command, or of a command with subcommands."""
     yield _title(f"mesh-motion-{group}")
     yield ".SH NAME"
     yield f"mesh\\-motion\\-{group} \\- {_roff(' '.join(command.short_help for _, command in members).rstrip('.'))}"
@@ -111,7 +111,7 @@ def _description(text: str) -> Iterator[str]:
 
 
 def _options(parameters: list[Any]) -> Iterator[str]:
-    """What each argument and option means."""
+    """The meaning of each argument and option."""
     for parameter in parameters:
         text = parameter.help or ""
         if parameter.default not in (None, False, "", ...) and parameter.show_default:
@@ -142,7 +142,7 @@ def _roff(text: str) -> str:
 
 
 def main() -> None:
-    """Write the pages, and remove those of commands that are gone."""
+    """Write the pages, and remove pages of removed commands."""
     FOLDER.mkdir(exist_ok=True)
     made = pages()
     for page in FOLDER.glob("*.1"):

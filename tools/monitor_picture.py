@@ -1,6 +1,6 @@
-"""The picture of the monitor page: ``python -m tools.monitor_picture [FILE]``, docs/images/monitor.png by itself.
+"""The picture of the monitor page: ``python -m tools.monitor_picture [FILE]``, by default docs/images/monitor.png.
 
-Plays a case of ``examples/`` through a server of its own and, while it is played, takes a picture of the page in a
+Plays a case of ``examples/`` through a separate server and, while it runs, takes a picture of the page in a
 headless Chromium (Debian's chromium and chromium-driver, selenium of the extra ``dev``).
 """
 
@@ -39,7 +39,7 @@ _SETTLES = 6.0
 
 @contextmanager
 def played(case: str, endpoint: str, folder: Path) -> Iterator[Callable[[], None]]:
-    """An example that is being played through the server, until the end of the block; what holds it up."""
+    """Play an example through the server until the end of the block; yields a function that pauses it."""
     file = ROOT / "examples" / case / "case.toml"
     order = ["play", str(file), "-o", str(folder / case), "--endpoint", endpoint, "-q"]
     player = subprocess.Popen([sys.executable, "-m", "mesh_motion_server", *order])
@@ -52,9 +52,10 @@ def played(case: str, endpoint: str, folder: Path) -> Iterator[Callable[[], None
 
 
 def picture_of(url: str, step: int, hold: Callable[[], None], *, width: int, height: int, scheme: str) -> bytes:
-    """PNG of the page, once the session has come to a step and its charts and mesh are there.
+    """PNG of the page, when the session has reached a step and its charts and mesh are shown.
 
-    It is held up then: played to its end it would be discarded, and a fast machine is there before the picture is.
+    The session is then paused: at its end it would be discarded, and a fast machine would reach the end before the
+    picture.
     """
     from selenium import webdriver  # noqa: PLC0415
     from selenium.webdriver.chrome.service import Service  # noqa: PLC0415
@@ -62,7 +63,7 @@ def picture_of(url: str, step: int, hold: Callable[[], None], *, width: int, hei
     options = webdriver.ChromeOptions()
     for flag in _FLAGS:
         options.add_argument(flag)
-    # both named, or selenium asks the internet for them
+    # both are given, otherwise selenium downloads them from the internet
     options.binary_location = shutil.which("chromium") or ""
     driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
     try:

@@ -1,12 +1,13 @@
 """A pytest plugin, ``-p tools.once_more``: a failed test is run once more, alone, after all others have ended.
 
-A test that then passes is flaky: it is named at the end, and the run is not red for it. One that fails again makes the
-run red, with both failures. What fails at its end runs again with its whole file: another test of it may be the reason.
-Only tests are run again: an error while tests are collected, an interrupt or an error of pytest itself is red at once.
-A test that crashes its process, or hangs, fails in its own process the second time.
+A test that then passes is flaky: it is listed at the end, and the run does not fail because of it. A test that fails
+again makes the run fail, with both failures. A test that fails in its teardown runs again with its whole file: another
+test of the file may be the reason. Only tests are run again: after an error while tests are collected, an interrupt or
+an error of pytest itself, the run fails at once. A test that crashes its process, or hangs, fails in a separate process
+the second time.
 
 pytest-rerunfailures repeats in the same worker, while other tests run, with the fixtures that the failure left.
-``--last-failed`` in a second run loses the counts of the first, and a crash there takes the verdict of all others.
+``--last-failed`` in a second run loses the counts of the first, and a crash there loses the results of all other tests.
 """
 
 from __future__ import annotations
@@ -44,20 +45,20 @@ _CRASHES = pytest.StashKey[int]()
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_node_collection_finished(node: Any, ids: Sequence[str]) -> None:
-    """Keep which tests there are: with xdist only its workers know them."""
+    """Store the list of tests: with xdist only its workers know it."""
     node.config.stash.setdefault(_COLLECTED, set()).update(ids)
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node: Any, error: object) -> None:
-    """Count crashed workers: xdist itself passes over one that runs no test, at its end say."""
+    """Count crashed workers: xdist itself ignores a crash while no test runs, for example at the end."""
     if error:
         node.config.stash[_CRASHES] = node.config.stash.get(_CRASHES, 0) + 1
 
 
 @pytest.hookimpl(trylast=True)  # xdist's workers have ended: no other test runs
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Give each failed test its second run; the session's status is that of what failed twice."""
+    """Run each failed test a second time; the session's status is that of tests that failed twice."""
     finished = session.exitstatus in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED)
     if not finished or hasattr(session.config, "workerinput"):
         return
@@ -83,7 +84,7 @@ def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)  # around the terminal's own: the names stand above the last line
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> Generator[None]:
-    """The first failure of each flaky test, to mend it by; their names at the end."""
+    """Show the first failure of each flaky test, as help for its repair; list their names at the end."""
     flaky = terminalreporter.stats.get(_FLAKY, [])
     for report in flaky:
         terminalreporter.section(f"flaky: {report.nodeid} ({report.when})")
@@ -94,7 +95,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> Genera
 
 
 def _unseen_faults(session: pytest.Session, stats: dict[str, list[Any]]) -> bool:
-    """Whether something went wrong that is the failure of no test; it is shown."""
+    """True if there was an error outside of tests; it is shown."""
     reports = [report for group in stats.values() for report in group if isinstance(report, pytest.TestReport)]
     collected = session.config.stash.get(_COLLECTED, {item.nodeid for item in session.items})
     missing = collected - {report.nodeid for report in reports}
@@ -108,19 +109,19 @@ def _unseen_faults(session: pytest.Session, stats: dict[str, list[Any]]) -> bool
 
 
 def _passed_alone(config: pytest.Config, failures: Sequence[pytest.TestReport | pytest.CollectReport]) -> set[str]:
-    """The targets of second runs, for all tests that failed, that pass."""
+    """Targets that pass in a second run, of all failed tests."""
     tests = dict.fromkeys(_target(report) for report in failures if isinstance(report, pytest.TestReport))
     deadline = time.monotonic() + _SECONDS
     return {test for test in tests if _passes_alone(config, test, deadline)}
 
 
 def _target(report: pytest.TestReport | pytest.CollectReport) -> str:
-    """What is run for a failure: the test, or its file."""
+    """The target of the second run of a failure: the test, or its file."""
     return report.nodeid.partition("::")[0] if report.when == "teardown" else report.nodeid
 
 
 def _passes_alone(config: pytest.Config, test: str, deadline: float) -> bool:
-    """Whether a test, or a file of them, passes in a process of its own; its output is shown if it does not."""
+    """True if a test, or a file of tests, passes in a separate process; its output is shown if it fails."""
     terminal = config.pluginmanager.getplugin("terminalreporter")
     terminal.write_line("")
     terminal.write_line(f"once more, alone: {test}")
@@ -145,7 +146,7 @@ def _same_command(config: pytest.Config) -> list[str]:
 
 
 def _status_of(command: Sequence[str], output: Path, seconds: float) -> int:
-    """The exit status of a process that gets this long; what it started ends with it."""
+    """The exit status of a process with a time limit; its child processes end with it."""
     with output.open("w") as file:  # no pipe: one that a grandchild keeps open would not end
         process = subprocess.Popen(command, stdout=file, stderr=subprocess.STDOUT, start_new_session=True)
         try:
@@ -160,7 +161,7 @@ def _status_of(command: Sequence[str], output: Path, seconds: float) -> int:
 
 
 def _has_passed(verdict: Path, *, whole_file: bool) -> bool:
-    """Whether the test ran and passed: a skipped one has shown nothing."""
+    """True if the test ran and passed; a skipped test does not count."""
     if not verdict.exists():  # os._exit(0) in a test
         return False
     counts = ElementTree.parse(verdict).getroot()[0].attrib

@@ -1,6 +1,6 @@
-"""``make release VERSION=x.y.z``: check what a release must be, build it twice, try it, and say what comes next.
+"""``make release VERSION=x.y.z``: check a release's requirements, build it twice, try it, print the next steps.
 
-Each check refuses with one line that says what was expected, what was found and the way out. Nothing is changed but the
+A failed check prints one line with the expected value, the value found and the way out. Nothing is changed but the
 folder ``dist``, and with ``--tag`` one tag; nothing is uploaded.
 """
 
@@ -26,7 +26,7 @@ _FROM_SOURCES = (
 
 
 class Refused(Exception):
-    """A release must not be made like this."""
+    """The requirements of a release are not met."""
 
 
 # --- what is checked -------------------------------------------------------------------------------------------------
@@ -40,7 +40,7 @@ def check_number(root: Path, version: str) -> None:
 
 
 def check_tree(root: Path, version: str) -> None:
-    """What is released is what is committed."""
+    """Check that the checkout has no uncommitted changes."""
     del version
     changed = _git(root, "status", "--porcelain").splitlines()
     if changed:
@@ -54,7 +54,7 @@ def check_tag(root: Path, version: str) -> None:
 
 
 def check_sources(root: Path, version: str) -> None:
-    """The places that have the version."""
+    """Check the version in all its places."""
     for source in _FROM_SOURCES:
         found = _match(root / source, r'^__version__ = "(.+)"$')
         if found != version:
@@ -62,7 +62,7 @@ def check_sources(root: Path, version: str) -> None:
 
 
 def check_citation(root: Path, version: str) -> None:
-    """What is cited is what is released, and on the day that the changelog says."""
+    """Check that the citation has the released version, and the date of the changelog."""
     found = _match(root / "CITATION.cff", r'^version: "?([^"\n]+)"?$')
     if found != version:
         raise Refused(f"CITATION.cff must have version: {version}, got {found!r}: write it there")
@@ -73,7 +73,7 @@ def check_citation(root: Path, version: str) -> None:
 
 
 def check_changelog(root: Path, version: str) -> None:
-    """A dated section with something in it, and an empty one for what comes next."""
+    """Check that the changelog has a dated section with content, and an empty one for later changes."""
     text = (root / "CHANGELOG.md").read_text(encoding="utf-8")
     sections = re.split(r"^## ", text, flags=re.MULTILINE)[1:]
     titles = [section.partition("\n")[0].strip() for section in sections]
@@ -91,7 +91,7 @@ def check_changelog(root: Path, version: str) -> None:
 
 
 def check_fragments(root: Path, version: str) -> None:
-    """The changelog has all news fragments."""
+    """Check that the changelog has all news fragments."""
     left = sorted(path.name for path in (root / "changes").glob("*.md") if path.name != "README.md")
     if left:
         raise Refused(
@@ -101,7 +101,7 @@ def check_fragments(root: Path, version: str) -> None:
 
 
 def check_protocol(root: Path, version: str) -> None:
-    """The document and the code speak of one protocol."""
+    """Check that the document and the code have the same protocol version."""
     del version
     program = "from mesh_motion_protocol import PROTOCOL_VERSION as v; print(*v, sep='.')"
     answer = run([sys.executable, "-c", program], root, "the protocol cannot be imported").strip()
@@ -111,7 +111,7 @@ def check_protocol(root: Path, version: str) -> None:
 
 
 def check_rendered(root: Path, version: str) -> None:
-    """What is made from the code is that of this code: SPEC.md's tables, the manual pages, the lock files."""
+    """Check that generated files are up to date: SPEC.md's tables, the manual pages, the lock files."""
     del version
     tests = ["tests/protocol/test_spec.py", "tests/packaging/test_locks.py", "tests/packaging/test_manual.py::"
              "test_the_pages_are_those_of_the_commands"]  # fmt: skip
@@ -137,7 +137,7 @@ CHECKS: tuple[Callable[[Path, str], None], ...] = (
 
 
 def build_twice(root: Path, folder: Path) -> list[Path]:
-    """Source distributions and wheels, which must come out bitwise equal a second time."""
+    """Build source distributions and wheels; a second build must give the same bits."""
     epoch = _git(root, "log", "-1", "--format=%ct")
     made: list[dict[str, bytes]] = []
     for _ in range(2):
@@ -164,7 +164,7 @@ def write_checksums(files: Sequence[Path]) -> Path:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """0, or 1 with one line that says why there is no release."""
+    """Return 0, or 1 with one line with the reason why there is no release."""
     parser = argparse.ArgumentParser(prog="release", description=__doc__)
     parser.add_argument("version")
     parser.add_argument("--root", type=Path, default=Path(__file__).resolve().parents[1], help="the checkout")
@@ -183,7 +183,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _release(options: argparse.Namespace) -> list[str]:
-    """What has been done and what comes next, a line each."""
+    """Print the finished and the next steps, one line each."""
     root, version = options.root, options.version
     for check in CHECKS:
         check(root, version)
@@ -202,7 +202,7 @@ def _release(options: argparse.Namespace) -> list[str]:
 
 
 def _match(path: Path, pattern: str) -> str:
-    """What the first group matches in a file, or nothing."""
+    """Text of the first group of a pattern in a file, or nothing."""
     found = re.search(pattern, path.read_text(encoding="utf-8"), re.MULTILINE)
     return found[1].strip() if found else ""
 

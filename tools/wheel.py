@@ -26,13 +26,13 @@ with connect() as server:
 
 
 class Failed(Exception):
-    """A program that did not end well: what it was for, and its last words."""
+    """A program failed: its purpose, and its last lines of output."""
 
 
 def build(root: Path, folder: Path, epoch: str) -> list[Path]:
     """Source distributions and wheels of a checkout; the numerics' wheel has every instruction set.
 
-    On Linux the wheel names the oldest systems that it runs on, as ``auditwheel`` finds by its symbols.
+    On Linux the wheel names the oldest systems on which it runs; ``auditwheel`` finds them from its symbols.
     """
     stamped = os.environ | {"SOURCE_DATE_EPOCH": epoch}
     for source in (root / _CLIENT, root / "numerics", root):
@@ -48,7 +48,7 @@ def build(root: Path, folder: Path, epoch: str) -> list[Path]:
 
 
 def try_wheels(root: Path, made: Sequence[Path]) -> None:
-    """Install them in new environments, outside the checkout: all play a case; the client alone moves a mesh."""
+    """Install them in new environments outside the checkout: all play a case; the client alone moves a mesh."""
     client, numerics, server = (next(path for path in made if path.match(f"{name}-*.whl")) for name in _NAMES)
     clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     with tempfile.TemporaryDirectory() as scratch:
@@ -69,7 +69,7 @@ def client_example(root: Path) -> str:
 
 
 def _installed(environment: Path, packages: Sequence[str], variables: dict[str, str]) -> Path:
-    """The programs of a new environment with these packages and what they require."""
+    """The programs of a new environment with these packages and their requirements."""
     venv.create(environment, with_pip=True)
     installing = [str(environment / "bin" / "pip"), "install", "--quiet", *packages]
     run(installing, environment, "the wheels cannot be installed", variables)
@@ -77,7 +77,7 @@ def _installed(environment: Path, packages: Sequence[str], variables: dict[str, 
 
 
 def run(command: Sequence[str], root: Path, complaint: str, environment: dict[str, str] | None = None) -> str:
-    """The output of a program that ends well."""
+    """Run a program and return its output."""
     ended = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=False)
     if ended.returncode:
         words = (ended.stderr.strip() or ended.stdout.strip()).splitlines()
@@ -86,7 +86,7 @@ def run(command: Sequence[str], root: Path, complaint: str, environment: dict[st
 
 
 def main() -> int:
-    """0, or 1 with one line that says what failed."""
+    """Return 0, or 1 with one line that names the failure."""
     root = Path(__file__).resolve().parents[1]
     folder = root / "dist"
     try:

@@ -1,6 +1,6 @@
 #!/bin/sh
 # Runs a command as on a machine without a compiler: `tools/without_compiler.sh make demo VENV=out/bare/venv`.
-# Its PATH is a folder of links to all programs of this one's PATH but compilers.
+# Its PATH is a folder of links to all programs of the present PATH except compilers.
 set -eu
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Makes a Python environment with Kratos and what the client needs, once, and prints its interpreter: 69 MB of wheels,
-# and numpy's; 330 MB on the disk. PYTHON chooses another Python than python3, the first argument another folder.
+# Makes a Python environment with Kratos and the client's requirements, once, and prints its interpreter: 69 MB of
+# wheels, and numpy's; 330 MB on the disk. PYTHON chooses another Python than python3, the first argument another
+# folder.
 set -euo pipefail
 folder="${1:-${XDG_CACHE_HOME:-$HOME/.cache}/mesh-motion/kratos-10.4}"
 python="$folder/bin/python"

@@ -1,10 +1,10 @@
-"""OpenFOAM's own tutorials that move a mesh, with their motion solver and with the server: a table in Markdown.
+"""Run OpenFOAM's own tutorials that move a mesh, with their motion solver and with the server: a table in Markdown.
 
     python adapters/openfoam/tutorials.py [--only NAME] [--out FOLDER]
 
 Needs OpenFOAM with its tutorials (Debian: openfoam openfoam-examples). Each case is moved by ``moveDynamicMesh``, or by
-its own solver where the flow moves a body: as it is, with ``remoteMeshMotion``, and so on two processors. Largest
-non-orthogonality (degrees) and skewness are those that ``checkMesh`` finds at all times.
+its own solver if the flow moves a body: unchanged, with ``remoteMeshMotion``, and with ``remoteMeshMotion`` on two
+processors. Largest non-orthogonality (degrees) and skewness are those that ``checkMesh`` finds at all times.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ _REMOTE = (
 
 
 def _relative(steps: int, dt: float) -> tuple[str, dict[str, str]]:
-    """relativeMotion's displacement of the inner zone, rotations one in another, by tables; and their file."""
+    """relativeMotion's displacement of the inner zone (nested rotations) by tables, and the text of their file."""
     rows, swings = [], []
     for step in range(-1, steps + 2):
         angle = 10.0 * step * dt
@@ -293,7 +293,7 @@ CASES = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """A run: largest non-orthogonality and skewness, seconds a step, and how it ended if not well."""
+    """A run: largest non-orthogonality and skewness, seconds for a step, and the error if it failed."""
 
     orthogonality: float
     skewness: float
@@ -306,13 +306,13 @@ class Outcome:
 
 
 class Runner:
-    """Runs programs of OpenFOAM in a case; each with a log of its own."""
+    """Runs OpenFOAM's programs in a case, each with its own log."""
 
     def __init__(self, case: Path, variables: dict[str, str]) -> None:
         self.case, self.environment = case, os.environ | variables
 
     def run(self, command: str, ranks: int = 1) -> str:
-        """The program's output; SetupError with its last words where it fails."""
+        """The program's output; SetupError with its last lines if it fails."""
         words = [*shlex.split(command), *(["-parallel"] if ranks > 1 else [])]
         mpi = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-np", str(ranks)] if ranks > 1 else []
         done = subprocess.run(
@@ -325,7 +325,7 @@ class Runner:
 
     @contextlib.contextmanager
     def together(self, command: str) -> Iterator[None]:
-        """A program that runs until the block ends; none where there is no command."""
+        """A program that runs until the block ends; no program without a command."""
         if not command:
             yield
             return
@@ -346,7 +346,7 @@ def _last_words(text: str) -> str:
 
 
 def meshed(tutorial: Tutorial, folder: Path) -> None:
-    """A copy of the tutorial with its mesh."""
+    """Copy the tutorial and make its mesh."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(TUTORIALS / tutorial.path, folder)
     for name in folder.rglob("*.gz"):
@@ -367,7 +367,7 @@ def meshed(tutorial: Tutorial, folder: Path) -> None:
 
 
 def prepared(tutorial: Tutorial, mesh: Path, folder: Path, variables: dict[str, str], patches: str) -> Runner:
-    """A copy of the meshed tutorial, ready to be moved: with ``patches`` by the server, else as it is."""
+    """Copy the meshed tutorial; with ``patches`` prepare it for the motion by the server, else leave it unchanged."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(mesh, folder)
     folder /= tutorial.inside
@@ -404,7 +404,7 @@ def prepared(tutorial: Tutorial, mesh: Path, folder: Path, variables: dict[str, 
 
 
 def _write_system(system: Path, tutorial: Tutorial) -> None:
-    """What moveDynamicMesh, decomposePar and the motion solvers read."""
+    """Write the files that moveDynamicMesh, decomposePar and the motion solvers read."""
     files = {
         "controlDict": 'libs ("libfvMotionSolvers.so" "libwaveModels.so" "libsixDoFRigidBodyMotion.so" '
         '"liblumpedPointMotion.so"); '
@@ -420,7 +420,7 @@ def _write_system(system: Path, tutorial: Tutorial) -> None:
 
 
 def play(tutorial: Tutorial, mesh: Path, folder: Path, ranks: int, patches: str) -> Outcome:
-    """Move the mesh, with ``patches`` by the server, and check it."""
+    """Move the mesh, by the server if ``patches`` are given, and check it."""
 
     def start() -> EmbeddedServer:
         return EmbeddedServer(folder.with_suffix(".server"), 120.0, ["--threads", "1"])
@@ -448,7 +448,7 @@ def play(tutorial: Tutorial, mesh: Path, folder: Path, ranks: int, patches: str)
 
 
 def row(tutorial: Tutorial, start: Path) -> tuple[list[str], bool]:
-    """The table's cells of a case, in folders that begin with ``start``; whether the server failed in one."""
+    """The table's cells of a case, run in folders that begin with ``start``; also True if the server failed."""
     mesh = start.with_name(start.name + "mesh")
     try:
         meshed(tutorial, mesh)
@@ -469,7 +469,7 @@ def row(tutorial: Tutorial, start: Path) -> tuple[list[str], bool]:
 
 
 def main() -> int:
-    """All cases; status 1 where one did not move to its end with the server."""
+    """Run all cases; status 1 if one did not reach its end with the server."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--only", help="part of a case's name")
     parser.add_argument("--out", type=Path, default=Path("out/openfoam-tutorials"))

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.correction``: the cost of the correction, case by case, each in a process of its own."""
+"""``python -m benchmarks.correction``: the cost of the correction, case by case, each in a separate process."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Run what the command line asks for."""
+    """Run the cases that the command line selects."""
     arguments = _arguments(words)
     arguments.out.mkdir(parents=True, exist_ok=True)
     costs: dict[str, Cost] = {}

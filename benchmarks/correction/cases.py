@@ -1,4 +1,4 @@
-"""The cases: a mesh, a motion in one step that leaves it below the threshold, and what is asked of the correction."""
+"""The cases: a mesh, a motion in one step that leaves it below the threshold, and the correction's target."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Case:
     target : float
         Minimum size-skew to be reached; inf for the maximum.
     seconds : float or None
-        What it may take on two quiet cores, where that has been asked for.
+        The aim on two quiet cores, if any.
     """
 
     mesh: str
@@ -48,7 +48,7 @@ class Case:
         return "maximum" if math.isinf(self.target) else f"{self.target:.2f}"
 
     def read_mesh(self, folder: Path) -> BenchmarkMesh:
-        """Its mesh, built where the folder has not got it yet."""
+        """The case's mesh; built if the folder does not have it yet."""
         return load_or_build(self.mesh, folder)
 
 
@@ -71,7 +71,7 @@ def standard_file(case: Case, folder: Path) -> Path:
 
 
 def standard_positions(case: Case, folder: Path) -> Floats:
-    """Where the standard motion puts the nodes (n, d); computed once, then read from the folder."""
+    """Node positions (n, d) after the standard motion; computed once, then read from the folder."""
     path = standard_file(case, folder)
     if not path.exists():
         mesh = case.read_mesh(folder)

@@ -1,7 +1,7 @@
-"""Measures one case in this process: ``python -m benchmarks.correction.cost CASE FOLDER REPEAT`` prints JSON.
+"""Measure one case in this process: ``python -m benchmarks.correction.cost CASE FOLDER REPEAT`` prints JSON.
 
-The limit is what any such method has to do: for every iteration one gradient and one Hessian of the region that was
-free then, all blocks recomputed, and one judgement of every cell of the mesh. It is timed in the same process.
+The limit is the minimum work of any such method: in every iteration one gradient and one Hessian of the free region
+with all blocks recomputed, and one quality computation of every cell of the mesh. It is timed in the same process.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Cost:
 
 
 def trial_mesh(case: Case, folder: Path) -> TrialMesh:
-    """The mesh as the correction gets it."""
+    """The input of the correction: the mesh after the standard motion."""
     mesh = case.read_mesh(folder)
     cells = CellTable.from_arrays(mesh.cells)
     held = np.zeros(len(mesh.points), dtype=bool)
@@ -73,7 +73,7 @@ def trial_mesh(case: Case, folder: Path) -> TrialMesh:
 
 
 def corrected(points: Floats, mesh: TrialMesh, target: float) -> Polished:
-    """All nodes freed for the maximum, a growing region for a threshold."""
+    """Correct the mesh: all nodes are free for the maximum, a growing region for a threshold."""
     with one_blas_thread():
         if np.isinf(target):
             return polish(points, mesh, mesh.free(~mesh.held))
@@ -110,7 +110,7 @@ def _timed(task: Callable[[], Polished]) -> tuple[float, float, Polished]:
 
 
 def _limit(points: Floats, mesh: TrialMesh, found: Polished) -> float:
-    """Processor time of the derivatives of every iteration, and of one judgement of the mesh, seconds."""
+    """Processor time of the derivatives of every iteration, and of one quality computation of the mesh, seconds."""
     everything = mesh.free(~mesh.held)
     local = found.points[everything.nodes]
     measure = region_measure(everything, LEVELS[0])
@@ -136,7 +136,7 @@ def _shortest(task: Callable[[], object], repeat: int = 3) -> float:
 
 
 def main(arguments: list[str]) -> None:
-    """The command line of the module's docstring."""
+    """Run the command line that the module's docstring describes."""
     name, folder, repeat = arguments
     print(json.dumps(asdict(measured(CASES[name], Path(folder), int(repeat)))))
 

@@ -1,4 +1,4 @@
-"""The result as a table, which takes its place in the benchmarks' README."""
+"""The result as a table for the benchmarks' README."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _HEAD = (
 
 
 def table(costs: Mapping[str, Cost], machine: str) -> str:
-    """A line for each case, and what it was measured on."""
+    """A line for each case, and a line about the machine."""
     return _HEAD + "".join(_row(name, cost) for name, cost in costs.items()) + f"\n{machine}\n"
 
 

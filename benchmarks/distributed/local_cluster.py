@@ -28,7 +28,7 @@ _SETTINGS = {"distributed.nanny.pre-spawn-environ": _ENVIRONMENT, "distributed.n
 
 @contextmanager
 def local_cluster(count: int) -> Iterator[Any]:
-    """A cluster with ``count`` workers of one thread; Dask's own words about killed ones are left out."""
+    """A cluster with ``count`` workers of one thread; Dask's messages about killed workers are suppressed."""
     with dask.config.set(_SETTINGS):
         cluster = LocalCluster(
             n_workers=count,

@@ -1,11 +1,11 @@
 """Steps of a session whose ranks evaluate the field: ``python -m benchmarks.distributed.own_ranks M4``.
 
-Each rank reads the file of its partition, moves its nodes and judges its cells, with one thread: in a process that
-takes part by itself, or with ``--dask`` in a worker of a Dask cluster. For comparison the same steps of a session that
-has the whole mesh. Prints one row a case: bytes of a step each way between server and ranks, all ranks together,
+Each rank reads the file of its partition, moves its nodes and computes the quality of its cells, with one thread: in a
+separate process, or with ``--dask`` in a worker of a Dask cluster. For comparison a session that has the whole mesh
+makes the same steps. Prints one row for each case: bytes of a step in each direction between server and all ranks,
 seconds, processor time of the busiest rank, and the session's memory. With ``--corrected 0.25`` each step turns the
-body so far that cells are below that size-skew and are corrected; how many nodes the ranks send, and how many are
-freed.
+body so far that cells are below that size-skew and are corrected; the row then also has the number of nodes that the
+ranks send and the number of freed nodes.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def _settings(threshold: float) -> dict[str, Any]:
 
 
 def _motion(body: Any, step: int, threshold: float) -> Any:
-    """Displacement of the body's nodes (k, d): a small one, or one of which cells are bad."""
+    """Displacement of the body's nodes (k, d): a small one, or one that leaves bad cells."""
     if not threshold:
         return 0.003 * np.sin(3.0 * body[:, ::-1] + step)
     return MOTIONS["T3"].displacements(body, 1)[-1] * (1.0 - 0.001 * step)
@@ -79,7 +79,7 @@ def _rank(endpoint: str, file: Path, rank: int, ranks: int, evaluation: str, thr
 
 
 def _on_ranks(files: Sequence[Path], evaluation: str, threshold: float) -> list[dict[str, float]]:
-    """The report of each rank; ranks are processes of their own."""
+    """The report of each rank; each rank is a process."""
     context = multiprocessing.get_context("spawn")
     with connect(server_options=["--threads", "1"]) as server:
         lines = [context.Queue() for _ in range(len(files) + 1)]
@@ -96,7 +96,7 @@ def _on_ranks(files: Sequence[Path], evaluation: str, threshold: float) -> list[
 
 
 def _on_workers(files: Sequence[Path], threshold: float) -> list[dict[str, float]]:
-    """The same of the workers of a Dask cluster."""
+    """The report of each rank; the ranks are workers of a Dask cluster."""
     from distributed import Client  # noqa: PLC0415  # an extra
 
     from benchmarks.distributed.local_cluster import local_cluster  # noqa: PLC0415
@@ -126,7 +126,7 @@ def _on_workers(files: Sequence[Path], threshold: float) -> list[dict[str, float
 
 
 def measured(mesh: MeshFile, ranks: int, volume: str, threshold: float = 0.0) -> dict[str, float]:
-    """The figures of one case, the ranks' together.
+    """The figures of one case, those of all ranks combined.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def measured(mesh: MeshFile, ranks: int, volume: str, threshold: float = 0.0) ->
         With patches ``body`` and ``box``.
     ranks : int
     volume : {"server", "client", "dask"}
-        Who has it: the server, which takes one rank; ranks that are processes, or workers.
+        Owner of the volume mesh: the server (with one rank), ranks that are processes, or Dask workers.
     threshold : float
         Below this size-skew cells are corrected; 0: none.
     """
@@ -147,7 +147,7 @@ def measured(mesh: MeshFile, ranks: int, volume: str, threshold: float = 0.0) ->
 
 
 def load(name: str, folder: Path) -> MeshFile:
-    """A benchmark mesh, which is built if need be."""
+    """A benchmark mesh; built if necessary."""
     stored = load_or_build(name, folder)
     cells = {kind: np.asarray(nodes, dtype=np.int64) for kind, nodes in stored.cells.items()}
     patches = {"body": np.unique(stored.moving), "box": np.unique(stored.fixed)}
@@ -155,7 +155,7 @@ def load(name: str, folder: Path) -> MeshFile:
 
 
 def main() -> None:
-    """Run what the command line asks for."""
+    """Run the cases that the command line selects."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.distributed.own_ranks", description=__doc__)
     parser.add_argument("mesh", nargs="?", default="M4")
     parser.add_argument("--meshes", type=Path, default=Path("out/peers"), help="folder of the meshes, built if need be")

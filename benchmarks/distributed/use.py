@@ -1,4 +1,4 @@
-"""What a rank uses, of the process that it is asked in: bytes on the wire, processor time, its session's memory."""
+"""Resources that a rank's process uses: bytes on the network, processor time, its session's memory."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BYTES: Counter[str] = Counter()
 
 
 def count_bytes() -> None:
-    """Count what this process sends and receives from now on, all arrays as frames, as between machines."""
+    """Count bytes that this process sends and receives from now on, with all arrays as frames, as between machines."""
     client.SUPPORTED = False
     encode, decode = connection.encode, connection.decode
 
@@ -35,7 +35,7 @@ def count_bytes() -> None:
 
 
 def spent() -> dict[str, float]:
-    """What a worker has used so far."""
+    """The resources that a worker has used so far."""
     return {"work": time.process_time(), **{name: BYTES[name] for name in ("sent", "received", "corrected")}}
 
 

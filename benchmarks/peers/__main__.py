@@ -45,7 +45,7 @@ def _announced(outcomes: Iterator[Outcome], out: Path, machine: dict[str, object
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Run what the command line asks for."""
+    """Run the comparison that the command line selects."""
     arguments = _arguments(words)
     if arguments.list:
         print("cases:  ", *CASES)

@@ -1,4 +1,4 @@
-"""The run itself: every case, every system, one after the other, and what came of each as plain records."""
+"""The run itself: every case and every system, one after the other, and their outcomes as plain records."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class BenchmarkCase:
         return f"{self.mesh}-{self.motion}-{self.steps}"
 
     def task(self, meshes: Path) -> Task:
-        """Build it; meshes are kept in the folder."""
+        """Build the case's task; meshes are kept in the folder."""
         mesh = load_or_build(self.mesh, meshes)
         displacements = MOTIONS[self.motion].displacements(mesh.points[mesh.moving], self.steps)
         return Task(mesh.points, mesh.cells, mesh.moving, mesh.fixed, displacements)
@@ -67,18 +67,19 @@ def name_in_words(case: str) -> str:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one system on one case.
+    """Outcome of one system on one case.
 
     Attributes
     ----------
     case, system : str
     measurement : Measurement or None
-        Of the run with the shortest steps.
+        The run with the shortest steps.
     verdict : Verdict or None
     note : str
-        Why there are none: not installed, or what it failed with.
+        Why measurement and verdict are missing: not installed, or the system's error.
     load : float
-        Load average of the machine before the run: above the run's own threads, times are inflated.
+        Load average of the machine before the run; with other load in addition to the run's threads, times are too
+        long.
     """
 
     case: str
@@ -96,7 +97,7 @@ class Outcome:
 def compare(
     cases: Sequence[str], systems: Sequence[str], out: Path, *, threads: int, repeat: int, meshes: Path | None = None
 ) -> Iterator[Outcome]:
-    """Measure the systems on the cases, in a fixed order; each outcome as soon as it is there.
+    """Measure the systems on the cases, in a fixed order; yield each outcome as soon as it is available.
 
     Meshes are kept in ``out/meshes`` or in a given folder.
     """

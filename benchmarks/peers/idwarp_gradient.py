@@ -1,7 +1,7 @@
 """IDWarp's Jᵀ w in this process: ``python -m benchmarks.peers.idwarp_gradient FOLDER REPEAT``.
 
-The folder has ``task.npz``, and in ``weights.npy`` the (n, 3) weights of all nodes. ``seconds.json`` is left there, and
-``gradient.npy``, what the positions of the moving nodes count after the last step (k, 3).
+The folder has ``task.npz``, and in ``weights.npy`` the (n, 3) weights of all nodes. The module writes ``seconds.json``
+there, and ``gradient.npy``, the weights (k, 3) of the moving nodes' positions after the last step.
 """
 
 import json
@@ -16,7 +16,7 @@ from benchmarks.peers.task import Task
 
 
 def main(folder: Path, repeat: int) -> None:
-    """Processor seconds: the shortest step and the shortest Jᵀ w."""
+    """Processor seconds of the shortest step and of the shortest Jᵀ w."""
     task, weights = Task.load(folder / "task.npz"), np.load(folder / "weights.npy")
     mover, steps, vectors = IDWarpMover(task), [], []
     for step in range(task.steps):

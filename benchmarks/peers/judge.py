@@ -1,8 +1,8 @@
-"""One judge for all: the quality of the positions that a system left, by the server's own metric and by OpenFOAM's.
+"""Quality of the positions that a system wrote, by the server's own metric and by OpenFOAM's; the same for all systems.
 
-Size is relative to the reference mesh, size-skew is √size · skew with the sign of size. A step counts as inverted where
-any corner determinant of a cell is not positive. The boundary error is the distance of
-the boundary from its given place.
+Size is relative to the reference mesh, size-skew is √size · skew with the sign of size. A cell counts as inverted if
+any of its corner determinants is not positive. The boundary error is the largest distance of a boundary node from its
+given position.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Verdict:
 
 
 class Judge:
-    """Judges the positions after each step of one task."""
+    """Computes the quality of the positions after each step of one task."""
 
     def __init__(self, task: Task) -> None:
         self.task = task
@@ -77,7 +77,7 @@ class Judge:
         self._touching = np.concatenate([moving[block.nodes].any(axis=1) for block in self.cells])
 
     def verdict(self, steps: Iterable[Floats]) -> Verdict:
-        """Judge positions (n, d) after every step of the task, in order.
+        """Compute the quality of the positions (n, d) after every step of the task, in order.
 
         Raises
         ------
@@ -110,7 +110,7 @@ class Judge:
         )
 
     def _faces(self, positions: Floats) -> FaceMeasures:
-        """As a finite-volume code sees positions (n, d); all tasks are in a plane or in space."""
+        """Face measures of a finite-volume code at positions (n, d); all tasks are in 2D or 3D."""
         found = face_measures(positions, self.cells)
         assert found is not None
         return found

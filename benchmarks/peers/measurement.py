@@ -1,4 +1,4 @@
-"""What is measured of a system: seconds, memory, and the positions it left."""
+"""The measurement of a system: seconds, memory, and the positions that it wrote."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = [
 
 
 class SystemFailure(Exception):
-    """A system did not bring a motion to its end; the message is one line of its own words."""
+    """A system did not complete a motion; the message is one line of the system's output."""
 
 
 @dataclass(frozen=True)
@@ -65,16 +65,16 @@ class Measurement:
 
 
 def peak_memory(process: int) -> int:
-    """Largest resident sets so far of a process and its descendants, added up, bytes; 0 if it has gone.
+    """Sum of the largest resident sets so far of a process and its descendants, bytes; 0 if the process has ended.
 
-    The kernel's high-water mark of each address space: a parent's memory before ``exec`` does not count, as it does in
-    ``getrusage``.
+    The kernel's high-water mark of each address space: unlike in ``getrusage``, a parent's memory before ``exec`` does
+    not count.
     """
     return sum(high_water_marks(process).values())
 
 
 def cpu_seconds(process: int) -> float:
-    """Processor time that the living threads of a process and its descendants have used so far; 0 if it has gone."""
+    """Processor time so far of the living threads of a process and its descendants; 0 if the process has ended."""
     nanoseconds = 0
     for member in _family(process):
         for thread in Path(f"/proc/{member}/task").glob("*/schedstat"):

@@ -1,7 +1,7 @@
 """The meshes: a slab in a square (triangles), a thin wing in a cube (tetrahedra; hexahedra).
 
-Nodes are numbered along a space-filling curve and cells by their first node, for every system alike, so that none pays
-for a generator's numbering.
+For every system nodes are numbered along a space-filling curve and cells by their first node, so that no system suffers
+from a generator's numbering.
 
 M1, M6, M8, M2 and M7 have about 1 k, 10 k, 22 k, 100 k and 1 M nodes in two dimensions, M3, M4 and M5 50 k, 500 k and
 5 M in three; M5 is a mesh a little finer than M4, refined once. W2 and W3 are 50 bodies wide, on the bodies of S2 and
@@ -46,7 +46,7 @@ class BenchmarkMesh:
     ----------
     points : (n, d) array
     cells : dict of (m, k) int64 arrays
-        As read back; int32 as built.
+        Type of the arrays after reading; a newly built mesh has int32.
     moving, fixed : (k,), (f,) int64 arrays
         Nodes of the body and of the box.
     """
@@ -58,7 +58,7 @@ class BenchmarkMesh:
 
 
 def slab(*, outer_size: float, body_size: float, ratio: float = 1.0, body: Box = _SLAB) -> BenchmarkMesh:
-    """Triangles in the unit square around a slab; their size on it grows along x by the ratio."""
+    """Triangles in the unit square around a slab; their size on the slab grows along x by the ratio."""
     (x0, x1), (y0, y1) = body
     gmsh.option.setNumber("Mesh.Algorithm", 6)
     loops = [
@@ -93,7 +93,7 @@ def wing(*, body_size: float, growth: float, ratio: float = 1.0, body: Box = _WI
 
 
 def refined_wing(*, body_size: float, growth: float) -> BenchmarkMesh:
-    """The tetrahedra of such a mesh as eight each."""
+    """The same mesh with each tetrahedron divided into eight."""
     coarse = wing(body_size=body_size, growth=growth)
     points, nodes = refined_tetrahedra(coarse.points, coarse.cells["tetra"])
     return _renumbered(points, {"tetra": nodes}, _WING)
@@ -157,7 +157,7 @@ def load_or_build(name: str, folder: Path) -> BenchmarkMesh:
         cells: dict[str, Any] = {f"cells_{kind}": nodes for kind, nodes in mesh.cells.items()}
         np.savez(path, points=mesh.points, patch_moving=mesh.moving, patch_fixed=mesh.fixed, **cells)
     with np.load(path) as content:
-        # 4 bytes a number on disk, 8 in every system alike, so that none pays for another width
+        # 4 bytes for each number on disk, 8 in every system, so that no system has to convert
         cells = {
             key.removeprefix("cells_"): content[key].astype(np.int64, copy=False)
             for key in content.files
@@ -187,7 +187,7 @@ def _polygon(corners: list[tuple[float, float]], sizes: list[float]) -> int:
 
 
 def _graded_lines(span: tuple[float, float], counts: tuple[int, int, int]) -> Floats:
-    """Grid lines of [0, 1] with the body's faces among them, denser towards the body."""
+    """Grid lines of [0, 1] that include the body's faces, denser towards the body."""
     before, along, behind = counts
     a, b = span
     t = np.linspace(0, 1, before + 1)
@@ -213,7 +213,7 @@ def _mesh_of_model(dimension: int, body: Box) -> BenchmarkMesh:
 
 
 def _renumbered(points: Floats, cells: dict[str, Ints], body: Box) -> BenchmarkMesh:
-    """Used nodes along a Z-order curve, cells by their smallest node, patches by coordinates."""
+    """Renumber: used nodes along a Z-order curve, cells by their smallest node, patches by coordinates."""
     named = np.zeros(len(points), dtype=bool)
     for nodes in cells.values():
         named[nodes] = True

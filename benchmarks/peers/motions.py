@@ -1,4 +1,4 @@
-"""The motions: large rigid ones in one step or in equal sub-steps, and bending.
+"""The motions: large rigid motions in one step or in equal sub-steps, and bending.
 
 After step s of S a rigid motion displaces a node at X by u = s/S t + (R(s/S θ) - I)(X - c), as in a case file.
 """
@@ -78,7 +78,7 @@ class Bending:
     tip: float = 0.7
 
     def displacements(self, points: Floats, steps: int) -> Floats:
-        """As :meth:`Motion.displacements`; steps of equal amplitude."""
+        """Displacements as in :meth:`Motion.displacements`, in steps of equal amplitude."""
         t = (points[:, 0] - self.root) / (self.tip - self.root)
         displacements = np.zeros((steps, *points.shape))
         displacements[:, :, 1] = np.linspace(0, self.amplitude, steps + 1)[1:, None] * t**2 * (3 - t) / 2

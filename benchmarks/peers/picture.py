@@ -16,7 +16,7 @@ __all__ = ["write_picture"]
 
 
 def write_picture(outcomes: Sequence[Outcome], path: Path) -> None:
-    """Quality against time, one panel a case: right is slow, up is good, hollow markers have inverted cells."""
+    """Quality against time, one panel for each case: slow is right, good is up, hollow markers mean inverted cells."""
     cases = list(dict.fromkeys(outcome.case for outcome in outcomes))
     names = list(dict.fromkeys(outcome.system for outcome in outcomes))
     columns = 2 if len(cases) > 1 else 1

@@ -1,8 +1,8 @@
-"""Tetrahedra split into eight of half the size: four at the corners, four of the octahedron that remains.
+"""Each tetrahedron is split into eight of half the size: four at the corners, four from the remaining octahedron.
 
 New nodes lie at the midpoints of the edges, so that a flat boundary stays flat. The octahedron is cut along its
-shortest diagonal, which keeps the cells' shapes from worsening with every refinement (Bey 1995 chooses it by number).
-Edges are sorted numbers, smaller node · n + larger node: nothing larger than the new mesh is ever held.
+shortest diagonal, so that the cells' shapes do not get worse with every refinement (Bey 1995 chooses the diagonal by
+number). Edges are sorted numbers, smaller node · n + larger node, so that no array is larger than the new mesh.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def refined_tetrahedra(points: Floats, cells: NDArray[Any]) -> tuple[Floats, Row
 
 
 def _numbers(cells: Rows, n: int) -> NDArray[np.int64]:
-    """(m, 6) a number for each edge of each cell, equal where edges are."""
+    """(m, 6) number of each edge of each cell; equal edges have equal numbers."""
     corners = cells[:, _EDGES]
     return corners.min(axis=2).astype(np.int64) * n + corners.max(axis=2)
 
@@ -83,7 +83,7 @@ def _children() -> NDArray[np.int64]:
 
 
 def _positive(nodes: Floats, part: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
-    """The part with two nodes swapped where its volume was negative."""
+    """The part, with two nodes swapped if its volume was negative."""
     edges = nodes[list(part[1:])] - nodes[part[0]]
     a, b, c, d = part
     return part if np.linalg.det(edges) > 0 else (a, b, d, c)

@@ -38,7 +38,7 @@ def markdown(outcomes: Sequence[Outcome]) -> str:
 
 
 def _row(outcome: Outcome) -> str:
-    """One line of a table; an inverted count in brackets is that of the worst step, where the end is better."""
+    """One line of a table; a number of inverted cells in brackets is that of the worst step, if the end is better."""
     label = SYSTEMS[outcome.system].label
     cost, verdict = outcome.measurement, outcome.verdict
     if cost is None or verdict is None:

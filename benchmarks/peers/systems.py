@@ -1,4 +1,4 @@
-"""The systems that are compared: how each is started, and whether it can be here."""
+"""The compared systems: how to start each, and whether it can run here."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class System(Protocol):
         ...
 
     def missing(self) -> str | None:
-        """Why it cannot run here, or None."""
+        """The reason why the system cannot run here, or None."""
         ...
 
     def move(self, task: Task, folder: Path, threads: int) -> Measurement:
@@ -42,18 +42,18 @@ class System(Protocol):
 
 
 def kratos_python() -> str:
-    """The interpreter that has Kratos: $KRATOS_PYTHON, else this one."""
+    """The Python interpreter with Kratos: $KRATOS_PYTHON, else this one."""
     return os.environ.get("KRATOS_PYTHON", sys.executable)
 
 
 def idwarp_python() -> str:
-    """The interpreter that has IDWarp: $IDWARP_PYTHON, else this one."""
+    """The Python interpreter with IDWarp: $IDWARP_PYTHON, else this one."""
     return os.environ.get("IDWARP_PYTHON", sys.executable)
 
 
 @dataclass(frozen=True)
 class PythonSystem:
-    """A mover in a worker process of its own.
+    """A mover in a separate worker process.
 
     Attributes
     ----------
@@ -63,9 +63,9 @@ class PythonSystem:
     options : dict
         The mover's keyword arguments.
     needs : str
-        The module without which it cannot run; asked of the interpreter that will run it.
+        The module without which the mover cannot run; the mover's interpreter is checked for it.
     python : callable, optional
-        Names its interpreter; None: this one.
+        Returns the mover's interpreter; None: this one.
     """
 
     label: str
@@ -129,13 +129,13 @@ class OpenFoamSystem:
         return openfoam.missing()
 
     def move(self, task: Task, folder: Path, threads: int) -> Measurement:
-        """As :meth:`System.move`; moveDynamicMesh has one thread, whatever ``threads`` says."""
+        """Move the mesh as in :meth:`System.move`; moveDynamicMesh has one thread and ignores ``threads``."""
         del threads
         return openfoam.move_mesh(task, folder, self.settings)
 
 
 def _last_line(log: Path) -> str:
-    """The last words of a process, shortened."""
+    """The last lines of a process' output, shortened."""
     lines = [line.strip() for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
     return lines[-1][:200] if lines else ""
 

@@ -1,4 +1,4 @@
-"""What every system is given: a mesh, the nodes that are held, and where the moving ones are after each step.
+"""The input of every system: a mesh, the fixed nodes, and the positions of the moving nodes after each step.
 
 Needs numpy only, because the workers of other systems import it in their own environments.
 """
@@ -66,5 +66,5 @@ class Task:
 
 
 def step_file(folder: Path, step: int) -> Path:
-    """Where a system leaves the positions (n, d) after a step, counted from 0."""
+    """The file to which a system writes the positions (n, d) after a step, counted from 0."""
     return folder / f"step_{step + 1:04d}.npy"

@@ -1,6 +1,6 @@
-"""Measures one mover in this process: ``python -m benchmarks.peers.worker MODULE:CLASS OPTIONS TASK.npz FOLDER``.
+"""Measure one mover in this process: ``python -m benchmarks.peers.worker MODULE:CLASS OPTIONS TASK.npz FOLDER``.
 
-Needs numpy and what the mover needs, nothing else. OPTIONS is a JSON object of the mover's keyword arguments.
+Needs numpy and the mover's own modules only. OPTIONS is a JSON object of the mover's keyword arguments.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = ["measure"]
 
 
 def measure(kind: type[Mover], options: dict[str, Any], task: Task, folder: Path) -> Measurement:
-    """Build the mover, ask for every step, leave the positions in ``folder``."""
+    """Build the mover, run every step, write the positions to ``folder``."""
     if prepare := getattr(kind, "prepare", None):  # compiled kernels are loaded once in a server's life
         prepare(task, options)
     start = time.perf_counter()
@@ -41,7 +41,7 @@ def measure(kind: type[Mover], options: dict[str, Any], task: Task, folder: Path
 
 
 def main(arguments: list[str]) -> None:
-    """The command line of the module's docstring."""
+    """Run the command line that the module's docstring describes."""
     place, options, task, folder = arguments
     module, name = place.split(":")
     kind = getattr(importlib.import_module(module), name)

@@ -1,1 +1,1 @@
-"""How set-up, step, coupling iteration and memory grow with the mesh, in the library and over the wire."""
+"""Growth of set-up, step, coupling iteration and memory with the mesh, in the library and over the network."""

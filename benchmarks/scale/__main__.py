@@ -1,4 +1,4 @@
-"""``python -m benchmarks.scale``: set-up, step, iteration and memory against size, each in a process of its own."""
+"""``python -m benchmarks.scale``: set-up, step, iteration and memory against size, each in a separate process."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Run what the command line asks for."""
+    """Run the cases that the command line selects."""
     arguments = _arguments(words)
     arguments.out.mkdir(parents=True, exist_ok=True)
     threads, folder = arguments.threads, str(arguments.meshes)

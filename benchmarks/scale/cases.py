@@ -40,8 +40,8 @@ class Case:
     mesh : str
         One of the peers' meshes.
     kind : {"steady", "large"}
-        Successive committed steps, each a fiftieth of the motion, with the default method: the threshold is kept and no
-        correction follows. Or the whole motion in one step without correction.
+        Successive committed steps, each a fiftieth of the motion, with the default method: the quality stays above the
+        threshold, so no correction follows. "large" is the whole motion in one step without correction.
     """
 
     mesh: str
@@ -63,7 +63,7 @@ class Case:
         return _METHODS[self.kind]
 
     def task(self, folder: Path, steps: int) -> Task:
-        """Mesh (built where the folder has not got it yet) and ``steps`` displacements; a large one is repeated."""
+        """Mesh (built if the folder does not have it yet) and ``steps`` displacements; a large one is repeated."""
         mesh = load_or_build(self.mesh, folder)
         motion, body = MOTIONS[_MOTIONS[self.mesh]], mesh.points[mesh.moving]
         if self.kind == "steady":

@@ -1,4 +1,4 @@
-"""What is measured of a case and of the machine, as plain values that go through JSON."""
+"""Measured values of a case and of the machine, as plain values that JSON can store."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["Figures", "MachineLimits", "Rates", "Seconds", "StartFigures", "Wire
 
 T = TypeVar("T")
 
-#: The resolution of the clock is the least duration, so that ratios exist.
+#: The shortest duration is the resolution of the clock, so that ratios exist.
 _TICK = max(time.get_clock_info("process_time").resolution, 1e-9)
 
 
@@ -24,12 +24,12 @@ class Seconds:
 
     @classmethod
     def shortest(cls, runs: list[Seconds]) -> Seconds:
-        """The shortest of each."""
+        """The shortest processor time and the shortest wall time of several runs."""
         return cls(min(run.cpu for run in runs), min(run.wall for run in runs))
 
 
 def of_threads(seconds: Seconds, threads: int) -> float:
-    """Of one thread the processor time, which other work hardly changes; of several the wall time."""
+    """Processor time for one thread, since other work hardly changes it; wall time for several threads."""
     return seconds.cpu if threads == 1 else seconds.wall
 
 
@@ -42,25 +42,25 @@ def timed(task: Callable[[], T]) -> tuple[Seconds, T]:
 
 @dataclass(frozen=True)
 class _Read:
-    """Reads what ``dataclasses.asdict`` made."""
+    """Reads dicts that ``dataclasses.asdict`` made."""
 
     @classmethod
     def read(cls, values: dict[str, Any]) -> Self:
-        """From a dict whose dicts are :class:`Seconds`."""
+        """Read a dict whose inner dicts are :class:`Seconds`."""
         known = {field.name for field in fields(cls)}
         return cls(**{k: Seconds(**v) if isinstance(v, dict) else v for k, v in values.items() if k in known})
 
 
 @dataclass(frozen=True)
 class StartFigures(_Read):
-    """Of starting.
+    """Measurements of starting.
 
     Attributes
     ----------
     help : Seconds
-        Of ``mesh-motion --help``.
+        Time of ``mesh-motion --help``.
     ready : Seconds
-        A server until it is ready.
+        Start of a server until it is ready.
     opened : Seconds
         ``connect()`` with a private server, and opening a mesh.
     worker_bytes : int
@@ -78,7 +78,7 @@ class StartFigures(_Read):
 
 @dataclass(frozen=True)
 class Figures(_Read):
-    """Of one case in the library.
+    """Measurements of one case in the library.
 
     Attributes
     ----------
@@ -89,17 +89,17 @@ class Figures(_Read):
     first : Seconds
         The session's first Move.
     step : Seconds
-        A step's first Move: another mesh than before, so that nothing is in the cache.
+        A step's first Move: the mesh has changed, so that nothing is in the cache.
     iteration : Seconds
-        A later Move of the same step, judged in full.
+        A later Move of the same step, with the full quality report.
     brief : Seconds
-        The same as it comes: judged by the worst cells alone.
+        The same Move with the default report: quality of the worst cells only.
     solve, displace, predict : Seconds
-        Parts of ``step``; ``predict`` judges in full.
+        Parts of ``step``; ``predict`` computes the full quality report.
     judge_brief : Seconds
-        Judging the mesh for its minimum alone.
+        Computing the minimum quality of the mesh only.
     kept_bytes, peak_bytes : int
-        Resident memory after the steps, and its largest value, less that with the mesh alone.
+        Resident memory after the steps, and its largest value, minus the memory with the mesh alone.
     resident_bytes : int
         The largest resident set, libraries and mesh included.
     minimum, near_wall : float
@@ -107,8 +107,8 @@ class Figures(_Read):
     inverted : int
         Cells.
     boundary_error : float
-        Largest error of the interpolation at a boundary node, before it is put at its given place; a share of the
-        largest displacement.
+        Largest error of the interpolation at a boundary node, before the node is set to its given position; a share of
+        the largest displacement.
     corrected : bool
         Whether a correction followed.
     """
@@ -137,7 +137,7 @@ class Figures(_Read):
 
 @dataclass(frozen=True)
 class WireFigures(_Read):
-    """Of one case through a private server; processor time is that of client, server and workers together.
+    """Measurements of one case through a private server; processor time is that of client, server and workers together.
 
     Attributes
     ----------
@@ -146,11 +146,11 @@ class WireFigures(_Read):
     first, step, iteration : Seconds
         From the displacement to the positions of all nodes, as in :class:`Figures`.
     step_share, iteration_share : float
-        What part of the wall time the worker's motion did not take.
+        Share of the wall time outside the worker's computation of the motion.
     worker_bytes : int
-        Most memory of the session's worker beyond what it has while it waits for a session.
+        Peak memory of the session's worker, minus its memory while it waits for a session.
     flight_bytes : int
-        Arrays that go through it: the mesh as sent, a step's displacement and its answer.
+        Size of the arrays that pass through the worker: the mesh as sent, a step's displacement and its answer.
     """
 
     setup: Seconds
@@ -165,7 +165,7 @@ class WireFigures(_Read):
 
 @dataclass(frozen=True)
 class Rates:
-    """Of compiled loops on some threads.
+    """Rates of compiled loops on some threads.
 
     Attributes
     ----------
@@ -187,7 +187,7 @@ class Rates:
 
 @dataclass(frozen=True)
 class MachineLimits:
-    """What the machine can do at most.
+    """Limits of the machine.
 
     Attributes
     ----------
@@ -196,7 +196,7 @@ class MachineLimits:
     pair_rate : float
         Pairs of node and centre a second in the textbook's dense sum in numpy, one thread.
     one, all : Rates
-        Of one thread, and of all.
+        Rates of one thread, and of all.
     threads : int
         All.
     """
@@ -209,17 +209,17 @@ class MachineLimits:
 
     @classmethod
     def read(cls, values: dict[str, Any]) -> Self:
-        """From what ``dataclasses.asdict`` made."""
+        """Read a dict that ``dataclasses.asdict`` made."""
         return cls(**{**values, "one": Rates(**values["one"]), "all": Rates(**values["all"])})
 
     def rates(self, threads: int) -> Rates:
-        """Of one thread, or of all."""
+        """Rates of one thread, or of all."""
         return self.one if threads == 1 else self.all
 
     def pass_seconds(self, figures: Figures, dimension: int) -> float:
-        """To read the coordinates and the connectivity (8 bytes a number) of a mesh of simplices once."""
+        """Seconds to read the coordinates and connectivity (8 bytes per number) of a mesh of simplices once."""
         return 8 * (dimension * figures.nodes + (dimension + 1) * figures.cells) / self.bandwidth
 
     def dense_seconds(self, figures: Figures) -> float:
-        """To evaluate the textbook's sum: every boundary node at every node, in numpy."""
+        """Seconds to evaluate the textbook's sum: every boundary node at every node, in numpy."""
         return figures.nodes * figures.boundary / self.pair_rate

@@ -1,4 +1,4 @@
-"""Measures one case in this process: ``python -m benchmarks.scale.library CASE FOLDER REPEAT`` prints JSON."""
+"""Measure one case in this process: ``python -m benchmarks.scale.library CASE FOLDER REPEAT`` prints JSON."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _CACHE_BYTES = 2**31
 
 
 class _ProcessorStopwatch(Stopwatch):
-    """Adds up the processor time of the phases too."""
+    """Adds up the processor time of the phases as well."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -62,7 +62,7 @@ class _ProcessorStopwatch(Stopwatch):
 
 
 class _Memory:
-    """Resident memory of this process beyond what it had when this was made."""
+    """Growth of this process' resident memory since this object was made."""
 
     def __init__(self) -> None:
         gc.collect()
@@ -153,7 +153,7 @@ def measured(case: Case, folder: Path, repeat: int) -> Figures:
 def _phases(
     model: MotionModel, start: Floats, targets: Floats, repeat: int
 ) -> tuple[list[_ProcessorStopwatch], StandardTrial]:
-    """The phases of a step's first Move, without the rest of it."""
+    """Times of the phases of a step's first Move, without the rest of the step."""
     watches = []
     for _ in range(repeat):
         watch = _ProcessorStopwatch()
@@ -165,7 +165,7 @@ def _phases(
 
 
 def near_wall(task: Task, cells: CellTable) -> NDArray[np.bool_]:
-    """(m,) which cells have a moving node."""
+    """(m,) bool array: True for cells with a moving node."""
     moving = np.zeros(len(task.points), dtype=bool)
     moving[task.moving] = True
     return np.concatenate([moving[block.nodes].any(axis=1) for block in cells])
@@ -184,7 +184,7 @@ def _boundary_error(task: Task, model: MotionModel, trial: StandardTrial, target
 
 
 def main(arguments: list[str]) -> None:
-    """The command line of the module's docstring."""
+    """Run the command line that the module's docstring describes."""
     name, folder, repeat = arguments
     print(json.dumps(asdict(measured(CASES[name], Path(folder), int(repeat)))))
 

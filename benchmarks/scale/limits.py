@@ -1,8 +1,8 @@
 """The machine's limits, measured in this process: ``python -m benchmarks.scale.limits`` prints JSON.
 
-Of one thread and of all: bytes a second that a compiled triad moves and a compiled sum reads, fused multiply-adds a
-second, pairs of Wendland's C2 function a second (``machine.cpp``, compiled here for this machine). And what the
-textbook's sum does in numpy, which is the yardstick that runs on different machines have in common.
+For one thread and for all threads it measures bytes per second that a compiled triad moves and a compiled sum reads,
+fused multiply-adds per second, and pairs of Wendland's C2 function per second (``machine.cpp``, compiled here for this
+machine). It also measures the rate of the textbook's sum in numpy, the common reference for runs on different machines.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ _PAIRS = 2048  # nodes and centres of a tile, as the dense mover's
 _TILES = 16  # of them for the compiled loop: enough that the start of threads takes no time in comparison
 _HORNER_NUMBERS = 256  # stay in the first cache
 _HORNER_FLOPS = 128  # of each number
-# -ffast-math by its parts: the whole links code that flushes denormals in the process that loads the library, and there
-# SciPy's trees grow without end
+# the parts of -ffast-math, not the option itself: it links code that flushes denormals in the whole process that loads
+# the library, and then SciPy's trees grow without end
 _FAST = "-fassociative-math -freciprocal-math -ffinite-math-only -fno-signed-zeros -fno-trapping-math -fno-math-errno"
 _FLAGS = ("-std=c++17", "-O3", "-march=native", *_FAST.split(), "-pthread", "-shared", "-fPIC")
 
 
 def machine_limits(numbers: int = 16_000_000) -> MachineLimits:
-    """The moved arrays have so many f64 numbers, which no cache should hold."""
+    """Measure the limits; the moved arrays have ``numbers`` f64 values, more than any cache holds."""
     copy = _copy(numbers)
     rng = np.random.default_rng(0)
     points, centres, weights = rng.random((_PAIRS, 3)), rng.random((_PAIRS, 3)), rng.random((_PAIRS, 3))
@@ -73,7 +73,7 @@ def _machine() -> ctypes.CDLL:
 
 
 def rates(threads: int, numbers: int = 16_000_000) -> Rates:
-    """Of the compiled loops on so many threads, by wall time; of one thread by processor time, as load hides less."""
+    """Rates of the compiled loops by wall time; on one thread by processor time, since load disturbs it less."""
     a, b, c = np.zeros(numbers), np.ones(numbers), np.ones(numbers)
     sums, few = np.empty(threads), np.linspace(0.0, 0.5, _HORNER_NUMBERS)
     turns = max(numbers // 1000, 160) // threads + 1
@@ -95,7 +95,7 @@ def rates(threads: int, numbers: int = 16_000_000) -> Rates:
 
 
 def _shortest(task: Callable[[], object]) -> Seconds:
-    """Of some runs; the first one fills caches."""
+    """Shortest time of some runs, after a first run that fills caches."""
     task()
     return Seconds.shortest([timed(task)[0] for _ in range(_REPEAT)])
 

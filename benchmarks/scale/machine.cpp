@@ -1,4 +1,4 @@
-// Loops that do nothing but move numbers, or nothing but calculate: what the machine can do at most. limits.py builds it.
+// Loops that only move numbers, or only calculate, to measure the limits of the machine. limits.py builds it.
 
 #include <cmath>
 #include <thread>

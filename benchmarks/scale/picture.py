@@ -29,7 +29,7 @@ _OTHERS = {
 
 
 def write_picture(results: Results, path: Path, outcomes: Sequence[Outcome] = ()) -> None:
-    """One panel a dimension; hollow markers: over the wire; other systems where they ran."""
+    """One panel for each dimension; hollow markers: over the network; other systems, if they ran."""
     figure = Figure(figsize=(10, 5))
     for axis, (motion, dimension) in zip(figure.subplots(1, 2, sharey=True), _DIMENSIONS.items(), strict=True):
         for kind in _STYLES:
@@ -86,7 +86,7 @@ def _draw(axis: Axes, results: Results, motion: str, kind: str) -> None:
 
 
 def _annotate_slope(axis: Axes, results: Results, names: list[str]) -> None:
-    """The exponent of the steady step over the last two decades, in the corner."""
+    """Write the exponent of the steady step over the last two decades into the corner."""
     largest = results.library[names[-1]].nodes
     first = next(name for name in names if results.library[name].nodes > 0.005 * largest)
     slope = exponent(results, first, names[-1])

@@ -34,7 +34,7 @@ _SHARES = (
 
 
 def tables(results: Results) -> str:
-    """Cost, memory and quality, and the wire."""
+    """Tables of cost, memory and quality, and of the measurements over the network."""
     library = [name for name in CASES if name in results.library]
     wire = [name for name in CASES if name in results.wire]
     parts = ["Milliseconds of processor time (wall time):\n\n" + _COST + "".join(_cost(results, n) for n in library)]

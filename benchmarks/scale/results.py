@@ -1,4 +1,4 @@
-"""All results of a run: kept as JSON, growth from size to size."""
+"""All results of a run, stored as JSON, and their growth from size to size."""
 
 from __future__ import annotations
 
@@ -67,12 +67,12 @@ def smaller(case: Case) -> str | None:
 
 
 def growth(results: Results, name: str) -> float | None:
-    """Exponent p of the step's time ~ nodesᵖ since the next smaller mesh; None without one."""
+    """Exponent p of the step's time ~ nodesᵖ since the next smaller mesh; None without a smaller mesh."""
     return exponent(results, smaller(CASES[name]) or "", name)
 
 
 def exponent(results: Results, small: str, large: str) -> float | None:
-    """Exponent p of the step's time ~ nodesᵖ from one case to another; None where one was not measured."""
+    """Exponent p of the step's time ~ nodesᵖ from one case to another; None if one of them was not measured."""
     if small not in results.library or large not in results.library:
         return None
     before, now = results.library[small], results.library[large]

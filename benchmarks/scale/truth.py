@@ -1,7 +1,7 @@
 """The large motion with all boundary nodes as centres: ``python -m benchmarks.scale.truth CASE FOLDER REPEAT``.
 
-What two scales are judged by. The system is solved by conjugate gradients to rounding and never stored: a minute where
-dense matrices take several, and 5 GB, on M4. Prints JSON.
+The reference for the two-scale solver. The system is solved by conjugate gradients to rounding and never stored: this
+takes a minute on M4, where dense matrices take several minutes and 5 GB. Prints JSON.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def truth(case: Case, folder: Path) -> Truth:
 
 
 def main(arguments: list[str]) -> None:
-    """The command line of the module's docstring."""
+    """Run the command line that the module's docstring describes."""
     name, folder, _ = arguments
     print(json.dumps(asdict(truth(CASES[name], Path(folder)))))
 

@@ -1,4 +1,4 @@
-"""Measures one case through a private server: ``python -m benchmarks.scale.wire CASE FOLDER REPEAT`` prints JSON."""
+"""Measure one case through a private server: ``python -m benchmarks.scale.wire CASE FOLDER REPEAT`` prints JSON."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _LARGE_REPEAT = 1  # a rollback keeps the cache: a second large step would not b
 
 
 def measured(case: Case, folder: Path, repeat: int) -> WireFigures:
-    """The figures of a case; the shortest of ``repeat`` steps counts, of a large motion there is one."""
+    """The figures of a case; the shortest of ``repeat`` steps counts, and a large motion has one step."""
     settling = _SETTLING if case.kind == "steady" else 0
     task = case.task(folder, settling + repeat if settling else _LARGE_REPEAT)
     ServedMover.prepare(task, {})
@@ -59,7 +59,7 @@ def measured(case: Case, folder: Path, repeat: int) -> WireFigures:
 
 
 def _grown(before: dict[int, int], most: dict[int, int]) -> int:
-    """Bytes that the session's process has beyond the template that it was forked from, the largest process before."""
+    """Bytes of the session's process, minus those of the process it was forked from, the largest one before."""
     template = max(size for process, size in before.items() if process != os.getpid())
     return max(size for process, size in most.items() if process not in before) - template
 
@@ -71,7 +71,7 @@ def _in_flight(task: Task) -> int:
 
 
 def _move(mover: ServedMover, displacement: NDArray[np.float64]) -> tuple[Seconds, float]:
-    """Times of one Move, and the share of the wall time that its motion did not take."""
+    """Times of one Move, and the share of the wall time outside the computation of its motion."""
     used, began = cpu_seconds(os.getpid()), time.perf_counter()
     moved = mover.session.move(displacement, frame="committed")
     wall = time.perf_counter() - began
@@ -79,7 +79,7 @@ def _move(mover: ServedMover, displacement: NDArray[np.float64]) -> tuple[Second
 
 
 def main(arguments: list[str]) -> None:
-    """The command line of the module's docstring."""
+    """Run the command line that the module's docstring describes."""
     name, folder, repeat = arguments
     print(json.dumps(asdict(measured(CASES[name], Path(folder), int(repeat)))))
 

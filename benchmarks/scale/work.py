@@ -1,4 +1,4 @@
-"""What a step cannot spare, and how near to the machine's limits its phases come.
+"""The minimum work of a step, and how near its phases come to the machine's limits.
 
 Bytes that must move, f64 coordinates and i32 node numbers:
 
@@ -15,8 +15,8 @@ displace   at every node a cubic spline of d components: 4ᵈ coefficients contr
 predict    of every cell d edges, the determinant, the squared length of all edges, and the comparison of size³ · skew³
 =========  ======================================================================================
 
-What a phase does besides (the coarse system, the compact sums near the wall, a later pass over the same nodes) counts
-as time and not as work: the share falls short of 1 by it.
+Other work of a phase (the coarse system, the compact sums near the wall, a later pass over the same nodes) counts as
+time but not as work, so it lowers the share.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ class Work:
     flops: float
 
     def seconds(self, rates: Rates) -> float:
-        """At the machine's limits: the longer of the two."""
+        """Seconds at the machine's limits: the longer time of moving bytes and of operations."""
         return max(self.bytes / rates.triad, self.flops / rates.arithmetic)
 
 
 @dataclass(frozen=True)
 class Share:
-    """How near a phase comes to the machine's limits.
+    """The share of the machine's limits that a phase reaches.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Share:
     bandwidth, arithmetic : float
         Shares of the measured rates.
     times : float
-        The phase's time over what its work takes at the limits.
+        The phase's time over the time of its work at the limits.
     """
 
     phase: str
@@ -63,7 +63,7 @@ class Share:
 
 
 def work(figures: Figures, dimension: int) -> dict[str, Work]:
-    """Of each phase on a mesh of simplices."""
+    """Work of each phase on a mesh of simplices."""
     n, m, d = figures.nodes, figures.cells, dimension
     spline = d * sum(2.0 * 4**axis for axis in range(1, d + 1)) + 12.0 * d
     cells = m * (4.0 * (d + 1) + 8.0)
@@ -77,7 +77,7 @@ def work(figures: Figures, dimension: int) -> dict[str, Work]:
 
 
 def shares(figures: Figures, dimension: int, rates: Rates, threads: int) -> list[Share]:
-    """Of the phases that pass over the mesh and of the whole step."""
+    """Shares of the phases that pass over the mesh and of the whole step."""
     times: dict[str, Seconds] = {phase: getattr(figures, phase) for phase in ("displace", "predict", "step")}
     found = []
     for phase, least in work(figures, dimension).items():

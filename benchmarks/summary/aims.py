@@ -1,9 +1,9 @@
-"""What was asked for, row by row: the aim, what this run measured, and whether that meets it.
+"""The aims, row by row: the aim, the value that this run measured, and whether the value meets the aim.
 
-Seconds were asked for on one machine, where the textbook's dense sum (numpy, all boundary nodes are centres) took 4.4 s
-on M3 and 135 s on M4. A run on another machine, or a slower day, measures that sum too: all seconds that were asked for
-are multiplied by what it takes now over what it took then. Other load makes that sum slower, and the aims with it: of
-the ratios that are known the smallest counts.
+Aims in seconds were set on one machine, where the textbook's dense sum (numpy, all boundary nodes are centres) took 4.4
+s on M3 and 135 s on M4. A later run measures that sum too, and multiplies all aims in seconds by the ratio of the new
+to the old time. Other load makes the sum slower and would make the aims easier, so the smallest of the known ratios
+counts.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["Anchor", "Row", "anchor", "rows"]
 
 #: Seconds of a steady step in the library.
 _STEPS = {"M2": 0.007, "M3": 0.015, "M4": 0.045, "M5": 0.35, "W3": 0.025, "S3": 0.025}
-#: Seconds of the large motion's correction, to the quality that the case's name says.
+#: Seconds of the large motion's correction, to the quality in the case's name.
 _CORRECTIONS = {"M3-0.28": 0.3, "M4-0.25": 1.0, "M2-max": 1.7, "M3-max": 2.5}
 #: Seconds of the dense sum, of IDWarp's step on M4, and of the others' set-up, where the aims were set.
 _DENSE = {"M3-T3-1": 4.4, "M4-T3-1": 135.0}
@@ -38,9 +38,9 @@ class Row:
     ----------
     what, asked, measured : str
     met : bool or None
-        None where this run has not measured it.
+        None if this run has not measured it.
     as_written : bool
-        Whether it would be met on the machine where it was asked for, if that were this one.
+        Whether the measured value meets the original aim, without the factor of the machine.
     """
 
     what: str
@@ -52,14 +52,14 @@ class Row:
 
 @dataclass(frozen=True)
 class Anchor:
-    """Seconds of this run over those of the machine where the aims were set, and where that is from."""
+    """Seconds of this run over those of the machine where the aims were set, and the source of this ratio."""
 
     factor: float
     text: str
 
 
 def anchor(evidence: Evidence) -> Anchor:
-    """From the dense sum of this run, M3's or M4's, or the rate of a tile of it: the smallest of those known."""
+    """The smallest known ratio from the dense sum of this run: on M3, on M4, or from the rate of one tile."""
     rate = evidence.results.limits.pair_rate
     text = f"dense numpy sums {rate / 1e6:.0f} M pairs/s here and {_DENSE_PAIRS / 1e6:.0f} M there"
     known = [Anchor(_DENSE_PAIRS / rate, text)]
@@ -91,20 +91,20 @@ def rows(evidence: Evidence) -> list[Row]:
 
 
 def _most(what: str, asked: float, measured: float | None, unit: str = "", note: str = "") -> Row:
-    """A row whose figure should be at most what was asked."""
+    """A row whose measured value should be at most the aim."""
     text = "not measured" if measured is None else f"{measured:.3g}{unit}{note}"
     return Row(what, f"≤ {asked:.3g}{unit}", text, None if measured is None else measured <= asked)
 
 
 def _seconds(what: str, asked: float, factor: float, measured: float | None, note: str = "") -> Row:
-    """A row of seconds, which were asked for on another machine."""
+    """A row of seconds; its aim was set on another machine."""
     row = _most(what, asked * factor, measured, " s", note)
     as_written = measured is not None and measured <= asked
     return Row(what, f"{row.asked} ({asked:.3g} there)", row.measured, row.met, as_written)
 
 
 def _least(what: str, asked: float, measured: float | None, unit: str = "", note: str = "") -> Row:
-    """A row whose figure should be at least what was asked."""
+    """A row whose measured value should be at least the aim."""
     text = "not measured" if measured is None else f"{measured:.3g}{unit}{note}"
     return Row(what, f"≥ {asked:.3g}{unit}", text, None if measured is None else measured >= asked)
 
@@ -114,7 +114,7 @@ def _library(evidence: Evidence, mesh: str, kind: str = "steady") -> Figures | N
 
 
 def _step(evidence: Evidence, mesh: str) -> tuple[float | None, str]:
-    """Seconds of a steady step, over the wire where that was measured, and how."""
+    """Seconds of a steady step, over the network if that was measured, and a note on how."""
     if wire := evidence.results.wire.get(f"{mesh}-steady"):
         return of_threads(wire.step, evidence.results.threads), ", over the wire"
     if figures := _library(evidence, mesh):
@@ -123,7 +123,7 @@ def _step(evidence: Evidence, mesh: str) -> tuple[float | None, str]:
 
 
 def _steps(evidence: Evidence, factor: float) -> Iterator[Row]:
-    """Steady steps by size and shape, and M4's against IDWarp and against a pass over the mesh."""
+    """Aims for steady steps by size and shape, and for M4 against IDWarp and against one pass over the mesh."""
     for mesh, asked in _STEPS.items():
         figures, case = _library(evidence, mesh), CASES[f"{mesh}-steady"]
         seconds = of_threads(figures.step, evidence.results.threads) if figures else None
@@ -141,7 +141,7 @@ def _steps(evidence: Evidence, factor: float) -> Iterator[Row]:
 
 
 def _judging(evidence: Evidence, factor: float) -> Iterator[Row]:
-    """M4's cells: the minimum and what is inverted, and with exact percentiles."""
+    """Aims for the quality of M4's cells: minimum and inverted cells alone, and with exact percentiles."""
     figures, threads = _library(evidence, "M4"), evidence.results.threads
     brief = of_threads(figures.judge_brief, threads) if figures else None
     share = of_threads(figures.predict, threads) / brief if figures and brief else None
@@ -150,7 +150,7 @@ def _judging(evidence: Evidence, factor: float) -> Iterator[Row]:
 
 
 def _boundary(evidence: Evidence) -> Iterator[Row]:
-    """Errors at boundary nodes before they are put at their given places."""
+    """Aims for errors at boundary nodes before the nodes are set to their given positions."""
     for mesh in ("M2", "M7", "M3", "M4", "M5", "W2", "W3", "S2", "S3"):
         figures = _library(evidence, mesh)
         error = figures.boundary_error if figures else None
@@ -159,7 +159,7 @@ def _boundary(evidence: Evidence) -> Iterator[Row]:
 
 
 def _walls(evidence: Evidence) -> Iterator[Row]:
-    """Quality next to the body after the large motion, against all boundary nodes as centres."""
+    """Aims for the quality next to the body after the large motion, relative to all boundary nodes as centres."""
     for mesh in ("M3", "M4", "M2", "M7"):
         truth, figures = evidence.truths.get(f"{mesh}-large"), _library(evidence, mesh, "large")
         share = 100 * figures.near_wall / truth.near_wall if figures and truth else None
@@ -168,7 +168,7 @@ def _walls(evidence: Evidence) -> Iterator[Row]:
 
 
 def _ahead(evidence: Evidence) -> Iterator[Row]:
-    """The fastest of the other systems over ours, on the same motion by the same clock."""
+    """Aims for the time of the fastest other system over ours, on the same motion and by the same clock."""
     for mesh, case in _PEERS_CASES.items():
         others = [
             (seconds, outcome.system)
@@ -185,7 +185,7 @@ def _ahead(evidence: Evidence) -> Iterator[Row]:
 
 
 def _setups(evidence: Evidence, factor: float) -> Iterator[Row]:
-    """A tenth of the others' set-up."""
+    """Aims for set-up: a tenth of that of other systems."""
     for mesh, other, seconds in _SETUP:
         figures = _library(evidence, mesh)
         measured = of_threads(figures.setup, evidence.results.threads) if figures else None
@@ -203,7 +203,7 @@ _NO_ITERATIONS = (("", None), (" in full", None))
 
 
 def _iterations(evidence: Evidence) -> Iterator[Row]:
-    """The session's first Move over a step's, a later iteration over the first of its step."""
+    """Aims for the session's first Move over a step's first, and for a later iteration over its step's first."""
     for mesh in ("M3", "M4", "M5"):
         figures, threads = _library(evidence, mesh), evidence.results.threads
         step = of_threads(figures.step, threads) if figures else 1.0
@@ -227,7 +227,7 @@ def _corrections(evidence: Evidence, factor: float) -> Iterator[Row]:
 
 
 def _derivatives(evidence: Evidence) -> Iterator[Row]:
-    """Jᵀ w over the step that led there, the preparation for the first vector included."""
+    """Aims for Jᵀ w over the step before it, including the preparation for the first vector."""
     threads = evidence.results.threads
     for mesh in ("M3", "M4"):
         cost = evidence.derivatives.get(mesh)
@@ -247,7 +247,7 @@ def _derivatives(evidence: Evidence) -> Iterator[Row]:
 
 
 def _start(evidence: Evidence, factor: float) -> Iterator[Row]:
-    """What a user waits for before the first step, and what a process takes."""
+    """Aims for the waiting time before a user's first step, and for the memory of a process."""
     found = evidence.results.start
     yield _seconds("`mesh-motion --help`", 0.25, factor, found.help.wall if found else None)
     yield _seconds("`serve` until it is ready, processor time", 0.4, factor, found.ready.cpu if found else None)
@@ -258,7 +258,7 @@ def _start(evidence: Evidence, factor: float) -> Iterator[Row]:
 
 
 def _wire(evidence: Evidence) -> Iterator[Row]:
-    """Opening, the way there and back, and what the worker keeps."""
+    """Aims for opening, for the communication, and for the worker's memory."""
     opened = evidence.results.wire.get("M4-steady")
     yield _most(
         "M4: opening over the wire", 1.2, of_threads(opened.setup, evidence.results.threads) if opened else None, " s"

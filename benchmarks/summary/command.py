@@ -56,7 +56,7 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
 
 @dataclass
 class _Run:
-    """One run: the settings of the command line, and what is known so far."""
+    """One run: the settings of the command line, and the results so far."""
 
     evidence: Evidence
     out: Path
@@ -65,7 +65,7 @@ class _Run:
     repeat: int
 
     def do(self, job: Job) -> None:
-        """Measure; raises SubprocessError or OSError where that fails."""
+        """Run a job; raises SubprocessError or OSError if it fails."""
         _JOBS[job.kind](self, job)
 
     def measured(self, module: str, job: Job) -> dict[str, Any]:
@@ -126,7 +126,7 @@ def _mesh(job: Job) -> str:
 
 
 def _go_through(run: _Run, jobs: Sequence[Job], seconds: float) -> None:
-    """Do one job after the other as long as there is time; the pages on disk are up to date after each."""
+    """Run one job after the other while time is left; the pages on disk are up to date after each job."""
     start = time.monotonic()
     for number, job in enumerate(jobs, start=1):
         spent = time.monotonic() - start
@@ -143,7 +143,7 @@ def _go_through(run: _Run, jobs: Sequence[Job], seconds: float) -> None:
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Run what the command line asks for."""
+    """Run the jobs that the command line selects."""
     arguments = _arguments(words)
     jobs = [job for job in PLANS[arguments.plan] if not arguments.only or job.kind in arguments.only]
     jobs = [job for job in jobs if _mesh(job) not in arguments.without]

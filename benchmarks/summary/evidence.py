@@ -1,4 +1,4 @@
-"""All that one run has measured, kept as JSON."""
+"""All measurements of one run, stored as JSON."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ class Evidence:
     Attributes
     ----------
     results : Results
-        Of :mod:`benchmarks.scale`.
+        Results of :mod:`benchmarks.scale`.
     truths : dict
-        Of the large motion with all boundary nodes as centres, by case of :mod:`benchmarks.scale`.
+        The large motion with all boundary nodes as centres, by case of :mod:`benchmarks.scale`.
     costs : dict
-        Of :mod:`benchmarks.correction`, by case.
+        Results of :mod:`benchmarks.correction`, by case.
     derivatives : dict
-        Of :mod:`benchmarks.derivatives`, by mesh.
+        Results of :mod:`benchmarks.derivatives`, by mesh.
     outcomes : list of Outcome
-        Of :mod:`benchmarks.peers`.
+        Results of :mod:`benchmarks.peers`.
     left_out : list of str
         Jobs for which there was no time, or that failed.
     """
@@ -43,14 +43,14 @@ class Evidence:
     left_out: list[str] = field(default_factory=list)
 
     def outcome(self, case: str, system: str) -> Outcome | None:
-        """That brought its motion to an end."""
+        """The outcome of a system that completed its motion."""
         for outcome in self.outcomes:
             if (outcome.case, outcome.system) == (case, system) and outcome.measurement and outcome.verdict:
                 return outcome
         return None
 
     def step(self, case: str, system: str) -> float | None:
-        """Mean time of a peer's step: processor time where one thread is measured, else wall time."""
+        """Mean time of a peer's step: processor time if one thread is measured, else wall time."""
         outcome = self.outcome(case, system)
         if outcome is None or outcome.measurement is None:
             return None

@@ -1,4 +1,4 @@
-"""The page of a run: what was asked for, then every table, then the plot; and the blocks of the README files."""
+"""The page of a run: the aims, then every table, then the plot; also the blocks of the README files."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def page(evidence: Evidence) -> str:
 
 
 def front_table(evidence: Evidence) -> str:
-    """Lowest size-skew, inverted cells, seconds of a step, and the faces as OpenFOAM sees them, for the front page."""
+    """Lowest size-skew, inverted cells, seconds of a step, and OpenFOAM's face measures, for the front page."""
     head = f"| | {' | '.join(_FRONT_CASES.values())} |\n|---|---|---|---|\n"
     lines = ""
     for label, systems in _FRONT_SYSTEMS.items():
@@ -83,7 +83,7 @@ def front_table(evidence: Evidence) -> str:
 
 
 def _front_note(evidence: Evidence) -> str:
-    """What the second line of a cell says, and what it is at rest."""
+    """The meaning of the second line of a table cell, and its value at rest."""
     rest = {
         name: found.verdict.rest_non_orthogonality
         for case, name in _FRONT_CASES.items()
@@ -98,7 +98,7 @@ def _front_note(evidence: Evidence) -> str:
 
 
 def _front_cell(evidence: Evidence, case: str, systems: tuple[str, ...]) -> str:
-    """Of the system that leaves the best minimum."""
+    """Outcome of the system with the best minimum."""
     found = [outcome for system in systems if (outcome := evidence.outcome(case, system))]
     best = max(found, key=lambda outcome: outcome.verdict.min_size_skew if outcome.verdict else 0.0, default=None)
     if best is None or best.verdict is None or best.measurement is None:
@@ -117,7 +117,7 @@ def _seconds(value: float) -> str:
 
 
 def _ordered(outcomes: list[Outcome]) -> list[Outcome]:
-    """By case as first met, and by system as they are listed."""
+    """Outcomes by case in order of appearance, and by system in the order of the list."""
     cases, systems = list(dict.fromkeys(outcome.case for outcome in outcomes)), list(SYSTEMS)
     return sorted(outcomes, key=lambda o: (cases.index(o.case), systems.index(o.system)))
 
@@ -135,7 +135,7 @@ def write_plot(evidence: Evidence, out: Path) -> None:
 
 
 def fill_pages(evidence: Evidence) -> None:
-    """Put what was measured into the README files and the documentation's plot."""
+    """Write the results into the README files and the documentation's plot."""
     fill_block("aims", aims_table(evidence))
     if evidence.results.library:
         fill_block("scale", scale_tables(evidence.results))

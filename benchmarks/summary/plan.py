@@ -1,6 +1,6 @@
-"""What one run measures, most telling first, so that a run of limited time says the most it can.
+"""The jobs of one run, the most important ones first, so that a run of limited time measures as much as possible.
 
-A job's seconds are what it takes on two quiet cores, with its mesh built; a job that would not end in time is left out.
+A job's seconds are its time on two quiet cores with its mesh built; a job that would not end in time is omitted.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ __all__ = ["PLANS", "Job"]
 
 @dataclass(frozen=True)
 class Job:
-    """One measurement in a process of its own.
+    """One measurement in a separate process.
 
     Attributes
     ----------
@@ -21,7 +21,7 @@ class Job:
         A case of :mod:`benchmarks.scale` (the first three kinds), of :mod:`benchmarks.correction` or of
         :mod:`benchmarks.peers`; the mesh that :mod:`benchmarks.start` opens, or :mod:`benchmarks.derivatives` moves.
     seconds : float
-        About what it takes.
+        Approximate time of the job.
     system : str
         Of a peer.
     """

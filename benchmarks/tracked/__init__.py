@@ -1,7 +1,7 @@
 """Figures of the product over its commits, by asv (https://asv.readthedocs.io): ``make track``.
 
-asv installs each commit in an environment of its own and runs today's benchmarks there. It puts the folder above this
-one on the path: so :mod:`mesh_motion_server` is the commit's, and ``benchmarks`` is made importable here, from this
+asv installs each commit in a separate environment and runs today's benchmarks there. It puts the parent folder on the
+path, so :mod:`mesh_motion_server` belongs to the tested commit. This module makes ``benchmarks`` importable from this
 checkout, without the checkout's server.
 """
 

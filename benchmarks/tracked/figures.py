@@ -1,4 +1,4 @@
-"""What asv tracks: some figures of ``make bench-quick``, measured by the same functions."""
+"""Figures that asv tracks: some of ``make bench-quick``, measured by the same functions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _unit(unit: str) -> Callable[[Any], Any]:
 
 
 class _Measured(Generic[Found]):
-    """Cases that are measured once for all their figures."""
+    """Measures each case once for all its figures."""
 
     param_names = ("case",)
     timeout = 600.0
@@ -42,7 +42,7 @@ class _Measured(Generic[Found]):
         raise NotImplementedError
 
     def setup_cache(self) -> dict[str, Found]:
-        """Runs first, in a process of its own."""
+        """Runs first, in a separate process."""
         _MESHES.mkdir(parents=True, exist_ok=True)
         return {case: self.measured(case) for case in self.params}
 

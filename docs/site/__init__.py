@@ -1,7 +1,7 @@
 """The documentation site: ``python -m docs.site`` builds it from the Markdown pages of the repository.
 
-The pages stay where they are and read well on a code host; what the site adds happens while it is built:
+The pages stay in their folders and are readable on a code host. The build of the site adds the rest:
 :mod:`.index` makes the navigation from ``docs/index.md``, :mod:`.reference` writes the pages' generated parts from the
-code they are about, :mod:`.repository` turns links to source files into pages, :mod:`.links` checks every link of what
-was built. ``conf.py`` puts these together for Sphinx.
+code that they describe, :mod:`.repository` turns links to source files into pages, :mod:`.links` checks every link of
+the built site. ``conf.py`` puts these together for Sphinx.
 """

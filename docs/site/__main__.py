@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def main(out: str) -> int:
-    """1 for a warning or a dead link."""
+    """Return 1 for a warning or a dead link."""
     doctrees = str(Path(out).with_name(f"{Path(out).name}-doctrees"))
     options = ["-b", "html", "-W", "--keep-going", "-n", "-q", "-c", str(Path(__file__).parent), "-d", doctrees]
     status = build([*options, str(ROOT), out])

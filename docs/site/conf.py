@@ -1,4 +1,4 @@
-"""Sphinx' settings of the site; the source folder is the repository, pages are in place."""
+"""Sphinx' settings of the site; the source folder is the repository, and pages are read from their places there."""
 
 from __future__ import annotations
 
@@ -59,13 +59,13 @@ _TOCTREES = index.toctrees((ROOT / f"{index.INDEX}.md").read_text(encoding="utf-
 
 
 def _complete(app: Any, page: str, source: list[str]) -> None:
-    """Add what the page itself does not have: navigation."""
+    """Add the navigation, which the page itself does not have."""
     del app
     source[0] += _TOCTREES.get(page, "")
 
 
 class NotebookParser(MystParser):
-    """Of files ``.ipynb``, with the navigation that is put behind them."""
+    """Parser of files ``.ipynb``, which also reads the navigation added at their end."""
 
     supported = ("ipynb",)
 

@@ -1,4 +1,4 @@
-"""Navigation from the lists of ``docs/index.md``: a heading is a section, its links are the pages, nested links theirs.
+"""Navigation from the lists of ``docs/index.md``: headings are sections, links their pages, nested links subpages.
 
 A reader on a code host sees the lists; Sphinx gets hidden toctrees with the same entries.
 """
@@ -42,7 +42,7 @@ _ENTRY = re.compile(r"^(?P<indent> *)- \[(?P<title>[^\]]+)\]\((?P<target>[^)#:]+
 
 
 def toctrees(text: str) -> dict[str, str]:
-    """Name of a page → the hidden toctrees that belong to its end, from the text of the index."""
+    """Page name → hidden toctrees to add at the page's end, from the text of the index."""
     trees: dict[str, dict[str, list[str]]] = {INDEX: {}}
     section = parent = ""
     for line in text.splitlines():

@@ -1,6 +1,6 @@
 """Checks every link of a built site: internal ones lead to a file and a place in it, others have the form of a link.
 
-Nothing is fetched. What a page loads by itself (scripts, styles, pictures) has to be part of the site.
+Nothing is fetched. Files that a page loads (scripts, styles, pictures) must be part of the site.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _STYLE = re.compile(r"url\(\s*[\"']?((?:https?:)?//[^)\"']+)|@import\s+[\"']((?:
 
 @dataclass
 class _Page(HTMLParser):
-    """What a page links to, what it loads, and the places it has."""
+    """Links of a page, files that it loads, and places (anchors) in it."""
 
     links: list[str] = field(default_factory=list)
     loaded: list[str] = field(default_factory=list)
@@ -46,7 +46,7 @@ class _Page(HTMLParser):
 
 
 def faults(site: Path) -> list[str]:
-    """One line for each link that leads nowhere and each thing that is loaded from elsewhere."""
+    """One line for each dead link, and for each file that is loaded from another site."""
     read: dict[str, _Page] = {}
     for path in sorted(site.rglob("*.html")):
         page = _Page()
@@ -83,12 +83,12 @@ def _target(name: str, url: str) -> str:
 
 
 def _exists(site: Path, name: str, url: str) -> bool:
-    """Whether a relative link, or data in place, is there."""
+    """Return True if the target of a relative link exists, or the link contains its data."""
     return url.startswith("data:") or (site / _target(name, url)).is_file()
 
 
 def _has_place(name: str, url: str, read: dict[str, _Page]) -> bool:
-    """Whether the page has the link's fragment; files other than pages have no places."""
+    """Return True if the page has the link's fragment; files other than pages have no places."""
     target = read.get(_target(name, url))
     fragment = unquote(urlsplit(url).fragment)
     return target is None or not fragment or fragment in target.places

@@ -1,4 +1,4 @@
-"""Notebooks as pages: their cells and what these have put out, as Markdown. Nothing is run: a test runs them."""
+"""Notebooks as pages: their cells and the stored outputs, as Markdown. Only a test runs the notebooks."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _parts(cell: dict[str, Any]) -> list[str]:
 
 
 def _output(data: dict[str, Any]) -> str:
-    """What a cell has put out: a picture, markup, or text."""
+    """Output of a cell: a picture, markup, or text."""
     if "image/png" in data:
         picture = "".join(data["image/png"]).replace("\n", "")
         return f'```{{raw}} html\n<img alt="the picture" src="data:image/png;base64,{picture}">\n```'

@@ -1,6 +1,6 @@
-"""Links from a page to a file of the repository that is no page: each such file gets a page with its text.
+"""Links from a page to a file of the repository that is not a page: each such file gets a page with its text.
 
-A link to a folder leads to its README where that is a page, otherwise to a list of what is in it.
+A link to a folder leads to the folder's README if that is a page, otherwise to a list of its files.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _LONGEST = 200_000
 
 
 def link_files(app: Sphinx, doctree: nodes.document) -> None:
-    """Replace links to files and folders; before Sphinx looks for what it has to copy."""
+    """Replace links to files and folders, before Sphinx looks for files to copy."""
     root, here = Path(app.srcdir), app.env.docname
     links = [*doctree.findall(addnodes.download_reference), *doctree.findall(addnodes.pending_xref)]
     for link in links:
@@ -50,7 +50,7 @@ def link_files(app: Sphinx, doctree: nodes.document) -> None:
 
 
 def _page_link(link: nodes.Element, here: str, page: str) -> addnodes.pending_xref:
-    """A link to a page that Sphinx resolves, and complains of where there is none."""
+    """A link to a page; Sphinx resolves it, and warns if the page is missing."""
     attributes = {"refdomain": "doc", "reftarget": page, "reftargetid": None, "refdoc": here}
     return addnodes.pending_xref("", *link.children, reftype="myst", refexplicit=True, **attributes)
 
@@ -73,7 +73,7 @@ def pages(app: Sphinx) -> Iterator[tuple[str, dict[str, Any], str]]:
 
 
 def _files(folder: Path) -> list[str]:
-    """Names of a folder's text files; nothing of what is no folder."""
+    """Names of a folder's text files; empty if the path is not a folder."""
     if not folder.is_dir():
         return []
     return sorted(path.name for path in folder.iterdir() if path.is_file() and _text(path) is not None)
@@ -100,7 +100,7 @@ def _shown(path: Path) -> str:
 
 
 def _text(path: Path) -> str | None:
-    """A file's text; None of a binary one."""
+    """A file's text; None for a binary file."""
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError:

@@ -1,5 +1,5 @@
 """Studies: each module of ``thesis`` and ``beyond`` computes one table or figure of the documentation.
 
-``study.py`` says what a study is, ``catalogue.py`` finds them, ``page.py`` puts their results into
+``study.py`` defines a study, ``catalogue.py`` finds all studies, ``page.py`` puts their results into
 ``docs/thesis.md`` and ``docs/beyond.md``, ``__main__.py`` is ``make studies``.
 """

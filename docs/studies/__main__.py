@@ -1,4 +1,4 @@
-"""``python -m docs.studies [NAME …]``: run the named studies, or all, and put what they find into the pages."""
+"""``python -m docs.studies [NAME …]``: run the named studies, or all, and write their results into the pages."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from docs.studies.page import DOCS, fill, render
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run; 2 for an unknown name."""
+    """Run the studies; return 2 for an unknown name."""
     known = {name: page for page in PAGES for name in names(page)}
     parser = argparse.ArgumentParser(prog="python -m docs.studies", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(known)}")

@@ -1,6 +1,6 @@
-"""Grids about aerofoils and wings with the extremes of real ones: far fields, thin first cells, sharp edges, clusters.
+"""Grids about aerofoils and wings with the extremes of real grids: far fields, thin first cells, sharp edges, clusters.
 
-All come from analytic maps, so that any far field and any first cell is a valid mesh. Lengths are in chords.
+All come from analytic maps, so that the mesh is valid for any far field and any first cell. Lengths are in chords.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Indices = NDArray[np.int64]
 
 
 class Grid(NamedTuple):
-    """Points (n, d), cells by type, and the nodes of body, far boundary and, of a wing, the planes at its ends."""
+    """Points (n, d), cells by type, and the nodes of body, far boundary and, for a wing, the planes at its ends."""
 
     points: Floats
     cells: dict[str, Indices]
@@ -49,7 +49,7 @@ def _stretched(count: int, first: float, last: float) -> Floats:
 
 
 def _quads(rows: int, columns: int, *, closed: bool) -> Indices:
-    """(m, 4) quads of nodes numbered row by row, positively oriented where columns go round and rows outwards."""
+    """(m, 4) quads of nodes numbered row by row; positively oriented if columns go round and rows outwards."""
     j, i = np.meshgrid(np.arange(rows - 1), np.arange(columns - (not closed)), indexing="ij")
     after = (i + 1) % columns
     return np.stack(
@@ -86,7 +86,7 @@ def c_grid(
 ) -> Grid:
     """C-grid of a symmetric aerofoil, twelve in a hundred thick, by a parabolic map: z = (ξ + iη)².
 
-    Its lines cluster in the wake, down to the first cell's height where they leave through the far boundary.
+    The grid lines get closer in the wake, down to the first cell's height at the far boundary.
     """
     along = np.cos(np.pi * np.arange(around + 1) / around)[::-1]
     behind = 1.0 + _stretched(wake, 2.0 / around**2, math.sqrt(far) - 1.0)[1:]
@@ -109,7 +109,7 @@ def c_grid(
 
 
 def h_grid(*, along: int = 60, layers: int = 40, first: float = 1e-5, far: float = 100.0) -> Grid:
-    """H-grid of a plate without thickness from (0, 0) to (1, 0): its nodes are doubled but for the two edges."""
+    """H-grid of a plate without thickness from (0, 0) to (1, 0): its nodes are double, except at the two edges."""
     plate = 0.5 - 0.5 * np.cos(np.pi * np.arange(along + 1) / along)
     outside = _stretched(layers, plate[1], far)[1:]
     x = np.concatenate([-outside[::-1], plate, 1.0 + outside])

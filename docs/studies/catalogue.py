@@ -14,7 +14,7 @@ PAGES = ("thesis", "beyond", "run", "explained", "choosing")
 
 
 def names(page: str) -> list[str]:
-    """The studies of a page, sorted; modules that begin with an underscore are shared by several."""
+    """The studies of a page, sorted; modules that begin with an underscore are shared by several studies."""
     package = import_module(f"docs.studies.{page}")
     return sorted(m.name for m in pkgutil.iter_modules(package.__path__) if not m.name.startswith("_"))
 

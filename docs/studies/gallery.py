@@ -1,6 +1,6 @@
 """``python -m docs.studies.gallery``: play three examples and draw the films of ``docs/gallery.md``.
 
-It also draws the front picture, ``docs/images/demo.png``, from what ``mesh-motion demo`` plays.
+It also draws the front picture, ``docs/images/demo.png``, from the cases of ``mesh-motion demo``.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ FILMS: dict[str, tuple[str, int, bool, dict[str, dict[str, str]]]] = {
 
 
 def draw(name: str, path: Path) -> None:
-    """Play the film's example once a panel and draw its steps."""
+    """Play the film's example once for each panel and draw its steps."""
     example, steps, returns, panels = FILMS[name]
     with tempfile.TemporaryDirectory() as folder:
         played = {title: _played(example, Path(folder) / title, changes, steps) for title, changes in panels.items()}
@@ -53,7 +53,7 @@ def draw(name: str, path: Path) -> None:
 
 
 def _played(example: str, folder: Path, changes: dict[str, str], steps: int) -> Path:
-    """The folder of results of an example with other words in its case file."""
+    """Play an example with some words of its case file replaced; return the folder of results."""
     folder.mkdir(parents=True)
     source = ROOT / "examples" / example
     text = (source / "case.toml").read_text(encoding="utf-8").replace("count = 64", f"count = {steps}")
@@ -69,7 +69,7 @@ def _played(example: str, folder: Path, changes: dict[str, str], steps: int) -> 
 
 
 def _frames(played: dict[str, Path], steps: int) -> Iterator[Any]:
-    """One picture a step, or every second of a long film; the widest motion says which part of the mesh is shown."""
+    """One picture for each step, or every second step of a long film; the largest motion decides the visible part."""
     series = {name: [read_pair(out, first=0, last=step) for step in range(steps + 1)] for name, out in played.items()}
     widest = max(next(iter(series.values())), key=_motion)
     plane = _across_chord(widest)
@@ -92,7 +92,7 @@ def _motion(pair: MeshPair) -> float:
 
 
 def _across_chord(pair: MeshPair) -> Plane | None:
-    """In 3D the plane x = const through the middle of the body, from which bending is seen."""
+    """In 3D the plane x = const through the middle of the body, which shows the bending."""
     return (
         Plane(0, float(pair.before.points[pair.after.moving, 0].mean())) if pair.before.points.shape[1] == 3 else None
     )

@@ -1,4 +1,4 @@
-"""Meshes of the tests and examples, and motions of their bodies, for studies that move them end to end."""
+"""Meshes of the tests and examples, and motions of their bodies, for studies of whole motions."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def stored(path: str) -> StoredMesh:
 
 
 def _role(patch: str) -> str:
-    """Of a patch with this name."""
+    """Nodes of the patch with this name."""
     return "moving" if patch in _MOVING else _SLIDING.get(patch, "fixed")
 
 
@@ -67,7 +67,7 @@ class Turn:
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
     def __call__(self, points: Floats) -> Floats:
-        """Where points (n, d) go; the centre is the middle of their bounding box unless it is given."""
+        """New positions of points (n, d); the centre is the middle of their bounding box unless it is given."""
         middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
         centre = middle if self.centre is None else np.asarray(self.centre)
         return (points - centre) @ self._matrix(points.shape[1]).T + centre + np.asarray(self.shift)
@@ -82,12 +82,12 @@ class Turn:
 
 
 def moved(model: MotionModel, turn: Turn) -> Motion:
-    """The model's moving nodes carried by one step from the reference mesh."""
+    """Move the model's moving nodes by one step from the reference mesh."""
     return model.move(model.points, turn(model.points[model.roles.moving]))
 
 
 def final_quality(model: MotionModel, turn: Turn) -> float:
-    """Minimum of the model's metric after the motion; where it was refused, of the best that was found."""
+    """Minimum of the model's metric after the motion; for a refused motion, that of the best mesh found."""
     try:
         return moved(model, turn).corrected.metric.min
     except QualityRefused as refusal:

@@ -1,6 +1,6 @@
 """Puts a study's results into its page, between ``<!-- study: NAME -->`` and ``<!-- end -->``.
 
-What a person wrote around the markers stays. A page may show a study at one place only.
+The text outside the markers does not change. A page may show a study at one place only.
 """
 
 from __future__ import annotations

@@ -34,14 +34,14 @@ _CHILDREN = {
 
 
 def refined(mesh: StoredMesh, times: int = 1) -> StoredMesh:
-    """The mesh with every triangle cut in four or tetrahedron in eight, so many times."""
+    """The mesh with every triangle cut into four or tetrahedron into eight, a given number of times."""
     for _ in range(times):
         mesh = _once(mesh)
     return mesh
 
 
 def _once(mesh: StoredMesh) -> StoredMesh:
-    """One refinement; the middle of a boundary edge is on the patches that both ends are on."""
+    """One refinement; the midpoint of a boundary edge is on every patch that has both ends of the edge."""
     cells, d = mesh.cells.blocks[0].nodes, mesh.points.shape[1]
     pairs = np.array(list(combinations(range(d + 1), 2)))
     edges = np.sort(cells[:, pairs].reshape(-1, 2), axis=1)
@@ -58,7 +58,7 @@ def _once(mesh: StoredMesh) -> StoredMesh:
 
 
 def _boundary_edges(cells: Indices, edges: Indices) -> NDArray[np.bool_]:
-    """(e,) whether an edge (e, 2) lies on a facet that one cell only has."""
+    """(e,) bool array: True for an edge (e, 2) on a facet that belongs to one cell only."""
     width = cells.shape[1]
     facets = np.sort(np.concatenate([np.delete(cells, i, axis=1) for i in range(width)]), axis=1)
     unique, count = np.unique(facets, axis=0, return_counts=True)
@@ -69,6 +69,6 @@ def _boundary_edges(cells: Indices, edges: Indices) -> NDArray[np.bool_]:
 
 
 def _with_middles(patch: Patch, boundary: NDArray[np.bool_], edges: Indices, n: int) -> Patch:
-    """The patch with the middles of its edges (e, 2), whose nodes are numbered from n."""
+    """The patch with the midpoints of its edges (e, 2); the midpoints are numbered from n."""
     both = boundary & np.isin(edges, patch.nodes).all(axis=1)
     return Patch(patch.role, np.concatenate([patch.nodes, n + np.flatnonzero(both)]))

@@ -1,8 +1,8 @@
-"""What a study is: a question, and a function that answers it with tables and pictures.
+"""A study: a question, and a function that answers it with tables and pictures.
 
-A study is a module with a ``STUDY``; see ``thesis/`` and ``beyond/``. It computes everything again each time, so what
-the documentation shows is what the code does. ``run(quick=True)`` does the same with fewer samples, in seconds: the
-tests run every study that way and hold the ``claims`` against what comes out.
+A study is a module with a ``STUDY``; see ``thesis/`` and ``beyond/``. It computes everything again each time, so the
+documentation shows the results of the current code. ``run(quick=True)`` does the same with fewer samples, in seconds:
+the tests run every study in this way and check the results with its ``claims``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Cell = str | int | float | None
 
 @dataclass(frozen=True)
 class Table:
-    """A table; numbers are shown with ``digits`` significant digits, integers as they are, None as a dash."""
+    """A table; numbers are shown with ``digits`` significant digits, integers in full, None as a dash."""
 
     columns: Sequence[str]
     rows: Sequence[Sequence[Cell]]
@@ -54,7 +54,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a study found, in the order in which the page shows it: text (computed, not asserted), tables, pictures."""
+    """Results of a study, in the order on the page: text (with computed values), tables, pictures."""
 
     tables: Sequence[Table] = ()
     pictures: Sequence[Picture] = ()

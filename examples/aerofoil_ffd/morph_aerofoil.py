@@ -1,4 +1,4 @@
-"""An aerofoil's grid by parameters of free-form deformation (FFD), with the exact derivative of every node by each.
+"""Free-form deformation (FFD) of an aerofoil's grid, with exact derivatives of all nodes by all parameters.
 
 A lattice of control points about the aerofoil moves its surface, the mesh-motion server moves the grid. All columns of
 the derivative come from one ``tangent``; the derivative of an objective by all parameters from one ``cotangent``.
@@ -28,7 +28,7 @@ ALONG = 6
 
 
 class Lattice:
-    """Free-form deformation: the box of the aerofoil moves by Bernstein polynomials of its control points."""
+    """Free-form deformation: Bernstein polynomials of the control points move the box of the aerofoil."""
 
     def __init__(self, surface: np.ndarray) -> None:
         low, high = surface.min(axis=0), surface.max(axis=0)
@@ -44,7 +44,7 @@ class Lattice:
         return np.stack([np.zeros_like(up), up], axis=-1)
 
     def by_parameters(self, weights: np.ndarray) -> np.ndarray:
-        """(m,) derivatives by the parameters from those (k, 2) by the aerofoil's nodes."""
+        """(m,) derivatives by the parameters from derivatives (k, 2) by the aerofoil's nodes."""
         return weights[:, 1] @ self.basis
 
     def control_points(self, parameters: np.ndarray) -> np.ndarray:
@@ -55,14 +55,14 @@ class Lattice:
 
 
 class Grid:
-    """The places of all nodes as a function of the parameters, with its derivatives."""
+    """The positions of all nodes as a function of the parameters, with its derivatives."""
 
     def __init__(self, session: Session, mesh: Mesh) -> None:
         self.session, self.rest = session, mesh.points
         self.lattice = Lattice(mesh.points[session.moving_nodes])
 
     def places(self, parameters: np.ndarray) -> np.ndarray:
-        """(n, 2): a trial of the session, at which the derivatives are then."""
+        """(n, 2) positions; makes a trial of the session, at which derivatives are then computed."""
         return self.rest + self.session.move(self.lattice.displacement(parameters)).displacement
 
     def columns(self) -> np.ndarray:
@@ -70,18 +70,18 @@ class Grid:
         return self.session.tangent(self.lattice.displacement(np.eye(2 * ALONG)))
 
     def gradient(self, weights: np.ndarray) -> np.ndarray:
-        """(m,) derivative of an objective whose derivative by the nodes' places is ``weights`` (n, 2)."""
+        """(m,) derivative of an objective whose derivative by the nodes' positions is ``weights`` (n, 2)."""
         return self.lattice.by_parameters(self.session.cotangent(weights))
 
 
 def timed(call, *arguments) -> tuple[np.ndarray, float]:
-    """What a call answers, and its seconds."""
+    """Result of a call, and its seconds."""
     begin = time.perf_counter()
     return call(*arguments), time.perf_counter() - begin
 
 
 def check(grid: Grid, parameters: np.ndarray) -> str:
-    """The columns against differences that are extrapolated, the gradient against the columns; seconds of each call."""
+    """Compare the columns with extrapolated differences, the gradient with the columns; seconds of each call."""
     along, weights = (np.random.default_rng(1).standard_normal(shape) for shape in (2 * ALONG, grid.rest.shape))
     h = 1e-3 * grid.lattice.size[1]
     coarse, fine = (
@@ -101,7 +101,7 @@ def check(grid: Grid, parameters: np.ndarray) -> str:
 
 
 def fitted(grid: Grid, goal: np.ndarray, steps: int) -> np.ndarray:
-    """The parameters whose grid is nearest to the ``goal`` (n, 2), by Gauss and Newton; a line each step."""
+    """The parameters whose grid is nearest to the ``goal`` (n, 2), by Gauss–Newton steps; prints a line for each."""
     parameters = np.zeros(2 * ALONG)
     for step in range(steps):
         apart = grid.places(parameters) - goal
@@ -129,7 +129,7 @@ def draw(grid: Grid, mesh: Mesh, parameters: np.ndarray, path: Path) -> None:
 
 
 def main() -> int:
-    """Check the derivatives at a cambered aerofoil, then find its parameters again from its grid alone."""
+    """Check the derivatives at a cambered aerofoil, then recover its parameters from its grid alone."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--server", help="endpoint; default: a private server")
     parser.add_argument(

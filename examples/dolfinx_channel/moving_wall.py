@@ -2,7 +2,7 @@
 
 Each step the server answers with the displacement of every node, and ``mesh.geometry.x`` is updated. The equation is
 Laplace's with the boundary values of u = 1 + x + 2 y, which linear elements solve exactly on any valid mesh: the
-error that is printed is that of the linear solver. python3 moving_wall.py [--server …]
+printed error is that of the linear solver. python3 moving_wall.py [--server …]
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LENGTH, HEIGHT = 4.0, 1.0
 
 
 def server_mesh(domain: mesh.Mesh) -> Mesh:
-    """The same mesh for the server: nodes, triangles, floor and the other walls."""
+    """The solver's mesh for the server: nodes, triangles, floor and the other walls."""
     points = domain.geometry.x[:, :2].copy()
     cells = domain.topology.index_map(2).size_local
     triangles = anticlockwise(np.array([domain.geometry.dofmap.links(cell) for cell in range(cells)]), points)
@@ -32,7 +32,7 @@ def server_mesh(domain: mesh.Mesh) -> Mesh:
 
 
 def anticlockwise(triangles: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(m, 3) the triangles, turned where they are clockwise: dolfinx takes either way round, the server one."""
+    """(m, 3) the triangles, with clockwise ones turned: dolfinx accepts both orientations, the server one."""
     a, b, c = (points[triangles[:, corner]] for corner in range(3))
     area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     return np.where(area[:, None] > 0.0, triangles, triangles[:, ::-1])
@@ -63,7 +63,7 @@ def solve_laplace(domain: mesh.Mesh) -> tuple[float, float]:
 
 
 def main() -> int:
-    """One period of the floor; a line a step."""
+    """One period of the floor; prints a line for each step."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--server", help="endpoint; default: a private server")
     parser.add_argument("--steps", type=int, default=8)

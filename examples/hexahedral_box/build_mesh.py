@@ -1,4 +1,4 @@
-"""A box of hexahedra around a smaller box: a structured grid, graded towards the inner box, less its middle."""
+"""A box of hexahedra around a smaller box: a structured grid, graded towards the inner box, without its middle."""
 
 from __future__ import annotations
 

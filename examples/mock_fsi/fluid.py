@@ -1,9 +1,9 @@
 """Mock fluid code: implicit coupling of a load stub, the beam of solid.py and the mesh-motion server.
 
-The load stub stands in for a flow solver: a force across the flag, p0 sin(2πft), less an *added mass* times the
-acceleration of the wet surface, so that the load depends on the displacement it causes. With the added mass as large as
-the beam's own, plain iteration diverges and Aitken's relaxation is needed, as with a real incompressible flow. Every
-coupling iteration moves the mesh through the server; between iterations the step is rolled back, as a solver with
+The load stub replaces a flow solver: a force across the flag, p0 sin(2πft), minus an *added mass* times the
+acceleration of the wet surface, so that the load depends on the displacement that it causes. With the added mass as
+large as the beam's own, plain iteration diverges and Aitken's relaxation is needed, as with a real incompressible flow.
+Every coupling iteration moves the mesh through the server; between iterations the step is rolled back, as a solver with
 checkpoints does; a converged step is committed.
 """
 
@@ -23,7 +23,7 @@ ROLES = {"flag": "moving", "cylinder": "fixed", "inlet": "fixed", "outlet": "fix
 
 
 class LoadStub:
-    """Nodal forces on the wet nodes from time and motion; keeps the motion of the last committed step."""
+    """Nodal forces on the wet nodes from time and motion; stores the motion of the last committed step."""
 
     def __init__(self, points: np.ndarray, *, dt: float, added_mass: float, amplitude: float, frequency: float) -> None:
         self.share = np.full(len(points), 0.35 / len(points))  # each node's share of the flag's length
@@ -31,7 +31,7 @@ class LoadStub:
         self.motion = np.zeros((3, len(points), 2))  # displacement, velocity, acceleration
 
     def acceleration(self, displacement: np.ndarray) -> np.ndarray:
-        """Newmark's acceleration (n, 2) that leads to this displacement (n, 2) at the end of the step."""
+        """Newmark's acceleration (n, 2) for a displacement (n, 2) at the end of the step."""
         d, v, a = self.motion
         dt = self.dt
         return (displacement - d - dt * v) / (NEWMARK_BETA * dt**2) - (0.5 / NEWMARK_BETA - 1) * a
@@ -44,7 +44,7 @@ class LoadStub:
         return force
 
     def commit(self, displacement: np.ndarray) -> None:
-        """Take the converged displacement as the start of the next step."""
+        """Use the converged displacement as the start of the next step."""
         _, v, a = self.motion
         new = self.acceleration(displacement)
         velocity = v + self.dt * ((1 - NEWMARK_GAMMA) * a + NEWMARK_GAMMA * new)
@@ -79,7 +79,7 @@ def aitken(omega: float, residual: np.ndarray, previous: np.ndarray | None) -> f
 
 
 def couple_step(session, solid: Solid, load: LoadStub, time: float, options: argparse.Namespace):
-    """Iterate one time step to convergence; the accepted displacement, the last reply and the iterations it took."""
+    """Iterate one time step to convergence; return the accepted displacement, the last reply and the iterations."""
     displacement, previous, omega = load.motion[0] + load.dt * load.motion[1], None, options.relaxation
     for iteration in range(1, options.max_iterations + 1):
         answered = np.array(solid.ask("advance", force=load.force(time, displacement).tolist())["displacement"])
@@ -95,7 +95,7 @@ def couple_step(session, solid: Solid, load: LoadStub, time: float, options: arg
 
 
 def run(session, solid: Solid, load: LoadStub, options: argparse.Namespace, points: np.ndarray) -> list[dict]:
-    """All time steps; one row a step."""
+    """All time steps; one row for each step."""
     tip = int(np.argmax(points[:, 0]))
     rows = []
     for step in range(1, options.steps + 1):

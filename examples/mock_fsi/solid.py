@@ -1,13 +1,13 @@
 """Mock structural code: a cantilever beam in its first bending modes, advanced with Newmark's method.
 
-It answers a coupling partner over ZeroMQ, one JSON object a request:
+It answers a coupling partner over ZeroMQ, one JSON object for each request:
 
     {"op": "interface", "points": [[x, y], …]}   → {"nodes": n}               the wet nodes, beam from x0 to x0 + length
     {"op": "advance", "force": [[fx, fy], …]}    → {"displacement": [[ux, uy], …]}   end of the step, from its start
     {"op": "commit"}                             → {"step": n}                the last advance becomes the new start
     {"op": "stop"}                               → {"step": n}
 
-`advance` may be asked any number of times: each starts from the last committed step, as implicit coupling needs.
+`advance` may be requested any number of times: each starts from the last committed step, as implicit coupling needs.
 """
 
 from __future__ import annotations
@@ -87,12 +87,12 @@ class Structure:
         return self.shape @ self.trial[0]
 
     def commit(self) -> None:
-        """Make the last advance the start of the next step."""
+        """Use the result of the last advance as the start of the next step."""
         self.state, self.step = self.trial, self.step + 1
 
 
 def answer(structure: Structure | None, request: dict, dt: float) -> tuple[Structure | None, dict]:
-    """One request: the structure afterwards and the reply."""
+    """Execute one request; return the structure afterwards and the reply."""
     op = request["op"]
     if op == "interface":
         points = np.array(request["points"], dtype=float)
@@ -109,7 +109,7 @@ def answer(structure: Structure | None, request: dict, dt: float) -> tuple[Struc
 
 
 def main() -> int:
-    """Serve one coupling partner until it says stop, or stays silent for too long."""
+    """Serve one coupling partner until it sends stop, or sends nothing for too long."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--bind", default="tcp://127.0.0.1:5560")
     parser.add_argument("--dt", type=float, default=0.02)

@@ -1,7 +1,7 @@
 """NGSolve: Stokes flow past a flap that bends, on a mesh that the mesh-motion server moves.
 
 Netgen makes the mesh once. Each step bends the flap, the server answers with the displacement of every vertex, and
-``mesh.SetDeformation`` applies it to the finite elements: no element is made again. python moving_flap.py [--server …]
+``mesh.SetDeformation`` applies it to the finite elements: no element is built again. python moving_flap.py [--server …]
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def channel(size: float) -> NGMesh:
 
 
 def server_mesh(mesh: NGMesh) -> Mesh:
-    """The same mesh for the server: vertices, triangles, and the vertices of each boundary."""
+    """The solver's mesh for the server: vertices, triangles, and the vertices of each boundary."""
     points = np.array([vertex.point for vertex in mesh.vertices])
     triangles = np.array([[vertex.nr for vertex in element.vertices] for element in mesh.Elements()])
     patches = {}
@@ -57,7 +57,7 @@ def server_mesh(mesh: NGMesh) -> Mesh:
 
 
 def bent(points: np.ndarray, deflection: float) -> np.ndarray:
-    """(p, 2) displacement of the flap's points: a parabola along it, shorter by what the bending takes."""
+    """(p, 2) displacement of the flap's points: a parabola along it, with the flap's height reduced by bending."""
     along = points[:, 1] / FLAP_TOP
     return deflection * np.stack([along**2, -2.0 / 3.0 * deflection / FLAP_TOP * along**3], axis=1)
 
@@ -85,14 +85,14 @@ def stokes_force(mesh: NGMesh) -> np.ndarray:
 
 
 def deform(mesh: NGMesh, deformation: GridFunction, displacement: np.ndarray) -> None:
-    """Put the vertices' displacement (n, 2) under the mesh."""
+    """Apply the vertices' displacement (n, 2) to the mesh."""
     for component, values in zip(deformation.components, displacement.T, strict=True):
         component.vec.FV().NumPy()[:] = values  # of order 1: one value a vertex, in the vertices' order
     mesh.SetDeformation(deformation)
 
 
 def main() -> int:
-    """Bend the flap in steps; a line each with the force on it."""
+    """Bend the flap in steps; print the force on it for each."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--server", help="endpoint; default: a private server")
     parser.add_argument("--steps", type=int, default=5)

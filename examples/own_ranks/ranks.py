@@ -1,7 +1,7 @@
-"""A solver on several ranks moves and judges its own nodes; the server has the boundary only.
+"""A solver on several ranks moves its own nodes and computes their quality; the server has the boundary only.
 
 ``python ranks.py`` starts a server and two processes. ``mpiexec -n 4 python ranks.py tcp://HOST:7440`` takes the ranks
-of mpi4py instead, and a server that runs.
+of mpi4py instead, and a running server.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ def own_part(rank: int, ranks: int) -> Mesh:
 
 
 def motion(points: np.ndarray, step: int) -> np.ndarray:
-    """The body swims and bends: total displacement after a step, a smooth function of where a node was."""
+    """The body swims and bends: total displacement after a step, a smooth function of a node's original position."""
     return 0.04 * step * np.stack([np.sin(3.0 * points[:, 1]), points[:, 0] - 0.5, np.cos(3.0 * points[:, 0])], axis=1)
 
 
 def solve(session: Session, mesh: Mesh, report: Callable[[str], object]) -> np.ndarray:
-    """Move, and commit: what a solver does between its own steps."""
+    """Move and commit, as a solver does between its own steps."""
     for step in range(1, STEPS + 1):
         moved = session.move(motion(mesh.points[session.moving_nodes], step))
         committed = session.commit()
@@ -66,12 +66,12 @@ def run(endpoint: str, rank: int, ranks: int, share: Callable[[Any], Any]) -> np
 
 
 def child(endpoint: str, credentials: Any) -> None:
-    """The second process, where there is no MPI."""
+    """The second process, without MPI."""
     run(endpoint, 1, 2, lambda _: credentials.recv())
 
 
 def main(endpoint: str | None) -> None:
-    """The ranks of mpi4py, or two processes and a server of their own."""
+    """The ranks of mpi4py, or two processes and their own server."""
     if endpoint is not None:
         from mpi4py import MPI  # noqa: PLC0415  # only here
 

@@ -4,7 +4,7 @@
     python examples/perpendicular_flap/flap.py --out out/laplacian --motion laplacian   OpenFOAM's own mesh motion
     python examples/perpendicular_flap/flap.py --out out/soft --young 2e5            a softer flap
 
-A run that was stopped goes on where it was when it is started again with the same options.
+A stopped run continues when it is started again with the same options.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def arguments(given: list[str] | None = None) -> argparse.Namespace:
 
 
 def main() -> int:
-    """Run it; status 1 with one line where it cannot go on."""
+    """Run the case; status 1 with one line if it cannot continue."""
     options = arguments()
     try:
         run(options)

@@ -1,8 +1,8 @@
 """The perpendicular flap against its published reference: ``make flap``.
 
 Runs the benchmark with the mesh-motion server and with OpenFOAM's displacementLaplacian, and a softer flap with both;
-prints period, amplitude and how each run ended, draws the tip's histories to tip.png, and ends with status 1 where a
-tolerance is missed. Runs that were stopped are gone on with.
+prints period, amplitude and the end of each run, draws the tip's histories to tip.png, and ends with status 1 if a
+tolerance is exceeded. Stopped runs are continued.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def period(t: Array, x: Array) -> float:
 
 
 def amplitude(t: Array, x: Array) -> float:
-    """Half of the first swing: from the first period's maximum to the minimum behind it."""
+    """Half of the first swing: from the first period's maximum to the next minimum."""
     top = int(np.argmax(np.where(t < PERIOD, x, -np.inf)))
     return float(x[top] - x[top:][t[top:] < t[top] + PERIOD].min()) / 2.0
 
@@ -107,7 +107,7 @@ def judge(outcome: Outcome) -> tuple[list[str], bool]:
 
 
 def line(outcome: Outcome) -> str:
-    """How far a run came and what it cost."""
+    """Last time of a run and its cost."""
     done = len(outcome.rows)
     end = "finished" if not outcome.error else f"ended in window {done + 1}: {outcome.error[:200]}"
     cost = sum(row.seconds for row in outcome.rows)

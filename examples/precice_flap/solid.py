@@ -1,4 +1,4 @@
-"""The solids of preCICE's tutorials: stock CalculiX by mesh_motion_calculix, without preCICE's adapter for it.
+"""The solids of preCICE's tutorials: unmodified CalculiX, run by mesh_motion_calculix without preCICE's adapter.
 
 python solid.py precice-config.xml PARTICIPANT FOLDER [tube.inp]
 """
@@ -22,7 +22,7 @@ TRIANGLES = [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)]
 
 
 def main(config: str, participant_name: str, folder: Path, deck: Path | None = None) -> None:
-    """Follow preCICE until it ends: a window that is not converged is computed again."""
+    """Follow preCICE until it ends the coupling; compute a window again if it has not converged."""
     folder.mkdir(parents=True, exist_ok=True)
     model = flap_deck((2, 20), foot=(FEET[participant_name], 0.0)) if deck is None else tube(deck)
     (folder / "model.inp").write_text(model)
@@ -51,7 +51,7 @@ def main(config: str, participant_name: str, folder: Path, deck: Path | None = N
 
 
 def ring_lengths(points: Floats) -> Floats:
-    """(k, 1) half of the wetted sides at each node, m: what makes forces of stresses, on one metre of thickness."""
+    """(k, 1) half of the wetted sides at each node, m: factor from stresses to forces, for one metre of thickness."""
     x, y = points.T
     left, right, top = x == x.min(), x == x.max(), y == y.max()
     order = np.concatenate(
@@ -68,7 +68,7 @@ def ring_lengths(points: Floats) -> Floats:
 
 
 def tube(deck: Path) -> str:
-    """The tutorial's model without its step, whose fixed nodes are those of the model."""
+    """The tutorial's model without its step; the step's fixed nodes become those of the model."""
     model = deck.read_text().partition("*STEP")[0]
     for name in ("all.msh", "inlet.nam", "outlet.nam", "interface.nam"):
         model = model.replace(f"*INCLUDE, INPUT={name}", (deck.parent / name).read_text().rstrip())
@@ -77,7 +77,7 @@ def tube(deck: Path) -> str:
 
 
 def triangles(deck: Path, interface: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(m, 3) rows of the interface's nodes: sides of tetrahedra of second order that have all their nodes there."""
+    """(m, 3) sides of second-order tetrahedra with all nodes on the interface, as rows of the interface's nodes."""
     lines = deck.read_text().partition("*ELEMENT")[2].splitlines()[1:]
     end = next(k for k, line in enumerate(lines) if line.startswith("*"))
     numbers = np.array(" ".join(lines[:end]).replace(",", " ").split(), dtype=np.int64).reshape(-1, 11)

@@ -1,7 +1,7 @@
-"""The body of least drag in Stokes flow: its shape by an optimiser, on a mesh that the mesh-motion server moves.
+"""The body of minimal drag in Stokes flow: an optimiser changes its shape, and the mesh-motion server moves the mesh.
 
-The flow is solved on the moved mesh by scikit-fem. The drag's derivative by the places of all nodes is that of the
-finite elements; the server's ``cotangent`` makes it the derivative by the body's nodes. python least_drag.py
+The flow is solved on the moved mesh by scikit-fem. The finite elements give the drag's derivative by the positions of
+all nodes; the server's ``cotangent`` turns it into the derivative by the body's nodes. python least_drag.py
 """
 
 from __future__ import annotations
@@ -58,9 +58,9 @@ class Flow:
         self.body = mesh.patches["body"].nodes
 
     def drag(self, points: np.ndarray) -> tuple[float, np.ndarray]:
-        """The drag, and its derivative (n, 2) by the places of all nodes.
+        """The drag, and its derivative (n, 2) by the positions of all nodes.
 
-        The drag is the dissipation, the least value of a functional: where velocity and pressure make it stationary,
+        The drag is the dissipation, the minimum of a functional: velocity and pressure make it stationary, so
         its derivative by the nodes is that with both held. The problem is its own adjoint.
         """
         mesh = MeshTri(np.ascontiguousarray(points.T), self.triangles)
@@ -99,7 +99,7 @@ def _by_places(v, w):
 
 
 class Body:
-    """The body's nodes by the design: how far each of the chosen nodes is from the circle; the others lie between."""
+    """The body's nodes by the design: distance of each chosen node from the circle; the others are interpolated."""
 
     def __init__(self, nodes: np.ndarray) -> None:
         self.circle = nodes
@@ -108,11 +108,11 @@ class Body:
         self._hats = (1.0 - np.minimum(away, DESIGN - away)).clip(0.0)
 
     def displacement(self, design: np.ndarray) -> np.ndarray:
-        """(k, 2) of the body's nodes."""
+        """(k, 2) positions of the body's nodes."""
         return (self._hats @ design)[:, None] * self.circle
 
     def by_design(self, weights: np.ndarray) -> np.ndarray:
-        """(…, m) derivatives by the design variables from those (…, k, 2) by the body's nodes."""
+        """(…, m) derivatives by the design variables from derivatives (…, k, 2) by the body's nodes."""
         return np.sum(weights * self.circle, axis=-1) @ self._hats
 
     def moments(self, design: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -131,14 +131,14 @@ class Body:
 
 
 class Drag:
-    """The drag by the design variables, with its derivative."""
+    """The drag as a function of the design variables, with its derivative."""
 
     def __init__(self, session: Session, mesh: Mesh) -> None:
         self.session, self.mesh, self.flow = session, mesh, Flow(mesh)
         self.body = Body(mesh.points[session.moving_nodes])
 
     def __call__(self, design: np.ndarray) -> tuple[float, np.ndarray]:
-        """Move the mesh, solve, and go the same way back."""
+        """Move the mesh, solve, and differentiate backwards through both."""
         moved = self.session.move(self.body.displacement(design))
         self.latest, by_places = self.flow.drag(self.mesh.points + moved.displacement)
         return self.latest, self.body.by_design(moved.cotangent(by_places))
@@ -167,7 +167,7 @@ def draw(mesh: Mesh, points: np.ndarray, path: Path) -> None:
 
 
 def main() -> int:
-    """Check the gradient, then minimise; a line each iteration."""
+    """Check the gradient, then minimise; print a line for each iteration."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--server", help="endpoint; default: a private server")
     parser.add_argument("--iterations", type=int, default=60)

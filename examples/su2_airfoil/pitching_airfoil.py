@@ -1,7 +1,7 @@
 """SU2: an airfoil pitches; for each angle the server moves the mesh, and a .su2 file is written for SU2_CFD.
 
 Only the coordinates in the file change: markers, elements and numbering stay, so that SU2 restarts from the solution of
-the angle before (RESTART_SOL= YES). python pitching_airfoil.py --out meshes [--mesh naca0012.su2] [--config case.cfg]
+the previous angle (RESTART_SOL= YES). python pitching_airfoil.py --out meshes [--mesh naca0012.su2] [--config case.cfg]
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def naca0012(path: Path) -> None:
 
 
 def with_points(text: str, points: np.ndarray) -> str:
-    """The same .su2 file with other coordinates (n, d); what follows them in a row, SU2's index, is kept."""
+    """The same .su2 file with other coordinates (n, d); SU2's index after the coordinates of a row is kept."""
     head, count, rest = re.split(r"(NPOIN=[^\n]*\n)", text)
     lines = rest.split("\n")
     dimension = points.shape[1]
@@ -59,7 +59,7 @@ def pitched(points: np.ndarray, degrees: float) -> np.ndarray:
 
 
 def main() -> int:
-    """One file an angle; SU2_CFD on each if there is a configuration."""
+    """Write one file for each angle; run SU2_CFD on each if a configuration is given."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--server", help="endpoint; default: a private server")
     parser.add_argument("--mesh", type=Path, help="default: an O-mesh about a NACA 0012")

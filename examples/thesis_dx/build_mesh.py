@@ -1,4 +1,4 @@
-"""The unit square less a block 0.1 × 0.2, in triangles: the mesh of thesis Tables 5.1 to 5.5. Needs gmsh."""
+"""The unit square without a block of 0.1 × 0.2, in triangles: the mesh of thesis Tables 5.1 to 5.5. Needs gmsh."""
 
 from __future__ import annotations
 

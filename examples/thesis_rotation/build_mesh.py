@@ -1,4 +1,4 @@
-"""The unit square less a slab, in triangles: de Boer's and the thesis' two-dimensional test. Needs gmsh."""
+"""The unit square without a slab, in triangles: de Boer's and the thesis' two-dimensional test. Needs gmsh."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def block_mesh(refinement: float = 1.0) -> str:
     grid = [[at(x, y) for y in _ROWS] for x in _COLUMNS]
     below, above = at(_ROOT, _ROWS[2]), at(_ROOT, _ROWS[3])
     sw, se, ne, nw = (on_cylinder(degrees) for degrees in (225.0, 315.0, 45.0, 135.0))
-    # last cell over first: towards the body, away from walls, towards the flag's end, downstream
+    # ratios of last to first cell: towards the body, away from walls, towards the flag's end, downstream
     fine, wall, tip, wake = 0.12, 4.0, 0.6, 12.0
     blocks = [
         # about the cylinder: along it, then outwards

@@ -3,8 +3,8 @@
     python examples/turek_hron_fsi/kratos.py --out out/kratos                   Kratos and the server
     python examples/turek_hron_fsi/kratos.py --out out/own --motion own         Kratos' structural_similarity
 
-Linear triangles (variational multiscale) for the flow, quadratic quadrilaterals (Total Lagrangian) for the flag. A run
-that was stopped goes on where it was when it is started again with the same options.
+Linear triangles (variational multiscale) for the flow, quadratic quadrilaterals (Total Lagrangian) for the flag. A
+stopped run continues when it is started again with the same options.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MOTIONS = dict(zip(("own", "server"), MESH_SOLVERS, strict=True))
 
 
 def kratos_case(time_step: float) -> Case:
-    """The channel; while the inflow is raised it tilts with the flag's frequency, so that the flag swings sooner."""
+    """The channel; the increasing inflow is tilted with the flag's frequency, so that the flag swings earlier."""
     parabola = f"{6.0 * CASES['fsi2'].inflow / _HEIGHT**2!r}*y*({_HEIGHT}-y)"
     tilt = f"(1+0.3*sin(2*pi*{_HERTZ}*t)*sin(pi*t/{_RAMP})*(y/{_HEIGHT / 2.0}-1))"
     rising = f"{parabola}*{tilt}*(1-cos(pi*t/{_RAMP}))/2"
@@ -100,7 +100,7 @@ def run(options: argparse.Namespace) -> History:
     Raises
     ------
     RunFailed
-        It did not come to its end, or there is no Kratos.
+        The run did not reach its end, or Kratos is not installed.
     """
     missing = missing_kratos()
     if missing:
@@ -111,7 +111,7 @@ def run(options: argparse.Namespace) -> History:
 
 
 def report(done: int, steps: int) -> None:
-    """A line of progress now and then."""
+    """Print a line of progress from time to time."""
     if done % 25 == 0:
         sys.stdout.write(f"step {done} of {steps}\n")
         sys.stdout.flush()
@@ -130,7 +130,7 @@ def arguments(given: list[str] | None = None) -> argparse.Namespace:
 
 
 def main() -> int:
-    """Run it; status 1 with a line where it cannot go on."""
+    """Run the case; status 1 with a line if it cannot continue."""
     try:
         run(arguments())
     except RunFailed as error:

@@ -3,8 +3,8 @@
 Runs the case on three meshes with the mesh-motion server and on the middle one with OpenFOAM's displacementLaplacian,
 or FSI2 in Kratos with the server and with Kratos' structural_similarity (``make turek CASE=fsi2 SOLVER=kratos``);
 prints mean, amplitude and frequency of A's displacement, drag and lift over the last periods, draws the histories, and
-ends with status 1 where the finest mesh misses a tolerance. Runs that were stopped are gone on with; ``--read`` only
-judges the histories that are kept in ``results/``.
+ends with status 1 where the finest mesh misses a tolerance. Stopped runs are continued; ``--read`` only evaluates the
+histories in ``results/``.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ LABELS = {
 
 @dataclass(frozen=True)
 class Figure:
-    """Of one quantity over its last periods: middle and half of its range (means over the periods), frequency, Hz."""
+    """One quantity in its last periods: middle and half of its range (means over the periods), frequency, Hz."""
 
     mean: float
     amplitude: float
@@ -87,9 +87,9 @@ def figures(t: Array, values: Array, period: float) -> Figure:
 
 
 def frequency(t: Array, values: Array, span: float) -> float:
-    """From the first to the last rise through a third of the amplitude, within ``span`` s; nan where there are none.
+    """Frequency from the first to the last rise through a third of the amplitude, within ``span`` s; nan without rises.
 
-    Two rises count only with a fall through minus a third between them: what is left of a residual is no period.
+    Two rises count only with a fall through minus a third between them, because noise of the residual is no period.
     """
     late = t > t[-1] - span
     t, values = t[late], values[late]
@@ -120,7 +120,7 @@ def read_run(folder: Path) -> dict[str, Array]:
 
 
 def judge(case: str, runs: dict[str, dict[str, Array]]) -> tuple[list[str], bool]:
-    """The table's lines, and whether uy on the finest mesh that was run is within the tolerances."""
+    """The table's lines, and True if uy on the finest computed mesh is within the tolerances."""
     published = PUBLISHED[case]
     period = 1.0 / published["uy"][2]
     found = {
@@ -137,7 +137,7 @@ def judge(case: str, runs: dict[str, dict[str, Array]]) -> tuple[list[str], bool
     good = False
     for name, figure in found.items():
         amplitude_off = figure["uy"].amplitude / published["uy"][1] - 1.0
-        # ux and drag have twice the frequency of uy: what is published for both is rounded, and brackets it
+        # ux and drag have twice the frequency of uy: the rounded published values of both give bounds for it
         low, high = sorted((published["uy"][2], published["ux"][2] / 2.0))
         hertz = figure["uy"].frequency
         frequency_off = hertz / min(max(hertz, low), high) - 1.0
@@ -152,12 +152,12 @@ def judge(case: str, runs: dict[str, dict[str, Array]]) -> tuple[list[str], bool
 
 
 def cell(figure: Figure) -> str:
-    """A figure as it stands in the table."""
+    """A figure as text for the table."""
     return f"{figure.mean:.2f} ± {figure.amplitude:.2f} [{figure.frequency:.2f} Hz]"
 
 
 def draw(case: str, runs: dict[str, dict[str, Array]], path: Path) -> None:
-    """Histories of the four quantities: whole runs at the left, the last periods of each at the right."""
+    """Histories of the four quantities: whole runs on the left, their last periods on the right."""
     import matplotlib  # noqa: PLC0415  a proof without a picture needs none
 
     matplotlib.use("Agg")
@@ -188,7 +188,7 @@ def draw(case: str, runs: dict[str, dict[str, Array]], path: Path) -> None:
 
 
 def play(case: str, solver: str, name: str, out: Path) -> dict[str, Array]:
-    """Run it, or go on with it; an error is an outcome, printed in a line."""
+    """Start or continue a run; an error is an outcome, printed in a line."""
     folder = out / f"{case}-{name}"
     sys.stdout.write(f"\n{case.upper()}, {LABELS[name]}\n")
     given = ["--out", str(folder), *RUNS[solver][name]]
@@ -202,7 +202,7 @@ def play(case: str, solver: str, name: str, out: Path) -> dict[str, Array]:
 
 
 def play_in_kratos(given: list[str]) -> dict[str, Array]:
-    """FSI2 in Kratos, as :func:`read_run` gives it."""
+    """FSI2 in Kratos, in the form of :func:`read_run`."""
     import kratos  # noqa: PLC0415  needs adapters/kratos in PYTHONPATH
 
     options = kratos.arguments(given)

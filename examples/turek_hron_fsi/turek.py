@@ -4,7 +4,7 @@
     python examples/turek_hron_fsi/turek.py fsi2 --out out/fsi2                       wide: 2 Hz, ± 80 mm
     python examples/turek_hron_fsi/turek.py fsi2 --out out/own --motion laplacian     OpenFOAM's own mesh motion
 
-A run that was stopped goes on where it was when it is started again with the same options.
+A stopped run continues when it is started again with the same options.
 
 S. Turek, J. Hron, Proposal for numerical benchmarking of fluid-structure interaction between an elastic object and
 laminar incompressible flow, Lecture Notes in Computational Science and Engineering 53 (2006) 371-385.
@@ -99,7 +99,7 @@ def arguments(given: list[str] | None = None) -> argparse.Namespace:
 
 
 def main() -> int:
-    """Run it; status 1 with one line where it cannot go on."""
+    """Run the case; status 1 with one line if it cannot continue."""
     try:
         run(arguments())
     except (FsiError, CalculixError) as error:

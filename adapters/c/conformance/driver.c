@@ -1,4 +1,4 @@
-/* The driver program of the C client for the conformance suite: verbs in, one JSON object a line out.
+/* The driver program of the C client for the conformance suite: it reads verbs and prints one JSON object per line.
  * protocol/conformance/README.md has the contract. */
 #include <mesh_motion.h>
 
@@ -55,7 +55,7 @@ static void open_session(driver *run)
     }
 }
 
-/* By a new session object, as another program would. */
+/* Resume with a new session object, as another program would. */
 static void resume(driver *run)
 {
     mm_session *again = mm_session_new(run->context);
@@ -133,7 +133,7 @@ static void call(driver *run, const char *verb)
     } else if (strcmp(verb, "open") == 0) {
         open_session(run);
     } else if (!run->session) {
-        return; /* an earlier verb has reported that there is none */
+        return; /* an earlier verb has reported that there is no session */
     } else if (strcmp(verb, "move") == 0 || strcmp(verb, "move-reference") == 0) {
         move(run, strcmp(verb, "move") == 0 ? MM_SINCE_COMMITTED : MM_SINCE_REFERENCE);
     } else if (strcmp(verb, "tangent") == 0) {

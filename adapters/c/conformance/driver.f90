@@ -130,7 +130,7 @@ contains
       line = line//', "weights": '//list(reshape(answer, [4]))
    end subroutine
 
-   ! By a new session object, as another program would.
+   ! Resume with a new session object, as another program would.
    subroutine resume()
       type(mm_session) :: again
       call again%create(server)

@@ -58,8 +58,8 @@ static void make_mesh(void)
     }
 }
 
-/* Where a structural solver would say that the boundary is: a share of a turn (cosine 0.96) and of a translation, for
- * each moving node, since the reference mesh. */
+/* The boundary's displacement, which a structural solver would give: a share of a rotation (cosine 0.96) and of a
+ * translation, for each moving node, since the reference mesh. */
 static void displace(double share, size_t count, const int64_t *moving, double *rows)
 {
     for (size_t i = 0; i < count; ++i) {
@@ -85,8 +85,9 @@ int main(int count, char **arguments)
     mm_set_number(session, "support_radius", 0.5);
     mm_open(session);
     mm_build(session);
-    mm_set_final_step(session, STEPS); /* who watches the session then sees when it ends */
-    /* errors are sticky: after the first one the calls below do nothing, and one look at the end of a step is enough */
+    mm_set_final_step(session, STEPS); /* so that the monitor can show when the run ends */
+    /* errors are sticky: after the first one the calls below do nothing, and one check at the end of a step is enough
+     * */
     const int64_t *moving = mm_moving_nodes(session, &moving_count);
     for (int step = 1; step <= STEPS && mm_error(server) == MM_OK; ++step) {
         for (int iteration = 1; iteration <= ITERATIONS; ++iteration) {

@@ -87,7 +87,7 @@ void run(const char *endpoint, const char *file)
             const double share = (step - 1 + static_cast<double>(iteration) / iterations) / steps;
             displace(share, mesh, session.moving_nodes(), rows);
             session.move(rows, displacement, MM_SINCE_REFERENCE);
-            // here the flow solver takes points + displacement, and gives loads to the structure
+            // here the flow solver uses points + displacement, and gives loads to the structure
         }
         session.commit();
         const double quality = session.committed().number("quality.metric.min");

@@ -32,7 +32,7 @@ program block
    call session%open()
    call session%build()
    call session%final_step(steps) ! who watches the session then sees when it ends
-   ! errors are sticky: after the first one the calls below do nothing, and one look at the end of a step is enough
+   ! errors are sticky: after the first one the calls below do nothing, and one check at the end of a step is enough
    nodes = session%moving_nodes()
    allocate (rows(2, size(nodes)), displacement(2, size(points, 2)))
    lowest = 1
@@ -90,7 +90,8 @@ contains
       end do
    end subroutine
 
-   ! Where a structural solver would say that the boundary is: a share of a turn (cosine 0.96) and of a translation.
+   ! The boundary's position, which a structural solver would give: a share of a rotation (cosine 0.96) and of a
+   ! translation.
    subroutine displace(share)
       real(real64), intent(in) :: share
       real(real64) :: x, y

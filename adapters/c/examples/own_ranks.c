@@ -1,9 +1,9 @@
-/* The ranks of a solver move and judge their own nodes; the server has the boundary alone.
+/* The ranks of a solver move their own nodes and compute the quality of their cells; the server has the boundary only.
  *
  *     mpiexec -n 4 own_ranks ENDPOINT [CELLS [POINTS [THRESHOLD]]]
  *
- * A body swims in a cube of CELLS hexahedra along each side. Each rank makes its own slab of the mesh; the first one
- * opens the session and shares its credentials, the others join. POINTS.RANK receives the final coordinates: how many
+ * A body swims in a cube of CELLS hexahedra along each side. Each rank makes its own slab of the mesh; the first rank
+ * opens the session and shares its credentials, the others join. POINTS.RANK receives the final coordinates: number of
  * nodes, their numbers in the whole mesh (int64), x, y and z of each (float64). With a THRESHOLD the body moves ten times
  * as far, and the server corrects cells whose quality falls below. */
 #include <mesh_motion.h>
@@ -40,7 +40,8 @@ static int in_body(const slab *mesh, int64_t i, int64_t j, int64_t k)
     return low <= i && i < high && low <= j && j < high && low <= k && k < high;
 }
 
-/* Cells name nodes by their place in the slab's planes first, and then by their number among those that cells have. */
+/* Cells first refer to nodes by their place in the slab's planes, and later by their number among the nodes that belong
+ * to cells. */
 static void make_cells(slab *mesh, int64_t *number)
 {
     static const int CORNERS[8][3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0},
@@ -228,7 +229,7 @@ int main(int count, char **arguments)
     if (count > 3) {
         write_points(arguments[3], rank, &mesh, answer);
     }
-    MPI_Barrier(MPI_COMM_WORLD); /* CLOSE ends it for all */
+    MPI_Barrier(MPI_COMM_WORLD); /* CLOSE ends the session for all ranks */
     mm_close(session, MM_DISCARD);
     mm_context_free(server);
     free(displacement);

@@ -18,8 +18,9 @@
 !     if (server%failed()) print *, server%error_message()
 !     call server%free()
 !
-! Nodes count from 1 here; the module counts from 0 on the wire. Errors are sticky: the first one stays in the server,
-! and every later call does nothing until clear_error. The arrays of the mesh are copied, so they may be temporaries.
+! Nodes count from 1 here; in messages the module counts them from 0. Errors are sticky: the first one stays in the
+! server, and every later call does nothing until clear_error. The arrays of the mesh are copied, so they may be
+! temporaries.
 module mesh_motion
    use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_associated, c_f_pointer, c_loc, c_char, c_null_char, &
                                           c_int, c_int8_t, c_int32_t, c_int64_t, c_double, c_size_t
@@ -602,8 +603,8 @@ contains
       text = json_of(c_welcome(self%handle), path)
    end function
 
-   ! The sessions behind an id (absent: from the first on), as many as a reply holds; while listed("more") is 1, there are
-   ! others.
+   ! List the sessions behind an id (absent: from the first on), as many as one reply can hold; while listed("more") is
+   ! 1, there are others.
    subroutine server_list(self, after)
       class(mm_server), intent(in) :: self
       character(*), intent(in), optional :: after
@@ -647,7 +648,7 @@ contains
       text = from_c(c_error_hint(self%handle))
    end function
 
-   ! A number of the details: "best", "fraction", "row"; NaN where there is none.
+   ! A number of the details: "best", "fraction", "row"; NaN if the details have no such number.
    function server_error_detail(self, path) result(number)
       class(mm_server), intent(in) :: self
       character(*), intent(in) :: path
@@ -660,7 +661,7 @@ contains
       call c_clear_error(self%handle)
    end subroutine
 
-   ! Free or close its sessions before: this ends the connections.
+   ! End the connections; free or close the server's sessions before.
    subroutine server_free(self)
       class(mm_server), intent(inout) :: self
       call c_context_free(self%handle)
@@ -675,7 +676,7 @@ contains
       self%handle = c_session_new(server%handle)
    end subroutine
 
-   ! Call it before the server is freed.
+   ! Free the session; call it before the server is freed.
    subroutine session_free(self)
       class(mm_session), intent(inout) :: self
       call c_session_free(self%handle)
@@ -752,7 +753,7 @@ contains
       ignored = c_cells(self%handle, ended(type), size(nodes, 2, c_size_t), first_index(self%copies))
    end subroutine
 
-   ! (nodes of the type, cells), in the order of VTK, a wedge in that of Gmsh
+   ! (nodes of the type, cells), in VTK's node order; a wedge in Gmsh's node order
    subroutine session_cells_32(self, type, nodes)
       class(mm_session), intent(inout) :: self
       character(*), intent(in) :: type
@@ -843,7 +844,7 @@ contains
       ignored = c_set_durability(self%handle, ended(durability))
    end subroutine
 
-   ! The side that moves and judges the nodes: "server" or "client"
+   ! The side that moves the nodes and computes the quality: "server" or "client"
    subroutine session_evaluation(self, evaluation)
       class(mm_session), intent(inout) :: self
       character(*), intent(in) :: evaluation
@@ -851,8 +852,8 @@ contains
       ignored = c_set_evaluation(self%handle, ended(evaluation))
    end subroutine
 
-   ! What a move reports in addition, from now on: "faces" for the mesh as a finite-volume code sees it, "headroom" for
-   ! how many more such steps it admits, "swept", or ""
+   ! The additional report of each move from now on: "faces" (the mesh as a finite-volume code sees it), "headroom" (the
+   ! number of further steps of this kind that the mesh admits), "swept", or ""
    subroutine session_report(self, report)
       class(mm_session), intent(inout) :: self
       character(*), intent(in) :: report
@@ -894,7 +895,7 @@ contains
       ignored = c_set_time(self%handle, time)
    end subroutine
 
-   ! The scheme of the velocities that moves are answered with, from now on: "" (none), "tangent", "bdf1", "bdf2" or
+   ! The scheme of the velocities in the answers to moves, from now on: "" (none), "tangent", "bdf1", "bdf2" or
    ! "bossak"
    subroutine session_velocity_scheme(self, scheme)
       class(mm_session), intent(inout) :: self
@@ -911,8 +912,8 @@ contains
       ignored = c_set_boundary_velocity(self%handle, rows_of(self, velocity), velocity)
    end subroutine
 
-   ! The faces that the report "swept" is about, from now on: the nodes (corners, faces) of each, filled up with 0, in
-   ! space anticlockwise as seen from where the normal points to; of an edge in a plane the normal is on its right
+   ! The faces of the report "swept", from now on: nodes (corners, faces) of each face, filled up with 0. In 3D
+   ! anticlockwise as seen from the side that the normal points to; in 2D an edge has its normal on its right
    subroutine session_swept_faces(self, nodes)
       class(mm_session), intent(inout) :: self
       integer, intent(in) :: nodes(:, :)
@@ -923,15 +924,15 @@ contains
       ignored = c_set_swept_faces(self%handle, size(nodes, 2, c_size_t), size(nodes, 1, c_size_t), c_loc(theirs))
    end subroutine
 
-   ! The report "swept" is about all faces of the cells again
+   ! Let the report "swept" contain all faces of the cells again
    subroutine session_all_swept_faces(self)
       class(mm_session), intent(inout) :: self
       integer(c_int) :: ignored
       ignored = c_set_swept_faces(self%handle, 0_c_size_t, 1_c_size_t, c_null_ptr)
    end subroutine
 
-   ! What the headroom counts, from now on: "step", "displacement", multiples of the whole displacement since the mesh as
-   ! it was uploaded, or "velocity", seconds of velocity()
+   ! The unit of the headroom, from now on: "step"; "displacement", multiples of the whole displacement since the
+   ! uploaded mesh; or "velocity", seconds of velocity()
    subroutine session_headroom_along(self, way)
       class(mm_session), intent(inout) :: self
       character(*), intent(in) :: way
@@ -939,7 +940,7 @@ contains
       ignored = c_set_headroom_along(self%handle, ended(way))
    end subroutine
 
-   ! Of the last move: velocities (dimension, nodes) of all nodes; without any if no scheme was set
+   ! Velocities (dimension, nodes) of all nodes in the last move; empty if no scheme was set
    function session_velocity(self) result(velocity)
       class(mm_session), intent(in) :: self
       real(c_double), allocatable :: velocity(:, :)
@@ -954,7 +955,8 @@ contains
       end if
    end function
 
-   ! Of the last move, with the report "swept": volumes that the swept faces sweep; those of the cells outwards
+   ! Volumes that the swept faces sweep in the last move, with the report "swept"; for the faces of cells, positive
+   ! outwards
    function session_swept(self) result(swept)
       class(mm_session), intent(in) :: self
       real(c_double), allocatable :: swept(:)
@@ -1049,7 +1051,8 @@ contains
 
    ! --- a time step --------------------------------------------------------------------------------------------------
 
-   ! (dimension, moving nodes) in, (dimension, nodes) out; totals since the uploaded mesh unless frame is given
+   ! In: displacement (dimension, moving nodes). Out: displacement (dimension, nodes). Totals since the uploaded mesh
+   ! unless frame is given
    subroutine session_move(self, displacement, answer, frame)
       class(mm_session), intent(inout) :: self
       real(c_double), intent(in), contiguous :: displacement(:, :)
@@ -1061,8 +1064,8 @@ contains
       ignored = c_move(self%handle, since, rows_of(self, displacement), displacement, rows_of(self, answer), answer)
    end subroutine
 
-   ! Velocities (dimension, moving nodes) in, those of all nodes (dimension, nodes) out; several vectors at once:
-   ! (dimension, vectors, …). At the open trial, or at the committed state; nothing changes.
+   ! In: velocities (dimension, moving nodes) of the moving nodes. Out: velocities (dimension, nodes) of all nodes.
+   ! Several vectors at once: (dimension, vectors, …). At the open trial, or at the committed state; nothing changes.
    subroutine tangent_one(self, velocity, answer)
       class(mm_session), intent(inout) :: self
       real(c_double), intent(in), contiguous :: velocity(:, :)
@@ -1080,8 +1083,8 @@ contains
                           velocity, rows_of_all(self, answer, size(velocity, 2)), answer)
    end subroutine
 
-   ! Weights (dimension, nodes) in, the derivative of an objective by the positions of all nodes; that by the positions
-   ! of the moving nodes (dimension, moving nodes) out.
+   ! In: weights (dimension, nodes), the derivative of an objective by the positions of all nodes. Out: its derivative
+   ! by the positions of the moving nodes (dimension, moving nodes).
    subroutine cotangent_one(self, weights, answer)
       class(mm_session), intent(inout) :: self
       real(c_double), intent(in), contiguous :: weights(:, :)
@@ -1099,7 +1102,7 @@ contains
                             weights, rows_of_all(self, answer, size(weights, 2)), answer)
    end subroutine
 
-   ! The same of so many vectors.
+   ! The C call for the given number of vectors.
    function rows_of_all(self, array, vectors) result(rows)
       type(mm_session), intent(in) :: self
       real(c_double), intent(in) :: array(:, :, :)
@@ -1109,7 +1112,7 @@ contains
       if (size(array, 1) /= c_dimension(self%handle) .or. size(array, 2) /= vectors) rows = huge(rows)
    end function
 
-   ! Rows as the C library counts them; an array of another dimension has a number that it refuses.
+   ! Number of rows for the C library; for an array of another dimension, a number that the library refuses.
    function rows_of(self, array) result(rows)
       type(mm_session), intent(in) :: self
       real(c_double), intent(in) :: array(:, :)
@@ -1130,7 +1133,7 @@ contains
       ignored = c_rollback(self%handle)
    end subroutine
 
-   ! (dimension, nodes): committed coordinates, or those of the mesh as it was uploaded
+   ! (dimension, nodes) coordinates of the committed or of the uploaded mesh
    subroutine session_fetch(self, points, which)
       class(mm_session), intent(inout) :: self
       real(c_double), intent(inout), contiguous :: points(:, :)
@@ -1222,8 +1225,8 @@ contains
       end select
    end function
 
-   ! A value of the last reply of that kind, by path: number(mm_committed, "quality.metric.min"); NaN where there is none.
-   ! The indices in a path count from 0, as SPEC.md counts.
+   ! A value of the last reply of that kind, by path: number(mm_committed, "quality.metric.min"); NaN if the reply has
+   ! no such value. The indices in a path count from 0, as in SPEC.md.
    function session_number(self, which, path) result(number)
       class(mm_session), intent(in) :: self
       integer, intent(in) :: which

@@ -45,9 +45,9 @@ extern "C" {
 
 typedef struct mm_context mm_context; /* a server, and the error */
 typedef struct mm_session mm_session; /* one partition's part of one mesh on it */
-typedef struct mm_report mm_report;   /* what the server reported: numbers and texts by path; NULL is an empty one */
+typedef struct mm_report mm_report;   /* a report of the server: numbers and texts by path; NULL is an empty report */
 
-/* What a call returns: MM_OK or the error's canonical name, numbered as in gRPC. mm_error_code has the details. */
+/* Result of a call: MM_OK or the error's canonical name, numbered as in gRPC. mm_error_code has the details. */
 typedef enum {
     MM_OK = 0,
     MM_INVALID_ARGUMENT = 3,
@@ -72,13 +72,14 @@ MM_API mm_context *mm_context_new(void);
 MM_API void mm_context_free(mm_context *context);
 /* Time-outs in seconds: of small requests (60), and of build, move, commit, rollback and resume (1800). */
 MM_API mm_result mm_set_timeouts(mm_context *context, double seconds, double compute_seconds);
-/* The library calls it once, with one line, when no server answers, and the call continues to wait: after some two
- * seconds, or after ten where a session is opened or resumed. It must not call the library with this context. Without
- * mm_set_warning the line goes to standard error; with NULL there is no line. */
+/* The library calls this function once, with one line, when no server answers, and then continues to wait: after some
+ * two seconds, or after ten when a session is opened or resumed. The function must not call the library with this
+ * context. Without mm_set_warning the line goes to standard error; with NULL there is no line. */
 typedef void (*mm_warning)(void *data, const char *line);
 MM_API mm_result mm_set_warning(mm_context *context, mm_warning warning, void *data);
-/* For a server that needs keys: the files that `mesh-motion keys` wrote, the client's .secret and the server's
- * .public (or that key itself, 40 characters). Without this call MESH_MOTION_KEY and MESH_MOTION_SERVER_KEY name them.
+/* Set the keys for a server that needs keys: the files that `mesh-motion keys` wrote, the client's .secret and the
+ * server's .public (or the server's key itself, 40 characters). Without this call MESH_MOTION_KEY and
+ * MESH_MOTION_SERVER_KEY name the files.
  */
 MM_API mm_result mm_set_keys(mm_context *context, const char *secret_file, const char *server_key);
 /* tcp://HOST:PORT or ipc:///path. Waits until the server answers. */
@@ -87,7 +88,7 @@ MM_API mm_result mm_ping(mm_context *context);
 /* WELCOME: version.0, server, limits.max_sessions, durability.0 … */
 MM_API const mm_report *mm_welcome(const mm_context *context);
 /* The server's sessions that this key may see, in the order of their ids: those behind after (NULL: from the first on),
- * as many as a reply holds. While more is 1, mm_list(context, the last id) has the next ones.
+ * as many as one reply can hold. While more is 1, mm_list(context, the last id) has the next ones.
  */
 MM_API mm_result mm_list(mm_context *context, const char *after);
 /* LISTED: sessions.0.session, .label, .state, .step, .partitions, .worker; more */
@@ -134,7 +135,8 @@ MM_API mm_result mm_set_label(mm_session *session, const char *label);
 /* What mm_commit waits for: "full", "replay" or "relaxed" (SPEC.md, section 21), of those that WELCOME names. With
  * "relaxed" steps behind mm_durable_step may be lost; the next call then says ABORTED.STEPS_LOST. */
 MM_API mm_result mm_set_durability(mm_session *session, const char *durability);
-/* The number of this partition, and how many there are (0 and 1). A partition is a rank of a parallel driver. */
+/* The number of this partition, and the number of partitions (default 0 and 1). A partition is a rank of a parallel
+ * driver. */
 MM_API mm_result mm_set_partition(mm_session *session, int partition, int partitions);
 
 /* The side that evaluates the motion at the nodes: "server" or "client" (SPEC.md, section 23). With "client" the server
@@ -146,9 +148,9 @@ MM_API mm_result mm_set_evaluation(mm_session *session, const char *evaluation);
 
 /* --- opening ----------------------------------------------------------------------------------------------------- */
 
-/* A new session, joined. With several partitions one of them opens; its id and token go to the others … */
+/* Open a new session and join it. With several partitions one of them opens; its id and token go to the others … */
 MM_API mm_result mm_open(mm_session *session);
-/* … which join by them. Also for a session that another partition has resumed. */
+/* … which join the session with them. Also for a session that another partition has resumed. */
 MM_API mm_result mm_join(mm_session *session);
 /* Uploads the mesh (or this partition's part) and waits until the whole is checked and durable. Then the
  * library forgets the mesh: to open the session again, call mm_points and the calls after it again. */
@@ -162,7 +164,7 @@ MM_API mm_result mm_resume(mm_session *session);
 MM_API const char *mm_id(const mm_session *session);
 MM_API const uint8_t *mm_token(const mm_session *session);
 MM_API mm_result mm_set_credentials(mm_session *session, const char *id, const uint8_t token[MM_TOKEN_BYTES]);
-/* The same in a file of mode 0600, as the Python client writes and reads it. */
+/* Save and load the credentials in a file of mode 0600, in the format of the Python client. */
 MM_API mm_result mm_save_credentials(mm_session *session, const char *path);
 MM_API mm_result mm_load_credentials(mm_session *session, const char *path);
 
@@ -174,40 +176,40 @@ typedef enum { MM_SINCE_COMMITTED, MM_SINCE_REFERENCE } mm_frame;
 typedef enum { MM_KEEP, MM_DISCARD } mm_outcome;
 
 /* One coupling iteration: `moving` rows for the moving nodes (in the order of mm_moving_nodes) in, `nodes` rows for all
- * nodes out. Each starts from the committed state; nothing is final. MM_FAILED_PRECONDITION, code
- * FAILED_PRECONDITION.QUALITY: there is no acceptable mesh; the session is as before. */
+ * nodes out. Each iteration starts from the committed state; nothing is final. MM_FAILED_PRECONDITION, code
+ * FAILED_PRECONDITION.QUALITY: there is no acceptable mesh; the session does not change. */
 MM_API mm_result mm_move(mm_session *session, mm_frame frame, size_t moving, const double *displacement, size_t nodes,
                          double *answer);
 /* The derivative of the motion by the positions of the moving nodes, at the open trial, or at the committed state if
- * there is none (SPEC.md, section 24). Both change nothing. `vectors` at once: a row has mm_dimension numbers of the
- * first one, then those of the next. MM_FAILED_PRECONDITION: the method or this mesh has no derivative.
- * Velocities of the moving nodes in, velocities of all nodes out: */
+ * there is none (SPEC.md, section 24). Both change nothing. `vectors` is the number of vectors in one call: a row has
+ * mm_dimension numbers of the first vector, then those of the next. MM_FAILED_PRECONDITION: the method or this mesh has
+ * no derivative. Velocities of the moving nodes in, velocities of all nodes out: */
 MM_API mm_result mm_tangent(mm_session *session, size_t vectors, size_t moving, const double *velocity, size_t nodes,
                             double *answer);
-/* Weights of all nodes in, the derivative of an objective by their positions; weights of the moving nodes out. */
+/* In: weights of all nodes, the derivative of an objective by their positions. Out: weights of the moving nodes. */
 MM_API mm_result mm_cotangent(mm_session *session, size_t vectors, size_t nodes, const double *weights, size_t moving,
                               double *answer);
-/* What a move reports in addition to the quality, from now on: "", "faces", the mesh as a finite-volume code sees it,
- * "headroom", how many more such steps it admits (SPEC.md, section 15), or "swept" for mm_swept. It takes time: set it
- * for the move that is committed, then set "" again. mm_moved then has `faces.after.max_non_orthogonality` …, and with
- * both "headroom" and "faces" `headroom.inversion`, `headroom.threshold`: left out (NaN) if that takes more than 100. */
+/* The additional report of each move from now on: ""; "faces", face measures of a finite-volume code; "headroom", the
+ * number of further steps of this kind that the mesh admits (SPEC.md, section 15); or "swept" for mm_swept. It takes
+ * time: set it for the move that is committed, then set "" again. mm_moved then has `faces.after.max_non_orthogonality`
+ * …, and with both "headroom" and "faces" `headroom.inversion`, `headroom.threshold`: left out (NaN) above 100. */
 MM_API mm_result mm_set_report(mm_session *session, const char *report);
-/* What the headroom counts, from now on: "step", "displacement", multiples of the whole displacement since the mesh as
- * uploaded, or "velocity", seconds of mm_velocity (docs/watching.md). */
+/* The unit of the headroom, from now on: "step"; "displacement", multiples of the whole displacement since the uploaded
+ * mesh; or "velocity", seconds of mm_velocity (docs/watching.md). */
 MM_API mm_result mm_set_headroom_along(mm_session *session, const char *way);
 /* Seconds after which the server gives up computing a move, from now on; 0: never. The move is then refused with
- * MM_DEADLINE_EXCEEDED, and the session is as before. */
+ * MM_DEADLINE_EXCEEDED, and the session does not change. */
 MM_API mm_result mm_set_compute_limit(mm_session *session, double seconds);
 /* The last step of the run, which each commit sends from now on; 0: unknown. With it the monitor estimates when the run
  * ends. Call it again when the last step changes. */
 MM_API mm_result mm_set_final_step(mm_session *session, int64_t step);
 /* The last move becomes the committed state, durably, and the time step ends. */
 MM_API mm_result mm_commit(mm_session *session);
-/* The moves of this time step are forgotten. */
+/* Drop the moves of this time step. */
 MM_API mm_result mm_rollback(mm_session *session);
 /* Coordinates of all nodes: committed, or of the mesh as it was uploaded. */
 MM_API mm_result mm_fetch(mm_session *session, mm_frame which, size_t nodes, double *points);
-/* Asks the server; mm_state, mm_durable_step and mm_status_report then have the answer. */
+/* Ask the server for the session's status; mm_state, mm_durable_step and mm_status_report then have the answer. */
 MM_API mm_result mm_status(mm_session *session);
 /* MM_KEEP leaves the session stored and resumable, MM_DISCARD deletes it. Doing it twice is no error. */
 MM_API mm_result mm_close(mm_session *session, mm_outcome outcome);
@@ -217,7 +219,7 @@ MM_API size_t mm_node_count(const mm_session *session);
 /* The nodes whose displacement mm_move takes, ascending; valid until mm_open, mm_join or mm_resume. */
 MM_API const int64_t *mm_moving_nodes(const mm_session *session, size_t *count);
 MM_API int64_t mm_step(const mm_session *session);          /* last committed step; 0: as uploaded */
-MM_API int64_t mm_durable_step(const mm_session *session);  /* what survives the end of the machine */
+MM_API int64_t mm_durable_step(const mm_session *session);  /* the step that survives a crash of the machine */
 MM_API int64_t mm_iteration(const mm_session *session);     /* moves of the step under way */
 MM_API const char *mm_state(const mm_session *session);     /* of the last reply: READY, TRIAL … */
 MM_API const uint8_t *mm_digest(const mm_session *session); /* 32 bytes: SHA-256 of the committed state */
@@ -227,21 +229,22 @@ MM_API mm_result mm_set_time_levels(mm_session *session, double start, const cha
 /* The time at the end of the step under way, for its moves and its commit; set it again for each step. A commit at
  * another time than that of its last move is refused. */
 MM_API mm_result mm_set_time(mm_session *session, double time);
-/* The scheme of the velocities that moves are answered with, from now on: "" (none), "tangent", "bdf1", "bdf2" or
+/* The scheme of the velocities in the answers to moves, from now on: "" (none), "tangent", "bdf1", "bdf2" or
  * "bossak". */
 MM_API mm_result mm_set_velocity(mm_session *session, const char *scheme);
 /* With the scheme "tangent", and before its moves: `moving` rows, the velocities of the moving nodes. They are copied. */
 MM_API mm_result mm_set_boundary_velocity(mm_session *session, size_t moving, const double *velocity);
-/* Of the last move: `count` rows of mm_dimension components, the velocities of all nodes. NULL if none was asked for. */
+/* Velocities of all nodes in the last move: `count` rows of mm_dimension components. NULL if none was requested. */
 MM_API const double *mm_velocity(const mm_session *session, size_t *count);
-/* The faces that the report "swept" is about, from now on: `faces` rows of the `corners` nodes of each, filled up with
- * -1, in space anticlockwise as seen from where the normal points to; of an edge in a plane the normal is on its right.
+/* The faces of the report "swept", from now on: `faces` rows with the `corners` nodes of each face, filled up with -1.
+ * In 3D anticlockwise as seen from the side that the normal points to; in 2D an edge has its normal on its right.
  * They are copied. NULL: all faces of the cells, as without this call. */
 MM_API mm_result mm_set_swept_faces(mm_session *session, size_t faces, size_t corners, const int64_t *nodes);
-/* Of the last move, with mm_set_report "swept": `count` volumes that these faces sweep; of the faces of the cells
- * outwards, cell after cell, in the order of section 25. NULL if none was asked for. */
+/* Volumes that the faces sweep in the last move, with mm_set_report "swept": `count` numbers. Without given faces they
+ * are those of the cells' faces, positive outwards, cell after cell, in the order of section 25. NULL if none was
+ * requested. */
 MM_API const double *mm_swept(const mm_session *session, size_t *count);
-/* Where the last move added enrichment functions: `count` rows of mm_dimension coordinates. */
+/* Points at which the last move added enrichment functions: `count` rows of mm_dimension coordinates. */
 MM_API const double *mm_enrichment_points(const mm_session *session, size_t *count);
 
 /* --- reports ----------------------------------------------------------------------------------------------------- */
@@ -252,13 +255,13 @@ MM_API const mm_report *mm_moved(const mm_session *session);     /* quality, cor
 MM_API const mm_report *mm_committed(const mm_session *session); /* quality, durable_step */
 MM_API const mm_report *mm_status_report(const mm_session *session);
 
-/* By path: keys and indices with dots, as "quality.corrected.metric.min" or "quality.corrected.worst.0.cell". */
-MM_API double mm_report_number(const mm_report *report, const char *path); /* NaN where there is none */
+/* Values by path: keys and indices with dots, as "quality.corrected.metric.min" or "quality.corrected.worst.0.cell". */
+MM_API double mm_report_number(const mm_report *report, const char *path); /* NaN without a number at the path */
 MM_API int64_t mm_report_integer(const mm_report *report, const char *path, int64_t otherwise);
 MM_API size_t mm_report_count(const mm_report *report, const char *path); /* items of an array or map */
 /* Text, cut to the buffer and always ended. Returns its whole length. */
 MM_API size_t mm_report_text(const mm_report *report, const char *path, char *buffer, size_t size);
-/* Anything as JSON, "" for all of it. Returns the length that it has, as snprintf does. */
+/* The value at a path as JSON; path "" for the whole report. Returns the length of the text, as snprintf does. */
 MM_API size_t mm_report_json(const mm_report *report, const char *path, char *buffer, size_t size);
 
 #ifdef __cplusplus

@@ -9,8 +9,8 @@
 //     session.commit();                          // once per time step
 //     session.close();
 //
-// Header only; links mesh_motion. A Server and its Sessions are used by one thread at a time. mesh_motion.h says what
-// the calls do; an error is thrown, and the sticky error of the C library is cleared with it.
+// Header only; links mesh_motion. A Server and its Sessions are used by one thread at a time. mesh_motion.h describes
+// the calls; a failed call throws its error and clears the sticky error of the C library.
 #ifndef MESH_MOTION_HPP
 #define MESH_MOTION_HPP
 

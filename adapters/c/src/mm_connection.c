@@ -224,7 +224,7 @@ static outcome read_key(mm_context *context, const char *path, const char *kind,
                         "%s: a secret key must be readable by its owner alone, got mode %04o", path,
                         (unsigned)status.st_mode & 07777u);
     }
-    /* 41: so that a longer word is seen */
+    /* 41: so that a longer word is detected */
     char found[KEY_CHARACTERS + 2];
     if (sscanf(text, "%31s %41s %79s", word, found, name) != 3 || strcmp(word, kind) != 0
         || strlen(found) != KEY_CHARACTERS) {

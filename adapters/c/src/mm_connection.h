@@ -24,13 +24,13 @@ typedef struct {
 mm_result mmi_keys_of_environment(mm_context *context);
 outcome mmi_connect_to(mm_context *context, connection *connection, const char *endpoint);
 void mmi_disconnect(connection *connection);
-/* For a forked child: it has the parent's sockets, but not the threads that serve them, and to close one would disturb
+/* For a forked child: it has the parent's sockets but not their threads, and closing a socket would disturb
  * the parent. */
 void mmi_abandon(connection *connection);
 /* LOST if the connection has ended since the last call. */
 outcome mmi_check_connected(mm_context *context, connection *connection);
 int mmi_is_readable(void *socket);
-/* 0, or -1 where libzmq takes no more. Large frames are lent, not copied. */
+/* 0, or -1 if libzmq accepts no more frames. Large frames are lent, not copied. */
 int mmi_send_frame(connection *connection, const uint8_t *bytes, size_t size, int more);
 /* Wait until libzmq has read all lent frames. Without it the caller could not free the arrays of a request. */
 void mmi_take_back_arrays(connection *connection);

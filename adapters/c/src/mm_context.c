@@ -1,4 +1,4 @@
-/* The context: its error, what every call begins with, and the calls that need a server only. See mesh_motion.h. */
+/* The context: its error, the beginning of every call, and the calls that need only a server. See mesh_motion.h. */
 #define _POSIX_C_SOURCE 200809L
 
 #include "mm_context.h"
@@ -144,7 +144,7 @@ mm_result mmi_invalid(mm_context *context, const char *message, const char *got)
     return context->error;
 }
 
-/* Only used where standard error is open: otherwise the program may have given its descriptor to another file. */
+/* Only used if standard error is open: otherwise the program may use its descriptor for another file. */
 static void warn_on_standard_error(void *unused, const char *line)
 {
     (void)unused;
@@ -202,7 +202,7 @@ mm_result mm_set_warning(mm_context *context, mm_warning warning, void *data)
 mm_result mm_set_timeouts(mm_context *context, double seconds, double compute_seconds)
 {
     BEGIN(context);
-    /* libzmq counts milliseconds in a long; and every call must end */
+    /* libzmq stores milliseconds in a long; and every call must end */
     if (!(seconds > 0.0 && seconds < 1e6 && compute_seconds > 0.0 && compute_seconds < 1e6)) {
         mmi_fail(context, "INVALID_ARGUMENT", "", "time-outs must be above 0 and below 1e6 s, got %g and %g", seconds,
                  compute_seconds);

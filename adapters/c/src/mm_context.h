@@ -17,12 +17,12 @@ struct mm_context {
     mm_result error;
     problem problem;
     void *zmq;
-    unsigned monitors; /* so many were made: their inproc addresses differ */
-    pid_t process;     /* the one that made it: no other one may use its sockets */
+    unsigned monitors; /* number of monitors made so far; it makes their inproc addresses different */
+    pid_t process;     /* the process that made the context: no other process may use its sockets */
     mm_warning warning;
     void *warned;                 /* the first argument of warning */
-    int is_silent;                /* a warning has said so */
-    double asked_at, waits_until; /* the latest request to the control endpoint; the end of the call that waits */
+    int is_silent;                /* no server answers, and a warning was given */
+    double asked_at, waits_until; /* time of the latest request to the control endpoint; limit of the waiting call */
     double timeout, compute_timeout;
     char secret_key[KEY_CHARACTERS + 1], public_key[KEY_CHARACTERS + 1], server_key[KEY_CHARACTERS + 1];
     char endpoint[ENDPOINT_BYTES];
@@ -41,7 +41,7 @@ outcome mmi_no_memory(mm_context *context);
 /* INVALID_ARGUMENT; `message` has one %s for `got`. */
 mm_result mmi_invalid(mm_context *context, const char *message, const char *got);
 outcome mmi_check_has_server(mm_context *context);
-/* Room for one more item of `size` bytes in a table that doubles. NULL, and the error is set, without memory. */
+/* Room for one more item of `size` bytes in a table that doubles. Without memory it returns NULL and sets the error. */
 void *mmi_one_more(mm_context *context, void *table, size_t count, size_t *capacity, size_t size);
 
 /* --- time -------------------------------------------------------------------------------------------------------- */

@@ -1,4 +1,4 @@
-/* Evaluation by the client (SPEC.md, section 23): this process moves and judges the nodes and cells. */
+/* Evaluation by the client (SPEC.md, section 23): this process moves its nodes and computes their quality. */
 #include "mm_evaluation.h"
 #include "mm_mesh.h"
 
@@ -31,7 +31,7 @@ void mmi_forget_accepted(mm_session *session)
     free_freed(&session->trial_freed);
 }
 
-/* Send a request with arrays of its own, and keep it for a lost trial if its reply `is_accepted`. */
+/* Send a request that owns its arrays, and keep it for a lost trial if its reply `is_accepted`. */
 static outcome deliver_own(mm_session *session, request *made, int (*is_accepted)(const mm_report *), answer *got)
 {
     request sent = *made; /* mmi_deliver frees the fields of its request */
@@ -143,7 +143,7 @@ static outcome gather_rows(mm_session *session, block *part)
     return DONE;
 }
 
-/* Add rows of 8 bytes an item, for the caller to fill; NULL after an error. */
+/* Add rows with 8 bytes for each item, which the caller fills; NULL after an error. */
 static void *add_rows(mm_session *session, const char *item, const char *name, size_t rows, size_t columns)
 {
     void *data = malloc(rows * columns * 8 + 1);
@@ -221,7 +221,7 @@ static outcome copy_array(mm_context *context, const answer *from, const char *n
     return DONE;
 }
 
-/* Add the uploaded nodes behind the first `had`. */
+/* Add the uploaded nodes after the first `had`. */
 static outcome add_nodes(mm_session *session, size_t had)
 {
     size_t count, d = (size_t)session->dimension;
@@ -486,7 +486,7 @@ typedef struct {
     int64_t rings;
 } extent;
 
-/* Read the region that a reply asks for. Returns 0 where it asks for none. */
+/* Read the region that a reply asks for. Returns 0 if it asks for none. */
 static int read_extent(const mm_report *report, extent *to)
 {
     mm_report_text(report, "region.metric", to->metric, sizeof to->metric);
@@ -495,7 +495,7 @@ static int read_extent(const mm_report *report, extent *to)
     return !isnan(to->below);
 }
 
-/* Judge the cells with the nodes displaced, and answer with JUDGE until the server has no further questions. */
+/* Compute the quality of the cells with the nodes displaced, and send JUDGE until the server has no more questions. */
 static outcome judge_trial(mm_session *session, const char *metric, const double *displacement, extent *region,
                            int *is_bad)
 {
@@ -604,7 +604,7 @@ static outcome make_correct(mm_session *session, const char *what, const extent 
     return DONE;
 }
 
-/* Keep which nodes of a region the server does not know. */
+/* Store the nodes of a region that the server does not know. */
 static outcome keep_sent(mm_session *session, const mesh_motion_region *region, freed *to)
 {
     free(to->sent);
@@ -681,7 +681,7 @@ static outcome correct(mm_session *session, const char *what, const double *know
     return how;
 }
 
-/* Write the displacement of the freed nodes of this partition, added to base (nodes, dimension) where there is one. */
+/* Write the displacement of the freed nodes of this partition, added to base (nodes, dimension) if it is given. */
 static void put_freed(const mm_session *session, const freed *found, const double *base, double *to)
 {
     size_t d = (size_t)session->dimension;
@@ -749,7 +749,7 @@ outcome mmi_take_points(mm_session *session, const answer *fetched, double *poin
     return how;
 }
 
-/* Know which nodes were uploaded besides those of the boundary, in which order. */
+/* Find the nodes that were uploaded in addition to those of the boundary, and their order. */
 static outcome know_uploaded(mm_session *session, const answer *fetched)
 {
     const mmi_array *array = mmi_find_array(&fetched->reply, "nodes");
@@ -819,7 +819,7 @@ outcome mmi_know_correction(mm_session *session)
     return result == MM_OK ? DONE : FAILED;
 }
 
-/* Copy rows of d numbers, which are `from_step` and `to_step` numbers apart. */
+/* Copy rows of d numbers; the distances between rows are `from_step` and `to_step` numbers. */
 static void copy_rows(double *to, size_t to_step, const double *from, size_t from_step, size_t rows, size_t d)
 {
     for (size_t i = 0; i < rows; ++i) {

@@ -181,7 +181,7 @@ static outcome check_mesh(mm_session *session)
     return DONE;
 }
 
-/* Continue where the last call ended: the first UPLOAD is the one that was given up unanswered. */
+/* Continue after the end of the last call: the first UPLOAD is the one that was given up without an answer. */
 static outcome upload(mm_session *session)
 {
     outcome how = DONE;
@@ -272,7 +272,7 @@ mm_result mm_build(mm_session *session)
     BEGIN_SESSION(session);
     mm_context *context = session->context;
     if (mmi_check_joined(session) == DONE && session->moving) {
-        /* checked here, not by the server: a refused mesh is discarded below, but this one is in use */
+        /* checked here, not by the server: a refused session is discarded below, but this session is in use */
         mmi_fail(context, "FAILED_PRECONDITION.STATE", "", "the session is built already");
     }
     if (context->error || check_mesh(session) != DONE) {

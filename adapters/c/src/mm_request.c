@@ -20,10 +20,10 @@
 #include <unistd.h>
 #include <zmq.h>
 
-#define ATTEMPTS 5            /* one request is sent over so many connections at most */
-#define WATCH_SECONDS 1.0     /* after so long without a message the client asks PROBE */
-#define SILENT_SECONDS 1.5    /* after so long without any answer a warning says so … */
-#define STARTING_SECONDS 10.0 /* … or after so long where a worker has to start */
+#define ATTEMPTS 5            /* one request is sent over at most this number of connections */
+#define WATCH_SECONDS 1.0     /* after this time without a message the client sends PROBE */
+#define SILENT_SECONDS 1.5    /* after this time without any answer a warning is given … */
+#define STARTING_SECONDS 10.0 /* … or after this time if a worker has to start */
 #define UNKNOWN_NODES ((size_t)1 << 31)
 
 /* --- requests ----------------------------------------------------------------------------------------------------- */
@@ -118,7 +118,7 @@ static uint64_t hashed(uint64_t hash, const void *data, size_t size)
     return hash;
 }
 
-/* FNV-1a over all that a request consists of: the caller may have changed the arrays since the last attempt. */
+/* FNV-1a over all parts of a request: the caller may have changed the arrays since the last attempt. */
 static uint64_t content_of(const request *request)
 {
     uint64_t hash = UINT64_C(14695981039346656037);
@@ -165,7 +165,7 @@ int mmi_is_unknown(const mm_context *context)
     return context->error == MM_DEADLINE_EXCEEDED || context->error == MM_UNAVAILABLE || context->error == MM_INTERNAL;
 }
 
-/* So that the caller may repeat the call. */
+/* Keep the request, so that the caller may repeat the call. */
 static void remember_unanswered(mm_context *context, unanswered *kept, const request *request)
 {
     if (is_kept(request) && (mmi_is_unknown(context) || mm_error_is(context, "RESOURCE_EXHAUSTED.MEMORY"))) {
@@ -286,8 +286,8 @@ static int make_room(answer *to, size_t frames)
     return to->frames && to->sizes;
 }
 
-/* The most frames of a reply to this session: frame 0, and arrays with at most three numbers a node. The mesh is taken
- * for large before JOINED names its size, and where the reply may carry a field. */
+/* The most frames of a reply to this session: frame 0, and arrays with at most three numbers a node. The mesh is
+ * assumed to be large before JOINED gives its size, and if the reply may carry a field. */
 static size_t most_frames(const mm_session *session)
 {
     size_t nodes = session ? session->nodes && !session->evaluates ? session->nodes : UNKNOWN_NODES : 0;
@@ -367,7 +367,7 @@ static outcome wait_for_message(mm_context *context, connection *connection, con
         }
         outcome how = mmi_check_connected(context, connection);
         if (how == DONE && mmi_seconds_left(deadline) == 0.0) {
-            mmi_disconnect(connection); /* it may be dead without an event */
+            mmi_disconnect(connection); /* the connection may be dead without an event */
             how = mmi_fail(context, "DEADLINE_EXCEEDED", "the same call may be made again: it is done once",
                            "no answer to %s from %s within the time allowed", request->type, connection->endpoint);
         }
@@ -381,7 +381,7 @@ static outcome wait_for_message(mm_context *context, connection *connection, con
     return DONE;
 }
 
-/* Check the reply to this request, and set the error that it carries. */
+/* Check the reply to this request, and set its error, if any. */
 static outcome judge(mm_context *context, connection *connection, const request *request, answer *got)
 {
     const char *wrong = mmi_read_body(&got->reply, got->sizes, got->count);

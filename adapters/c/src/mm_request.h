@@ -10,7 +10,7 @@
 #define NAME_BYTES 257    /* the limit of SPEC.md for names and labels, and the zero byte */
 #define MOST_ARRAYS 4     /* of one request, CORRECT */
 #define PROBE_SECONDS 2.0 /* for a PROBE while a request is computed; if only the control endpoint is silent, go on */
-#define PAUSE_SECONDS 0.2 /* between two attempts while the server cannot answer */
+#define PAUSE_SECONDS 0.2 /* pause between two attempts while the server cannot answer */
 
 /* Numbered requests: one line for the control endpoint, one for each session. */
 typedef struct {
@@ -38,9 +38,9 @@ typedef struct {
     const char *type, *reply;
     int64_t sequence, epoch; /* epoch: -1 where the request has none */
     const uint8_t *client;
-    mmi_writer fields; /* all but the epoch, which may differ in a repeated request */
+    mmi_writer fields; /* all parts except the epoch, which may differ in a repeated request */
     size_t field_count;
-    block arrays[MOST_ARRAYS]; /* item = its name; NULL: no more */
+    block arrays[MOST_ARRAYS]; /* item = its name; NULL: end of the list */
 } request;
 
 typedef struct {
@@ -80,12 +80,12 @@ int mmi_is_unknown(const mm_context *context);
 
 /* --- the control endpoint ---------------------------------------------------------------------------------------- */
 
-/* Repeat the request until it is answered or the time is over, and free it. `opening` remembers an unanswered one; NULL
- * for a request whose reply the server does not keep. */
+/* Send the request repeatedly until it is answered or the time is over, and free it. `opening` remembers an unanswered
+ * one; NULL for a request whose reply the server does not keep. */
 outcome mmi_ask(mm_context *context, unanswered *opening, request *request, double seconds, answer *got);
 outcome mmi_probe(mm_session *session, double seconds, answer *got);
 outcome mmi_resume(mm_session *session, double seconds, answer *got);
-/* The worker's endpoint. A host that stands for all addresses is replaced by the host of the control endpoint
+/* The worker's endpoint. A host that means all addresses is replaced by the host of the control endpoint
  * (SPEC 2.3). */
 void mmi_data_endpoint(const mm_context *context, const answer *from, char *to, size_t size);
 
@@ -93,7 +93,8 @@ void mmi_data_endpoint(const mm_context *context, const answer *from, char *to, 
 
 /* Connect to the worker and prove the right to the session. The caller frees `got`. */
 outcome mmi_join_worker(mm_session *session, const char *endpoint, int64_t epoch, double seconds, answer *got);
-/* Take over the step of the server. With durability "relaxed" it may be lower than before a restart (SPEC 21.5). */
+/* Set the session's step to that of the server. With durability "relaxed" it may be lower than before a restart (SPEC
+ * 21.5). */
 outcome mmi_take_step(mm_session *session, int64_t step);
 /* Send a request until it is answered, and free it. A request that was given up unanswered keeps its number. */
 outcome mmi_deliver(mm_session *session, request *request, double seconds, answer *got);

@@ -451,7 +451,7 @@ mm_result mm_save_credentials(mm_session *session, const char *path)
         used += snprintf(text + used, sizeof text - (size_t)used, "%02x", session->token[i]);
     }
     used += snprintf(text + used, sizeof text - (size_t)used, "\"}\n");
-    /* written to another file first: a file that is cut short would lose the session */
+    /* written to another file first: with a truncated file the session would be lost */
     int length = path ? snprintf(part, sizeof part, "%s.part", path) : -1;
     if (length < 0 || (size_t)length >= sizeof part) {
         return mmi_invalid(session->context, "the credentials need a path%s", "");
@@ -502,7 +502,7 @@ mm_result mm_close(mm_session *session, mm_outcome outcome_wanted)
     request close = mmi_session_request(session, "CLOSE", "CLOSED");
     mmi_add_text(&close, "outcome", outcome_wanted == MM_DISCARD ? "discard" : "keep");
     outcome how = mmi_deliver(session, &close, session->context->timeout, &closed);
-    /* another client has it, or it is deleted already: nothing is left to close */
+    /* another client has the session, or it is deleted already: nothing is left to close */
     if (how != DONE
         && (mm_error_is(session->context, "ABORTED.FENCED")
             || (outcome_wanted == MM_DISCARD && mm_error_is(session->context, "NOT_FOUND")))) {

@@ -4,9 +4,9 @@
 
 #include "mm_context.h"
 
-/* A worker that dies during the upload leaves nothing to resume: the session is opened so many times. */
+/* If a worker dies during the upload, nothing can be resumed: the session is opened at most this number of times. */
 #define OPEN_ATTEMPTS 3
-#define MOST_ACCEPTED 3 /* of one trial: JUDGE, CORRECT, JUDGE */
+#define MOST_ACCEPTED 3 /* requests of one trial: JUDGE, CORRECT, JUDGE */
 
 typedef struct {
     char key[64], text[64];
@@ -15,8 +15,8 @@ typedef struct {
     double number;
 } setting;
 
-/* How a step was corrected: the nodes that this has moved, as numbered here, and their displacement from the reference
- * mesh; and the nodes that were sent for it, but for those that the server knows. */
+/* The correction of a step: the corrected nodes, as numbered here, and their displacement from the reference mesh; and
+ * the nodes that were sent for the correction, except those that the server knows. */
 typedef struct {
     int64_t step, *nodes, *sent;
     double *displacement;
@@ -38,7 +38,7 @@ struct mm_session {
     int64_t epoch;
     connection data;
     line line;
-    unanswered request; /* of the session's own line … */
+    unanswered request; /* the unanswered request of the session's own line … */
     unanswered opening; /* … and its OPEN or RESUME, in the context's line: each session may have one */
     int joined;
     int may_resume;        /* it is built and has one partition: this side may resume it when its worker has died */
@@ -51,7 +51,7 @@ struct mm_session {
     size_t moving_count;
     double *enrichment;
     size_t enrichment_count;
-    /* times and velocities (section 25): of OPEN, of MOVE, and of the last MOVED */
+    /* times and velocities (section 25) for OPEN, for MOVE, and from the last MOVED */
     double start, time, *velocity, *swept, *boundary_velocity;
     int has_time;
     char time_levels[16], scheme[16], headroom_along[16];
@@ -65,10 +65,10 @@ struct mm_session {
     /* evaluation = "client": */
     int evaluates;
     struct mmv_volume *volume;
-    double reach; /* of the next BUILD: within which distance of the moving walls the server has the cells */
-    request accepted[MOST_ACCEPTED]; /* JUDGE and CORRECT of the trial, with arrays of their own, to be sent again */
+    double reach; /* for the next BUILD: the server has the cells within this distance of the moving walls */
+    request accepted[MOST_ACCEPTED]; /* JUDGE and CORRECT of the trial, with their own arrays, to be sent again */
     size_t accepted_count;
-    freed trial_freed, committed_freed; /* where the last correction put nodes */
+    freed trial_freed, committed_freed; /* positions of nodes after the last correction */
     mm_report built, moved, committed, status;
 };
 
@@ -80,7 +80,7 @@ outcome mmi_check_joined(mm_session *session);
 outcome mmi_check_shape(mm_session *session, size_t first, size_t second);
 /* OPEN and JOIN, repeated while the server cannot answer: a session without an upload costs nothing. */
 outcome mmi_open_patiently(mm_session *session);
-/* What an OPEN and a MOVE say about times, velocities, swept faces and the headroom, and what MOVED has of them. */
+/* Times, velocities, swept faces and the headroom: fields of OPEN and MOVE, and values from MOVED. */
 void mmi_add_levels(request *open, const mm_session *session);
 void mmi_add_velocity(request *move, const mm_session *session);
 outcome mmi_take_velocity(mm_session *session, const answer *from, size_t nodes);

@@ -1,4 +1,4 @@
-/* A time step: moves, commit or rollback, and what the server reports of the session. See mesh_motion.h. */
+/* A time step: moves, commit or rollback, and the server's reports about the session. See mesh_motion.h. */
 #include "mm_evaluation.h"
 #include "mm_mesh.h"
 
@@ -154,7 +154,7 @@ static outcome check_vectors(mm_session *session, size_t vectors, size_t moving,
     return DONE;
 }
 
-/* Whether the server was started again since the committed state was corrected. */
+/* True if the server was restarted since the committed state was corrected. */
 static int misses_region(const mm_session *session)
 {
     char missing[16];
@@ -162,7 +162,7 @@ static int misses_region(const mm_session *session)
     return session->evaluates && !session->has_trial && strcmp(missing, "region") == 0;
 }
 
-/* Send (nodes, vectors * dimension) numbers, and find (rows, vectors * dimension). Nothing changes. */
+/* Send (nodes, vectors * dimension) numbers, and receive (rows, vectors * dimension). Nothing changes. */
 static void differentiate(mm_session *session, const char *type, const char *name, size_t nodes, const double *given,
                           size_t rows, size_t vectors, double *to)
 {

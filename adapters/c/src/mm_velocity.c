@@ -42,7 +42,7 @@ mm_result mm_set_velocity(mm_session *session, const char *scheme)
     return MM_OK;
 }
 
-/* Instead of what is kept: `count` numbers of `size` bytes each, at least one that may be written. */
+/* Replace the kept array by a copy of `count` numbers of `size` bytes each; it has room for at least one. */
 static outcome keep(mm_session *session, void **kept, const void *given, size_t count, size_t size)
 {
     void *copy = calloc(count + 1, size);
@@ -141,7 +141,7 @@ void mmi_add_velocity(request *move, const mm_session *session)
     }
 }
 
-/* Copy an array of a reply that need not be there. */
+/* Copy an optional array of a reply. */
 static outcome take(mm_session *session, const answer *from, const char *name, double **to, size_t *rows)
 {
     const mmi_array *array = mmi_find_array(&from->reply, name);

@@ -1,4 +1,4 @@
-#ifdef MM_EVALUATION /* else the kernels are not there */
+#ifdef MM_EVALUATION /* else the library has no kernels */
 
 #include "mm_volume.h"
 
@@ -8,7 +8,7 @@
 struct mmv_volume {
     int dimension;
     size_t nodes, cell_count, uploaded_count, boundary_count; /* the first uploaded nodes; then those near walls */
-    double *points, *moved; /* where the nodes are at rest, and where they were judged last */
+    double *points, *moved; /* positions of the nodes at rest, and at the last quality computation */
     mesh_motion_cells *cells;
     bool *is_uploaded, *has_cell, *is_sent; /* the last: of cells */
     int64_t *uploaded;
@@ -17,7 +17,7 @@ struct mmv_volume {
     mesh_motion_tally *tally;
     char metric[32];
     mmv_field field;
-    mesh_motion_near **near; /* of each sum but the coarse field; NULL: it is summed as it is */
+    mesh_motion_near **near; /* for each sum except the coarse field; NULL: the sum is evaluated without it */
 };
 
 static void free_field(mmv_field *field)
@@ -297,7 +297,7 @@ static double layers_of(const double *box, size_t axis) { return box[4 + axis] >
 
 static int is_count(double number) { return number >= 0.0 && number < 1e9 && number == (double)(int64_t)number; }
 
-/* Counts the coefficients of the spline, of all of it and of what is here; 0 if its boxes are none. */
+/* Counts the coefficients of the whole spline and of the part that is here; 0 if its boxes are invalid. */
 static int count_spline(const mmv_field *field, size_t *all, size_t *here)
 {
     double whole = 0.0, part = 0.0;
@@ -324,7 +324,7 @@ static int count_spline(const mmv_field *field, size_t *all, size_t *here)
     return 1;
 }
 
-/* Whether the arrays fit together: they came over a network. */
+/* True if the arrays fit together; this is checked because they came over a network. */
 static int is_whole(const mmv_field *field, int dimension)
 {
     size_t centres = 0, rows = 0, all, here;
@@ -387,7 +387,7 @@ static int is_compact(const mmv_sum *sum)
     return !sum->has_polynomial && (strncmp(sum->basis, "wendland-", 9) == 0 || strncmp(sum->basis, "ctps-", 5) == 0);
 }
 
-/* values += a sum. What does not depend on its weights is kept while fields have the same centres. */
+/* values += a sum. Data that do not depend on its weights are kept while fields have the same centres. */
 static int add_sum(mmv_volume *volume, size_t s, const double *centres, const double *rows, double *values)
 {
     const mmv_field *field = &volume->field;
@@ -415,7 +415,7 @@ static int add_sum(mmv_volume *volume, size_t s, const double *centres, const do
     return result;
 }
 
-/* Copy the coefficients that are here to their places among all, or from there. The nodes use no other one. */
+/* Copy the coefficients of this rank to or from their places among all coefficients. The nodes use no others. */
 static void copy_coefficients(const mmv_field *field, size_t d, double *here, double *all, int to_all)
 {
     for (size_t b = 0; b < field->box_count; ++b) {
@@ -458,7 +458,8 @@ static int make_spline(const mmv_volume *volume, size_t rows, const double *all,
     return result;
 }
 
-/* Write the values of the spline at the nodes; or count weights of them for its coefficients, which are written. */
+/* Write the values of the spline at the nodes; or, as transpose, write weights of its coefficients from weights of the
+ * values. */
 static int use_spline(const mmv_volume *volume, double *coefficients, const double *weights, double *values)
 {
     const mmv_field *field = &volume->field;
@@ -485,7 +486,7 @@ static int use_spline(const mmv_volume *volume, double *coefficients, const doub
     return result;
 }
 
-/* Rows of coefficients of all sums: behind them are those of the spline. */
+/* Rows of coefficients of all sums; those of the spline come after them. */
 static size_t rows_of_sums(const mmv_volume *volume)
 {
     size_t rows = 0;
@@ -551,7 +552,7 @@ int mmv_velocity(mmv_volume *volume, double *coefficients, const double *known, 
     return result;
 }
 
-/* What weights count for the polynomial of a sum: counts (dimension + 1, dimension). */
+/* Weights of the coefficients of a sum's polynomial, from weights of its values: counts (dimension + 1, dimension). */
 static void count_polynomial(const mmv_volume *volume, const mmv_sum *sum, const double *weights, double *counts)
 {
     size_t d = (size_t)volume->dimension;
@@ -574,7 +575,7 @@ int mmv_counts(const mmv_volume *volume, const double *weights, double *counts)
     int result = MESH_MOTION_OK;
     for (size_t s = 0; result == MESH_MOTION_OK && s < field->sum_count; ++s) {
         const mmv_sum *sum = &field->sums[s];
-        mesh_motion_interpolant *turned = NULL; /* its centres are the nodes: the basis depends on distances alone */
+        mesh_motion_interpolant *turned = NULL; /* its centres are the nodes: the basis depends on distances only */
         result = mesh_motion_interpolant_create(sum->basis, sum->radius, volume->dimension, (int64_t)volume->nodes,
                                                 volume->points, volume->dimension, weights, &turned);
         if (result == MESH_MOTION_OK) {
@@ -633,7 +634,7 @@ int mmv_region(mmv_volume *volume, const double *known, const char *metric, doub
 {
     size_t d = (size_t)volume->dimension, here = 0;
     int64_t *nodes = malloc((around + 1) * sizeof *nodes);
-    int by_corners = strcmp(metric, "corner-shape-size") == 0; /* relative to rest, as that of the tally is then */
+    int by_corners = strcmp(metric, "corner-shape-size") == 0; /* relative to rest, like the tally */
     int result = nodes ? have_tally(volume, by_corners ? "relative-size-skew" : metric) : MESH_MOTION_OUT_OF_MEMORY;
     result = result == MESH_MOTION_OK ? mmv_find(volume, around, ids, nodes) : result;
     for (size_t i = 0; result == MESH_MOTION_OK && i < around; ++i) {

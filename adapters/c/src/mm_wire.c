@@ -1,4 +1,4 @@
-/* msgpack, as much of it as SPEC.md admits, and the table of the replies. See mm_wire.h. */
+/* msgpack, limited to the parts that SPEC.md admits, and the table of the replies. See mm_wire.h. */
 #include "mm_wire.h"
 
 #include "mesh_motion.h"
@@ -40,7 +40,7 @@ static uint8_t *more_room(mmi_writer *writer, size_t size)
     return at;
 }
 
-/* A first byte and `bytes` bytes of a number behind it, big-endian as msgpack wants it. */
+/* A first byte, then `bytes` bytes of a number, big-endian as in msgpack. */
 static void put_head(mmi_writer *writer, unsigned first, uint64_t value, size_t bytes)
 {
     uint8_t *at = more_room(writer, 1 + bytes);
@@ -132,7 +132,7 @@ typedef struct {
     const char *wrong;
 } cursor;
 
-/* A big-endian number of `bytes` bytes; sets `wrong` where the frame ends before it. */
+/* A big-endian number of `bytes` bytes; sets `wrong` if the frame ends too early. */
 static uint64_t take(cursor *in, size_t bytes)
 {
     uint64_t value = 0;
@@ -146,7 +146,7 @@ static uint64_t take(cursor *in, size_t bytes)
     return value;
 }
 
-/* SPEC 4.2: text is UTF-8; overlong forms, surrogates and what is above U+10FFFF are none. */
+/* SPEC 4.2: text is UTF-8; overlong forms, surrogates and values above U+10FFFF are invalid. */
 static int is_utf8(const uint8_t *text, size_t size)
 {
     for (size_t i = 0; i < size;) {
@@ -229,7 +229,7 @@ static void take_float(cursor *in, mmi_node *node, int wide)
     }
 }
 
-/* One value; of a container only its head. */
+/* One value; for a container only its head. */
 static void take_value(cursor *in, mmi_node *node)
 {
     unsigned first = (unsigned)take(in, 1);
@@ -302,7 +302,7 @@ static int same_text(const struct mm_report *report, const mmi_node *node, const
            && (size == 0 || memcmp(report->bytes + node->u.offset, text, size) == 0);
 }
 
-/* SPEC 4.1: a key that comes twice would let two readers see two messages. */
+/* SPEC 4.1: with a duplicate key two readers could see two different messages. */
 static const char *check_keys(const struct mm_report *report)
 {
     for (uint32_t map = 0; map < report->count; ++map) {
@@ -643,7 +643,7 @@ const char *mmi_read_header(mmi_reply *reply, const uint8_t *frame, size_t size)
     }
     for (size_t i = 0; i < 6; ++i) {
         at[i] = mmi_find(report, 0, KEYS[i], strlen(KEYS[i]));
-        /* the version before the other keys: another one may have others */
+        /* the version before the other keys: another version may have other keys */
         if (i == 0 && (!at[0] || report->nodes[at[0]].kind != MMI_INTEGER || report->nodes[at[0]].u.integer != 1)) {
             return "it is of another protocol version";
         }
@@ -791,7 +791,7 @@ size_t mm_report_text(const mm_report *report, const char *path, char *buffer, s
     return is_text ? report->nodes[at].count : 0;
 }
 
-/* Where JSON goes: counts on where the buffer is full, as snprintf does. */
+/* The output of JSON: it continues to count when the buffer is full, as snprintf does. */
 typedef struct {
     char *buffer;
     size_t size, used;
@@ -845,12 +845,12 @@ static void json_number(sink *out, double value)
 {
     char text[40];
     if (!isfinite(value)) {
-        put_string(out, "null"); /* JSON has no word for it */
+        put_string(out, "null"); /* JSON has no such value */
         return;
     }
     snprintf(text, sizeof text, "%.17g", value);
     for (char *c = text; *c; ++c) {
-        /* the locale of the program may have a decimal comma */
+        /* the program's locale may use a decimal comma */
         put_char(out, strchr("0123456789+-eE", *c) ? *c : '.');
     }
 }
@@ -886,7 +886,7 @@ size_t mm_report_json(const mm_report *report, const char *path, char *buffer, s
     }
     while (at < end) {
         const mmi_node *node = &report->nodes[at];
-        if (depth) { /* in a map keys and values take turns */
+        if (depth) { /* in a map keys and values alternate */
             int items = open[depth - 1].items++;
             if (open[depth - 1].is_map && items % 2) {
                 put_char(&out, ':');

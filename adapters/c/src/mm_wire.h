@@ -1,7 +1,7 @@
-/* What is on the wire, without sockets: frame 0 as msgpack, and whether a reply is what SPEC.md says it is.
+/* Encoding and decoding, without sockets: frame 0 as msgpack, and the check of replies against SPEC.md.
  *
  * Nothing here trusts its input. A frame is parsed into a flat table of nodes, without recursion; every length is
- * compared with the bytes that are really there before anything is read or allocated (SPEC.md, sections 4 to 6).
+ * compared with the received bytes before anything is read or allocated (SPEC.md, sections 4 to 6).
  */
 #ifndef MM_WIRE_H
 #define MM_WIRE_H
@@ -24,7 +24,7 @@
 
 /* --- writing ----------------------------------------------------------------------------------------------------- */
 
-/* Grows up to MMI_HEADER_BYTES; `failed` stays set once it could not, so that only the end has to be looked at. */
+/* Grows up to MMI_HEADER_BYTES; `failed` stays set after an error, so that a check at the end is sufficient. */
 typedef struct {
     uint8_t *data;
     size_t size, capacity;
@@ -46,7 +46,7 @@ void mmi_put_raw(mmi_writer *writer, const uint8_t *bytes, size_t size); /* what
 
 typedef enum { MMI_NIL, MMI_FLAG, MMI_INTEGER, MMI_NUMBER, MMI_TEXT, MMI_BYTES, MMI_ARRAY, MMI_MAP } mmi_kind;
 
-/* One value of a msgpack tree; the values inside a container follow it, `next` is the first one behind them. */
+/* One value of a msgpack tree; the values inside a container follow it, `next` is the first value after them. */
 typedef struct {
     mmi_kind kind;
     uint32_t count; /* bytes of text and bytes, items of an array, pairs of a map */
@@ -58,7 +58,7 @@ typedef struct {
     } u;
 } mmi_node;
 
-/* A parsed frame, which it owns; `root` is the node that paths of the public functions start from. */
+/* A parsed frame, which the report owns; paths of the public functions start at the node `root`. */
 struct mm_report {
     uint8_t *bytes;
     mmi_node *nodes;
@@ -78,7 +78,7 @@ void mmi_copy_text(const struct mm_report *report, uint32_t node, char *buffer, 
 
 /* --- replies ----------------------------------------------------------------------------------------------------- */
 
-/* An array of a reply: what its declaration says, and which frames hold it. */
+/* An array of a reply: its declaration, and its frames. */
 typedef struct {
     const char *name;
     size_t rows, columns; /* columns = 1 with one axis */
@@ -97,10 +97,11 @@ typedef struct {
 
 /* Frame 0 as a header: the six keys, version, type, request id. Returns NULL, or what is wrong with it. */
 const char *mmi_read_header(mmi_reply *reply, const uint8_t *frame, size_t size);
-/* Fields and arrays against the table of SPEC.md, section 12; `sizes` are those of all frames, the first one too. */
+/* Check fields and arrays against the table of SPEC.md, section 12; `sizes` has the sizes of all frames, including the
+ * first. */
 const char *mmi_read_body(mmi_reply *reply, const size_t *sizes, size_t frames);
 const mmi_array *mmi_find_array(const mmi_reply *reply, const char *name);
-/* Widen `count` items of 4 or 8 bytes, which need not be aligned. */
+/* Widen `count` items of 4 or 8 bytes; they need not be aligned. */
 void mmi_copy_numbers(double *to, const uint8_t *from, size_t count, size_t width);
 void mmi_copy_integers(int64_t *to, const uint8_t *from, size_t count, size_t width);
 

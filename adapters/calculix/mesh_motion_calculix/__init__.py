@@ -1,4 +1,4 @@
-"""CalculiX as the solid of a coupled computation: one run of ``ccx`` a time window, from restart file to restart file.
+"""CalculiX as the solid of a coupled computation: one run of ``ccx`` for each time window, with restart files.
 
 ::
 

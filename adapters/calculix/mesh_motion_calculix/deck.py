@@ -1,6 +1,7 @@
-"""The user's input deck: its lines with the includes put in, its nodes and its node sets.
+"""The user's input deck: its lines with included files inserted, its nodes and its node sets.
 
-Only what the coupling needs is read (``*NODE``, ``*NSET``, ``*INCLUDE``); everything else goes to CalculiX as it is.
+Only the cards that the coupling needs are read (``*NODE``, ``*NSET``, ``*INCLUDE``); all others go to CalculiX
+unchanged.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class Deck:
     Attributes
     ----------
     lines : tuple of str
-        The deck, includes put in.
+        The deck, with included files inserted.
     points : dict of int to (3,) array
         Coordinates by CalculiX' node number (1-based), mesh length unit.
     sets : dict of str to (k,) int64 array
@@ -86,7 +87,7 @@ def read_deck(path: Path) -> Deck:
 
 
 def _flattened(path: Path, depth: int) -> Iterator[str]:
-    """The lines of a file without comments, those of included files in their places."""
+    """The lines of a file without comments, with the lines of included files in place of the includes."""
     if depth > _DEEPEST_INCLUDE:
         raise DeckError(f"{path} is included {depth} files deep", "an *INCLUDE of itself?")
     try:
@@ -105,7 +106,7 @@ def _flattened(path: Path, depth: int) -> Iterator[str]:
 
 
 def _keyword(line: str) -> tuple[str, dict[str, str]]:
-    """The keyword of a card in capitals and its parameters, their names in capitals."""
+    """The keyword of a card and its parameters; keyword and parameter names in capitals."""
     head, *rest = (part.strip() for part in line.split(","))
     pairs = (part.partition("=") for part in rest if part)
     return head.upper(), {name.strip().upper(): value.strip() for name, _, value in pairs}
@@ -152,7 +153,7 @@ def _read_set(data: list[list[str]], options: dict[str, str], sets: dict[str, se
 
 
 def _other(name: str, sets: dict[str, set[int]]) -> set[int]:
-    """The nodes of a set named as a member of another."""
+    """The nodes of a set that is a member of another set."""
     if name.upper() not in sets:
         raise ValueError(f"{name} is neither a node number nor a set defined before it")
     return sets[name.upper()]

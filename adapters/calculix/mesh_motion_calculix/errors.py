@@ -4,7 +4,7 @@
 
     CalculixError
     ├── DeckError      the deck, the set or the caller's arrays are wrong; nothing was run, or ccx refused the deck
-    ├── DivergedError  the window has no solution that ccx found; the start of the window is as it was
+    ├── DivergedError  the window has no solution that ccx found; the start of the window does not change
     └── RunError       ccx is missing, took too long or died; the folder belongs to another run
 """
 
@@ -35,7 +35,7 @@ class DeckError(CalculixError):
 
 
 class DivergedError(CalculixError):
-    """The window's equations were not solved; a smaller load or window may be."""
+    """The window's equations were not solved; with a smaller load or window they may be."""
 
 
 class RunError(CalculixError):

@@ -19,10 +19,10 @@ def flap_deck(
     young: float = 4e6,
     poisson: float = 0.3,
 ) -> str:
-    """Deck of a flap; the defaults are those of the perpendicular flap, which stands on y = 0 about x = 0.
+    """Deck of a flap; the defaults are those of the perpendicular flap, on y = 0 with its middle at x = 0.
 
     Elements are bricks with incompatible modes (C3D8I), which bend without locking (two across give the period of the
-    first mode within one per cent; C3D8 is 8 % too stiff, C3D8R 14 % too soft). All nodes are held in z, those
+    first mode within one per cent; C3D8 is 8 % too stiff, C3D8R 14 % too soft). All nodes are held in z, the nodes
     of the foot in every direction.
 
     Parameters

@@ -8,7 +8,7 @@
     trial-…/           the window being computed
 
 ``accepted.json`` is replaced in one piece after the files it names are on the disk: a run that is killed at any moment
-goes on at its last accepted window.
+continues after its last accepted window.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ class Solid:
     folder : path
         Where the run keeps its files. If it has accepted windows, the run continues after them.
     dimensions : {3, 2}
-        2 for plane problems: a strip of linear bricks, one element thick, whose two planes have the same x and y. A
-        force is shared by the two planes' nodes, a displacement is the mean of theirs.
+        2 for plane problems: a strip of linear bricks, one element thick, whose two planes have the same x and y. The
+        nodes of both planes share a force; a displacement is the mean of both planes.
     options : Options, optional
         The program, its time-out, damping, tolerance.
 
@@ -68,7 +68,7 @@ class Solid:
     Raises
     ------
     DeckError
-        The deck cannot be read, has no such set, or the set's nodes are no plane problem's.
+        The deck cannot be read, has no such set, or the set's nodes do not form a plane problem.
     RunError
         The folder belongs to another run, was begun with another deck, or its files were changed.
     """
@@ -102,7 +102,7 @@ class Solid:
             raise
 
     def solve(self, forces: ArrayLike, dt: float) -> NDArray[np.float64]:
-        """Compute the next window from the last accepted one; any number of times.
+        """Compute the next window from the last accepted one; this may be repeated any number of times.
 
         Parameters
         ----------
@@ -121,7 +121,7 @@ class Solid:
         DeckError
             Wrong shape, a value that is not finite, or a deck that ccx refuses.
         DivergedError
-            The window was not solved. The accepted state is as it was.
+            The window was not solved. The accepted state does not change.
         RunError
             ccx is missing, took too long, or died.
         """
@@ -140,7 +140,7 @@ class Solid:
         return motion.displacements.copy()
 
     def advance(self) -> None:
-        """Accept the window computed last: the next one starts where it ended.
+        """Accept the last computed window: the next one starts from its end.
 
         Raises
         ------
@@ -178,7 +178,7 @@ class Solid:
         self.close()
 
     def _loads(self, forces: ArrayLike) -> list[tuple[int, NDArray[np.float64]]]:
-        """Node numbers with the share of its column's force that each gets."""
+        """Node numbers, each with its share of the force of its column."""
         values = np.asarray(forces, dtype=np.float64)
         if values.shape != self.points.shape:
             raise DeckError(f"forces must have shape {self.points.shape}, not {values.shape}")
@@ -203,11 +203,11 @@ class Solid:
         return self._folder / f"accepted-{number}.{kind}"
 
     def _digest(self) -> str:
-        """SHA-256 of what the windows before this one were computed with."""
+        """SHA-256 of the interface's name and the deck's lines, which must not change between windows."""
         return hashlib.sha256("\n".join((self._interface, *self._deck.lines)).encode()).hexdigest()
 
     def _keep(self, source: Path, target: Path) -> str:
-        """Move a file to its place once it is on the disk; its SHA-256."""
+        """Move a file to its place once it is on the disk; return its SHA-256."""
         with source.open("rb") as file:
             digest = hashlib.sha256(file.read()).hexdigest()
             os.fsync(file.fileno())
@@ -215,7 +215,7 @@ class Solid:
         return digest
 
     def _write_state(self, state: dict[str, object]) -> None:
-        """Replace accepted.json in one piece, on the disk with all that it names."""
+        """Replace accepted.json in one piece, when it and all files that it names are on the disk."""
         fresh = self._folder / "accepted.json.new"
         with fresh.open("w") as file:
             json.dump(state, file, indent=1)
@@ -226,7 +226,7 @@ class Solid:
         _sync(self._folder)
 
     def _resume(self) -> None:
-        """Read the last accepted window, if there is one."""
+        """Read the last accepted window, if any."""
         path = self._folder / "accepted.json"
         if not path.exists():
             return
@@ -248,14 +248,14 @@ class Solid:
         self.displacements, self.velocities = motion.displacements, motion.velocities
 
     def _drop_trials(self) -> None:
-        """Delete the window computed last, and the files that killed runs left."""
+        """Delete the last computed window, and the files that killed runs left."""
         self._trial = None
         for left in self._folder.glob("trial-*"):
             shutil.rmtree(left, ignore_errors=True)
 
 
 def _columns(deck: Deck, interface: str, dimensions: int) -> NDArray[np.int64]:
-    """Node numbers of the interface, (k, 1), or in 2D (k, 2): those of a strip's planes that share x and y."""
+    """Node numbers of the interface, (k, 1), or in 2D (k, 2): the two nodes of a strip that share x and y."""
     nodes = deck.node_set(interface)
     if dimensions == 3:
         return nodes[:, None]
@@ -286,7 +286,7 @@ def _locked(folder: Path) -> int:
 
 
 def _sync(folder: Path) -> None:
-    """Bring a folder's entries to the disk."""
+    """Sync a folder's entries to the disk."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -1,8 +1,8 @@
-"""One time window: the deck that CalculiX reads, the run, and what it printed at the interface.
+"""One time window: the deck that CalculiX reads, the run, and the printed motion of the interface.
 
 A window is one step of one increment, ``*DYNAMIC, DIRECT`` with geometric nonlinearity (Hilber, Hughes and Taylor's
 method). The first window reads the model, each later one the restart file of the window before it. The nodal forces
-are those of the window's end; within the window they grow in a straight line from those of the window before.
+apply at the window's end; within the window they change linearly from those of the previous window.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Options:
     alpha : float
         Numerical damping of the time integration, -1/3 (most) to 0 (none; the energy of a free vibration stays).
     tolerance : float
-        Largest residual force and correction relative to their averages at which ccx ends its iterations. Its own
+        Largest residual force and correction relative to their averages at which ccx ends its iterations. CalculiX'
         default, 5e-3, is too coarse for a coupling that compares iterations.
     step_cards : tuple of str
         Further lines for each step, for example ``("*DLOAD", "EALL, GRAV, 9.81, 0., -1., 0.")``.
@@ -65,7 +65,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Motion:
-    """What ccx printed: displacements since the reference and velocities, (k, 3) arrays in the order asked for."""
+    """The printed motion: displacements since the reference and velocities, (k, 3) arrays in the order of the nodes."""
 
     displacements: NDArray[np.float64]
     velocities: NDArray[np.float64]
@@ -87,7 +87,7 @@ def window_deck(
     interface : str
         Name of the node set whose motion is printed.
     loads : list of (int, (d,) array)
-        Node numbers and forces, force unit. Zero forces too: a load stays until another one replaces it.
+        Node numbers and forces, force unit. Zero forces must be included: a load stays until another one replaces it.
     dt : float
         Length of the window, time unit.
     """
@@ -162,7 +162,7 @@ def _failure(output: str, status: int, log: Path) -> CalculixError | None:
 
 
 def _first_error(output: str) -> str:
-    """ccx' first error with the lines that go on with it, as one line; empty if there is none."""
+    """ccx' first error with its continuation lines, as one line; empty if there is no error."""
     lines = iter(output.splitlines())
     for line in lines:
         if "*ERROR" in line:
@@ -190,7 +190,7 @@ def read_motion(path: Path, nodes: NDArray[np.int64]) -> Motion:
     DivergedError
         A value is not finite.
     RunError
-        The file is missing, cut off, or about other nodes.
+        The file is missing, cut off, or has other nodes.
     """
     try:
         blocks = _blocks(path.read_text())
@@ -205,7 +205,7 @@ def read_motion(path: Path, nodes: NDArray[np.int64]) -> Motion:
 
 
 def _blocks(text: str) -> dict[str, dict[int, list[float]]]:
-    """Rows by node of each quantity printed; the last block of a quantity counts."""
+    """Rows by node of each printed quantity; the last block of a quantity counts."""
     blocks: dict[str, dict[int, list[float]]] = {}
     rows: dict[int, list[float]] = {}
     for line in text.splitlines():
@@ -219,6 +219,6 @@ def _blocks(text: str) -> dict[str, dict[int, list[float]]]:
 
 
 def _value(line: str, column: int) -> float:
-    """One number of a row in columns; Fortran leaves the E away where the exponent has three digits."""
+    """One number of a row in columns; Fortran omits the E if the exponent has three digits."""
     start = _DIGITS_OF_NODE + column * _DIGITS_OF_VALUE
     return float(_LOST_EXPONENT.sub(r"\1E\2", line[start : start + _DIGITS_OF_VALUE]))

@@ -1,14 +1,14 @@
-"""A small driver for partitioned fluid-structure interaction: one fluid, one solid, a mesh between.
+"""A small driver for partitioned fluid-structure interaction: one fluid, one solid, and the mesh motion between them.
 
 ::
 
     errors        what can go wrong
     acceleration  Aitken's relaxation, the quasi-Newton method IQN-ILS
     mapping       displacements and loads between meshes that do not match
-    fluid         OpenFOAM, which asks in every outer corrector
+    fluid         OpenFOAM, which sends a request in every outer corrector
     coupling      windows, iterations, records of a run
 
-preCICE is the production choice; this is for tests, teaching and single machines.
+For production use preCICE; this driver is for tests, teaching and single machines.
 """
 
 from mesh_motion_fsi.acceleration import ACCELERATIONS, Acceleration, Aitken, ConstantRelaxation, QuasiNewton

@@ -1,8 +1,8 @@
 """Acceleration of a fixed-point iteration x ← H(x): Aitken's relaxation and the quasi-Newton method IQN-ILS.
 
-``x`` is what the fluid was given, ``H(x)`` what the solid answered, the residual is r = H(x) - x. IQN-ILS approximates
-the inverse of the residual's Jacobian from differences of the iterations so far (Degroote, Bathe and Vierendeels 2009):
-with the columns of V differences of residuals and those of W differences of answers,
+``x`` are the displacements given to the fluid, ``H(x)`` those that the solid returned; the residual is r = H(x) - x.
+IQN-ILS approximates the inverse of the residual's Jacobian from differences of the iterations so far (Degroote, Bathe
+and Vierendeels 2009): with differences of residuals as the columns of V and differences of answers as the columns of W,
 
     x ← H(x) + W c,    c = argmin ‖V c + r‖,
 
@@ -37,13 +37,13 @@ Vector = NDArray[np.float64]
 
 
 class Acceleration(Protocol):
-    """What the coupling asks of an acceleration."""
+    """The methods that the coupling needs of an acceleration."""
 
     def next(self, x: Vector, answer: Vector) -> Vector:
         """The next x (n,) from the last one and its answer H(x) (n,)."""
 
     def end_window(self) -> None:
-        """The window has converged; another begins."""
+        """End a converged window; another begins."""
 
     def state(self) -> dict[str, Vector]:
         """Arrays that a later run needs to continue in the same way."""
@@ -81,7 +81,7 @@ class Aitken:
     Parameters
     ----------
     omega : float
-        The first factor; in later windows the size of the last one, at most this, is the first.
+        The first factor of the first window; a later window begins with the size of the last factor, at most this one.
     """
 
     def __init__(self, omega: float = 0.5) -> None:
@@ -90,7 +90,7 @@ class Aitken:
         self._residual: Vector | None = None
 
     def next(self, x: Vector, answer: Vector) -> Vector:
-        """A share of the way, which the last step's success has set."""
+        """A share of the residual; the success of the last step determines it."""
         residual = answer - x
         if self._residual is not None:
             change = residual - self._residual
@@ -122,7 +122,7 @@ class QuasiNewton:
     omega : float
         Relaxation of the first iteration, before there is a difference.
     windows : int
-        From how many windows before this one differences are used.
+        Number of earlier windows whose differences are used.
     filter_limit : float
         A column is dropped if less than this share of its norm is orthogonal to the newer columns.
     """
@@ -148,7 +148,7 @@ class QuasiNewton:
         return answer + np.stack(columns, axis=1) @ c
 
     def _filtered(self) -> tuple[Vector, Vector, list[Vector]]:
-        """Q (n, m) and R (m, m) of V's kept columns, and W's columns that belong to them."""
+        """Q (n, m) and R (m, m) of the kept columns of V, and the matching columns of W."""
         q: list[Vector] = []
         rows: list[Vector] = []
         kept: list[Vector] = []
@@ -173,13 +173,13 @@ class QuasiNewton:
         return np.stack(q, axis=1) if q else np.zeros((0, 0)), triangle, kept
 
     def end_window(self) -> None:
-        """The differences become those of a window before."""
+        """Keep the differences as those of a past window."""
         self._last = None
         if self._windows[0]:
             self._windows.appendleft([])
 
     def state(self) -> dict[str, Vector]:
-        """All differences, with the number of each window's."""
+        """All differences, with their number in each window."""
         pairs = [pair for window in self._windows for pair in window]
         return {
             "counts": np.array([float(len(window)) for window in self._windows]),

@@ -1,4 +1,4 @@
-"""What a coupled run with OpenFOAM needs around it: the adapter's library, a case with a mesh, a mesh-motion server."""
+"""The environment of a coupled run with OpenFOAM: the adapter's library, a case with a mesh, a mesh-motion server."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ __all__ = ["build_library", "environment", "make_case", "mesh_motion"]
 
 
 def environment(adapter: Path) -> dict[str, str]:
-    """What Debian's OpenFOAM needs, and where the library of ``adapter``, the folder adapters/openfoam, is."""
+    """Environment variables for Debian's OpenFOAM and for the library of ``adapter``, the folder adapters/openfoam."""
     root = os.environ.get("WM_PROJECT_DIR", "/usr/share/openfoam")
     path = f"{adapter / 'build'}:{os.environ.get('LD_LIBRARY_PATH', '')}"
     return {"WM_PROJECT_DIR": root, "FOAM_ETC": os.environ.get("FOAM_ETC", f"{root}/etc"), "LD_LIBRARY_PATH": path}
 
 
 def build_library(adapter: Path) -> None:
-    """The library for OpenFOAM, which takes a moment where it is built already.
+    """Build the library for OpenFOAM; this is quick if it is built already.
 
     Raises
     ------
@@ -40,18 +40,18 @@ def build_library(adapter: Path) -> None:
 
 
 def make_case(template: Path, folder: Path, motion: str, adapter: Path, files: Mapping[str, str]) -> None:
-    """A copy of ``template`` with its mesh; one that is there already is left as it is.
+    """Copy ``template`` and make its mesh; an existing copy is left unchanged.
 
     Parameters
     ----------
     template, folder : path
-        Where the case comes from, and where it goes.
+        The folder to copy, and the folder of the new case.
     motion : str
         ``"server"``, or another for which the template has a ``constant/dynamicMeshDict.<motion>``.
     adapter : path
         The folder adapters/openfoam.
     files : dict of str to str
-        Files that this run has of its own, their texts by their paths in the case.
+        Files that are special to this run: texts by their paths in the case.
 
     Raises
     ------
@@ -84,7 +84,7 @@ class Server(Protocol):
 
 @contextmanager
 def mesh_motion(motion: str, endpoint: str | None, start: Callable[[], Server]) -> Iterator[dict[str, str]]:
-    """The server's address for the fluid: a given one, that of a started one, or none where OpenFOAM moves its mesh."""
+    """The server's address for the fluid: given, of a started server, or none if OpenFOAM moves its mesh itself."""
     if motion != "server" or endpoint:
         yield {"MESH_MOTION_ENDPOINT": endpoint or ""}
         return

@@ -1,9 +1,9 @@
 """The coupled computation: windows, each iterated until fluid and solid agree at their interface.
 
 In a window the fluid moves the interface to x (displacements at the solid's nodes, mapped to its points) and answers
-with forces, which the solid answers with displacements H(x). Where they agree, H(x) is given to the fluid for a last
-time, and both go on. Otherwise an acceleration chooses the next x. A window begins with the displacements of the last
-two continued in a straight line.
+with forces, which the solid answers with displacements H(x). If x and H(x) agree, H(x) is given to the fluid a last
+time, and both solvers go on. Otherwise an acceleration chooses the next x. The first x of a window is the linear
+extrapolation from the last two windows.
 
 The folder of a run::
 
@@ -42,7 +42,7 @@ class Fluid(Protocol):
     faces: Array
 
     def start(self, done: int, windows: int, dt: float) -> None:
-        """Be ready to begin the window after ``done``."""
+        """Prepare to begin the window after ``done``."""
 
     def next(self) -> Request | None:
         """Wait for the next request."""
@@ -62,7 +62,7 @@ class Solid(Protocol):
     windows: int
 
     def solve(self, forces: Array, dt: float) -> Array:
-        """Compute the next window; any number of times."""
+        """Compute the next window; this may be repeated any number of times."""
 
     def advance(self) -> None:
         """Accept what was computed last."""
@@ -83,11 +83,11 @@ class Settings:
     noise : float
         … or at most this root mean square, length unit: the resolution of the solid's printed digits.
     most_iterations : int
-        More are an error. The fluid must allow two more.
+        More are an error. The fluid must allow two iterations more.
     thickness : float
         Forces on the fluid's mesh are multiplied by this: the solid's thickness over the fluid mesh's, in 2D.
     watch : tuple of float
-        The history has the motion of the solid's node next to this reference place.
+        The history has the motion of the solid's node that is nearest to this reference position.
     """
 
     windows: int
@@ -122,10 +122,10 @@ class Coupling:
     fluid, solid : Fluid, Solid
         The participants.
     acceleration : Acceleration
-        One that has not been used.
+        A new one that has not been used.
     settings : Settings
     folder : path
-        Of the run. If it has windows, the run continues.
+        Folder of the run. If it has windows, the run continues.
     """
 
     def __init__(
@@ -143,17 +143,17 @@ class Coupling:
         self._watched = int(offsets.argmin())
 
     def run(self, report: Callable[[Row], None] | None = None) -> list[Row]:
-        """All windows that are not yet accepted.
+        """Compute all windows that are not yet accepted.
 
         Parameters
         ----------
         report : callable, optional
-            Is given each window's row.
+            Takes each window's row.
 
         Returns
         -------
         list of Row
-            The whole history, with the windows of the runs before.
+            The whole history, with the windows of earlier runs.
 
         Raises
         ------
@@ -182,13 +182,14 @@ class Coupling:
         return rows
 
     def _windows(self) -> Iterator[Row]:
-        """Each window, once the fluid has written it."""
+        """Yield each window after the fluid has written it."""
         request = self._fluid.next()
         while request is not None:
             self._check(request)
             began = time.monotonic()
             last, iterations, residual = self._window()
-            # the fluid asks again, or ends, when its window is written; then the solid's counts too
+            # the fluid sends its next request, or ends, after it has written its window; then the solid accepts its
+            # window too
             request = self._fluid.next()
             if request is not None and request.iteration != 1:
                 raise SetupError("the fluid goes on in a window that has ended", "nOuterCorrectors in fvSolution")
@@ -234,7 +235,7 @@ class Coupling:
         self._fluid.move(displacements, final=final)
 
     def _check(self, request: Request) -> None:
-        """The fluid begins the window that the solid does."""
+        """Check that the fluid begins the same window as the solid."""
         if request.window != self._solid.windows + 1 or not np.isclose(request.dt, self._settings.dt):
             ours = f"window {self._solid.windows + 1} of {self._settings.dt:g}"
             raise SetupError(f"the fluid begins window {request.window} of {request.dt:g}, the solid {ours}")
@@ -269,7 +270,7 @@ class Coupling:
 
 
 def read_history(folder: str | os.PathLike[str]) -> list[Row]:
-    """The rows of a run's history.csv; none if there is none. A last row that was cut off is left out."""
+    """The rows of a run's history.csv; empty without the file. A last row that was cut off is left out."""
     path = Path(folder) / "history.csv"
     if not path.exists():
         return []

@@ -1,4 +1,4 @@
-"""What can go wrong in a coupled computation.
+"""The errors of a coupled computation.
 
 ::
 
@@ -15,7 +15,7 @@ __all__ = ["FsiError", "NotConvergedError", "ParticipantError", "RecordError", "
 
 
 class FsiError(Exception):
-    """Base class; ``hint`` says what to do."""
+    """Base class; ``hint`` is the way out."""
 
     def __init__(self, message: str, hint: str = "") -> None:
         super().__init__(f"{message} ({hint})" if hint else message)

@@ -1,9 +1,9 @@
 """OpenFOAM as the fluid of a coupled computation.
 
-The solver runs all the time; its boundary condition ``coupledDisplacement`` (adapters/openfoam) calls this end of a
-socket once in each PIMPLE outer corrector. It sends forces and receives displacements; the last answer of a window is
-marked as the last. Each corrector computes the window from its start again, as PIMPLE does: from the fields of the
-time before, with the newest ones as a first guess. ``couplingLink.H`` has the messages.
+The solver runs all the time; its boundary condition ``coupledDisplacement`` (adapters/openfoam) sends a request to this
+process over a socket once in each PIMPLE outer corrector. It sends forces and receives displacements; the last answer
+of a window is marked as the last. Each corrector computes the window from its start again, as PIMPLE does: from the
+fields of the previous time, with the newest fields as a first guess. ``couplingLink.H`` has the messages.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ _VERSION = "1"
 
 @dataclass(frozen=True)
 class Request:
-    """What the fluid sends before it asks for displacements.
+    """The fluid's request for displacements, with its forces.
 
     Attributes
     ----------
     window, iteration : int
-        Both count from 1. Iteration 1 begins a window; the solver has written the one before.
+        Both count from 1. Iteration 1 begins a window; the solver has then written the previous one.
     time, dt : float
         End and length of the window, time unit.
     forces : (f, 3) array
@@ -93,7 +93,7 @@ class OpenFoam:
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self, done: int, windows: int, dt: float) -> None:
-        """Start the solver behind window ``done``; times after it are deleted.
+        """Start the solver after window ``done``; later times are deleted.
 
         Raises
         ------
@@ -106,7 +106,7 @@ class OpenFoam:
         (self.case / "system" / "windows").write_text(f"deltaT   {dt!r};\nendTime  {windows * dt!r};\n")
         if shutil.which(self.application) is None:
             raise SetupError(f"the program {self.application} was not found", "Debian: apt-get install openfoam")
-        # the solver ends with this process, however that ends
+        # the solver ends when this process ends, in whatever way
         leash = ["setpriv", "--pdeathsig", "KILL"] if shutil.which("setpriv") else []
         with (self.case / f"log.{self.application}").open("ab") as log:
             self._process = subprocess.Popen(
@@ -175,7 +175,7 @@ class OpenFoam:
         self.close()
 
     def last_words(self) -> str:
-        """What the solver's log says of its end: the fatal error, or the last line."""
+        """The reason in the solver's log why it ended: the fatal error, or the last line."""
         lines = (self.case / f"log.{self.application}").read_text(errors="replace").splitlines()
         begun = max((i for i, line in enumerate(lines) if "FOAM FATAL" in line), default=None)
         if begun is None:
@@ -196,7 +196,7 @@ class OpenFoam:
         return list(self._socket.recv_multipart())
 
     def _end(self, status: int) -> str:
-        """How the solver ended; after a signal its log ends with a stack, which does not help."""
+        """The solver's exit status or signal; after a signal its log ends with a stack, which does not help."""
         if status < 0:
             return f"{self.application} was ended by {signal.Signals(-status).name}; see {self.case}/log.*"
         return f"{self.application} ended with status {status}: {self.last_words()}"
@@ -209,7 +209,7 @@ class OpenFoam:
                 self._process.kill()
 
     def _rewind(self, done: int, dt: float) -> None:
-        """Delete times after window ``done``; the case then goes on from there, its latest."""
+        """Delete times after window ``done``; the case then continues from ``done``, its latest time."""
         times = {path: _seconds(path.name) for path in self.case.iterdir() if path.is_dir()}
         for path, seconds in times.items():
             if seconds is not None and seconds > (done + 0.5) * dt:
@@ -219,7 +219,7 @@ class OpenFoam:
 
 
 def _seconds(name: str) -> float | None:
-    """The time of a folder of that name; None if it is no time's."""
+    """The time that a folder's name gives; None if the name is not a time."""
     try:
         return float(name)
     except ValueError:

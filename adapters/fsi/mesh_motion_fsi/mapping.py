@@ -1,9 +1,9 @@
 """Displacements and loads between two meshes of one interface that do not match.
 
 A radial basis function interpolant with a linear polynomial takes displacements from the solid's nodes to any points of
-the fluid's side: u_f = H u_s. Translations, rotations and every other linear field are met exactly. Loads go the other
-way with the transpose, f_s = Hᵀ f_f: their sum, their moment about the reference places and their work on mapped
-displacements are kept exactly, whatever the meshes (Farhat, Lesoinne and Le Tallec 1998). The basis function is the
+the fluid's side: u_f = H u_s. Translations, rotations and every other linear field are reproduced exactly. Loads go the
+other way with the transpose, f_s = Hᵀ f_f: their sum, their moment about the reference positions and their work on
+mapped displacements are kept exactly for all meshes (Farhat, Lesoinne and Le Tallec 1998). The basis function is the
 thin-plate spline, which needs no radius.
 
 References
@@ -25,13 +25,13 @@ Array = NDArray[np.float64]
 
 
 class Mapping:
-    """From values at ``sources`` to values at ``targets``, and loads back.
+    """Mapping of values at ``sources`` to values at ``targets``, and of loads back.
 
     Parameters
     ----------
     sources : (k, d) array
-        Reference places of the solid's interface nodes, length unit. The matrix of the solve is dense: up to some
-        thousand.
+        Reference places of the solid's interface nodes, length unit. The solve has a dense matrix: up to some thousand
+        nodes are practical.
     targets : (m, d) array
         Reference places on the fluid's side, length unit.
 
@@ -70,8 +70,8 @@ class Mapping:
 def _interpolation(x: Array, y: Array) -> Array:
     """H (m, k): thin-plate splines and a linear polynomial.
 
-    The polynomial is fitted first and the spline takes what is left, in the subspace without polynomials; so places
-    on a line or a plane, where the polynomial is not unique, need no special case.
+    The polynomial is fitted first, and the spline interpolates the rest in the subspace without polynomials. So points
+    on a line or a plane, for which the polynomial is not unique, need no special case.
     """
     polynomial, rest = _linear(x), _spline(x, x)
     u, sizes, _ = np.linalg.svd(polynomial, full_matrices=True)

@@ -1,4 +1,4 @@
-"""A mesh solver of Kratos Multiphysics that asks the mesh-motion server.
+"""A mesh solver of Kratos Multiphysics that uses the mesh-motion server.
 
 ::
 

@@ -5,7 +5,7 @@
     KratosAdapterError
     ├── SettingsError  the block "remote" of the solver's settings is wrong
     ├── PartError      the model part cannot be taken as it is: its elements, its fixed nodes
-    └── MotionError    no acceptable mesh was found for what the boundary does; the committed mesh is as it was
+    └── MotionError    no acceptable mesh was found for the boundary's motion; the committed mesh is as it was
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ class KratosAdapterError(Exception):
     Parameters
     ----------
     message : str
-        One line: what was expected, what came, the first offender by Kratos' number.
+        One line: what was expected, what was given, the first offender by Kratos' number.
     hint : str, optional
         What to do.
     """

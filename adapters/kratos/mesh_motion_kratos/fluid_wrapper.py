@@ -14,6 +14,6 @@ __all__ = ["Create"]
 
 
 def Create(settings: Any, model: Any, solver_name: str) -> Any:
-    """The wrapper of CoSimulation itself, with our mesh solver known by name."""
+    """CoSimulation's own wrapper, which also accepts our mesh solver by its name."""
     register()
     return FluidDynamicsWrapper(settings, model, solver_name)

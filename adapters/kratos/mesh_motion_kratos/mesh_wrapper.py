@@ -1,7 +1,7 @@
 """A participant of CoSimulation that only moves a mesh: ``"type": "mesh_motion_kratos.mesh_wrapper"``.
 
-For fluids whose mesh Kratos does not move. Its project parameters are those of ``MeshMovingAnalysis``; as coupling
-data, MESH_DISPLACEMENT of the interface goes in, and that of the whole model part comes out.
+This wrapper is for fluids whose mesh Kratos does not move. Its project parameters are those of ``MeshMovingAnalysis``.
+Coupling data: MESH_DISPLACEMENT of the interface is the input, MESH_DISPLACEMENT of the whole model part the output.
 """
 
 from __future__ import annotations

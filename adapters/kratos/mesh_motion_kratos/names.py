@@ -1,4 +1,4 @@
-"""Kratos finds its mesh solvers by the names in ``python_solvers_wrapper_mesh_motion``; this adds any module's name.
+"""Adds modules' names to ``python_solvers_wrapper_mesh_motion``, the list by which Kratos finds its mesh solvers.
 
 Every user of that list (MeshMovingAnalysis, the ALE fluid solver, the FSI solvers) then takes as ``solver_type`` also
 the full name of a module with a function ``CreateSolver(model, settings)``.
@@ -13,7 +13,7 @@ __all__ = ["register"]
 
 
 def register() -> None:
-    """Let Kratos take a module's full name (one with a dot) as the ``solver_type`` of a mesh solver; idempotent."""
+    """Make Kratos accept a module's full name (one with a dot) as the ``solver_type`` of a mesh solver; idempotent."""
     wrapper: Any = import_module("KratosMultiphysics.MeshMovingApplication.python_solvers_wrapper_mesh_motion")
     known = wrapper.CreateSolverByParameters
     if getattr(known, "takes_modules", False):

@@ -27,7 +27,7 @@ CELL_TYPES = {
 
 
 class MovingPart(Protocol):
-    """A part that moves: all that the participant needs to know.
+    """A part that moves: the interface that the participant needs.
 
     Attributes
     ----------
@@ -44,19 +44,19 @@ class MovingPart(Protocol):
     cell_ids: Mapping[str, NDArray[np.int64]]
 
     def initial_points(self) -> NDArray[np.float64]:
-        """(n, d) coordinates that displacements count from."""
+        """(n, d) coordinates from which displacements count."""
 
     def current_points(self) -> NDArray[np.float64]:
-        """(n, d) coordinates where the nodes are now."""
+        """(n, d) present coordinates of the nodes."""
 
     def prescribed(self) -> NDArray[np.bool_]:
-        """(n, d): whether a component of the node's displacement is given."""
+        """(n, d) bool array: True for each given component of a node's displacement."""
 
     def displacements(self) -> NDArray[np.float64]:
-        """(n, d) displacements since the initial coordinates, those given among them."""
+        """(n, d) displacements since the initial coordinates, including the given ones."""
 
     def set_displacements(self, displacements: NDArray[np.float64]) -> None:
-        """Take (n, d) displacements since the initial coordinates."""
+        """Set the (n, d) displacements since the initial coordinates."""
 
     def rows_of(self, name: str) -> NDArray[np.int64]:
         """Rows of the nodes of a sub part.
@@ -64,7 +64,7 @@ class MovingPart(Protocol):
         Raises
         ------
         PartError
-            There is none of that name.
+            There is no sub part of that name.
         """
 
 
@@ -75,12 +75,12 @@ class KratosPart:
     ----------
     model_part : KratosMultiphysics.ModelPart
     dimension : {2, 3}
-        In two dimensions x and y are moved, z is left alone.
+        In 2D x and y are moved, z does not change.
 
     Raises
     ------
     PartError
-        No elements, an element that is none of :data:`CELL_TYPES`, or one of another dimension.
+        No elements, an element whose type is not in :data:`CELL_TYPES`, or one of another dimension.
     """
 
     def __init__(self, model_part: Any, dimension: int) -> None:
@@ -105,7 +105,7 @@ class KratosPart:
         return self._rows(self._kratos.VariableUtils().GetCurrentPositionsVector(self._part.Nodes, self._dimension))
 
     def prescribed(self) -> NDArray[np.bool_]:
-        """(n, d): whether the component of MESH_DISPLACEMENT is fixed."""
+        """(n, d) bool array: True for each fixed component of MESH_DISPLACEMENT."""
         return np.array([[node.IsFixed(name) for name in self._components] for node in self._part.Nodes], dtype=bool)
 
     def displacements(self) -> NDArray[np.float64]:
@@ -129,7 +129,7 @@ class KratosPart:
         Raises
         ------
         PartError
-            There is none of that name, or a node of it does not belong to the part.
+            There is no sub part of that name, or one of its nodes does not belong to the part.
         """
         if not self._part.HasSubModelPart(name):
             known = ", ".join(part.Name for part in self._part.SubModelParts) or "none"
@@ -146,7 +146,7 @@ class KratosPart:
         return np.array(vector, dtype=np.float64).reshape(-1, self._dimension)
 
     def _read_cells(self) -> tuple[dict[str, NDArray[np.int64]], dict[str, NDArray[np.int64]]]:
-        """Rows of nodes, and Kratos' numbers, by cell type."""
+        """Cells as rows of nodes, and Kratos' element numbers, by cell type."""
         nodes: dict[str, list[list[int]]] = {}
         ids: dict[str, list[int]] = {}
         for element in self._part.Elements:

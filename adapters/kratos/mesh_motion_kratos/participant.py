@@ -1,8 +1,8 @@
 """The mesh of a part, moved by the server: open or resume a session, move as often as the coupling needs, commit.
 
-A session's reference is the mesh that the session was opened with: the initial one, or in a restart that found no
-session to go on with, the one it started from. The part's displacements count from the initial mesh; the difference of
-the two is added.
+A session's reference is the mesh that the session was opened with: the initial mesh, or the mesh of the restart if a
+restarted run found no session to continue. The part's displacements count from the initial mesh; the difference of
+the two meshes is added.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ class Roles:
 
 
 def roles_of(part: MovingPart, settings: RemoteSettings) -> Roles:
-    """Sort the nodes: those prescribed in every component move, sub parts with a role have it.
+    """Sort the nodes: nodes that are prescribed in every component move; nodes of sub parts with a role have that role.
 
     Raises
     ------
     PartError
-        No node is prescribed, or one in some components only that slides on no part.
+        No node is prescribed, or a node is prescribed in some components only and does not slide on a part.
     """
     prescribed = part.prescribed()
     rows = {name: part.rows_of(name) for name in settings.roles}
@@ -83,9 +83,9 @@ class Participant:
     part : MovingPart
     settings : RemoteSettings
     restarted : bool
-        Whether the run continues from a restart file, with its session if there is one.
+        Whether the run continues from a restart file, and with its session if any.
     warn : callable
-        Takes text for people, one line.
+        Takes a warning for the user, one line.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class Participant:
             )
 
     def move(self) -> Any:
-        """One coupling iteration: take the displacements given, set all others.
+        """One coupling iteration: read the given displacements, set all others.
 
         Returns
         -------
@@ -141,7 +141,7 @@ class Participant:
         Raises
         ------
         MotionError
-            No acceptable mesh was found; the part is as before.
+            No acceptable mesh was found; the part does not change.
         PartError
             A part with the role ``fixed`` was given a displacement.
         """
@@ -159,11 +159,11 @@ class Participant:
         return moved
 
     def commit(self) -> Any:
-        """Make the last move the mesh that the next step starts from; None if there was none since the last commit."""
+        """Commit the last move: the next step starts from its mesh. None without a move since the last commit."""
         return self.session.commit() if self.session.iteration else None
 
     def close(self, *, keep: bool | None = None) -> None:
-        """End the session's use, and the private server if there is one; idempotent."""
+        """End the use of the session, and the private server if any; idempotent."""
         if keep is None:
             keep = bool(self._settings.session_file)
         session, self._session = self._session, None
@@ -227,7 +227,7 @@ class Participant:
         return ""
 
     def _refused(self, error: QualityRefused) -> MotionError:
-        """The server's refusal with Kratos' numbers."""
+        """The server's refusal as an error with Kratos' numbers."""
         worst = [str(self._part.cell_ids[cell["type"]][cell["cell"]]) for cell in error.worst[:5]]
         where = f"; worst elements: {', '.join(worst)}" if worst else ""
         hint = error.hint

@@ -28,9 +28,9 @@ def CreateSolver(model: Any, settings: Any) -> RemoteMeshSolver:
 
 
 class RemoteStrategy:
-    """The methods that ``MeshSolverBase`` needs of a solution strategy.
+    """The methods of a solution strategy that ``MeshSolverBase`` calls.
 
-    The session begins with the first step, when the processes have fixed what they fix.
+    The session begins with the first step, after the processes have fixed their nodes.
     """
 
     def __init__(self, model_part: Any, settings: RemoteSettings, echo_level: int) -> None:
@@ -39,7 +39,7 @@ class RemoteStrategy:
 
     @property
     def participant(self) -> Participant:
-        """The part and its session; begins it where it has not begun."""
+        """The part and its session; opens the session at the first call."""
         if self._participant is None:
             info = self._model_part.ProcessInfo
             self._participant = Participant(
@@ -52,17 +52,17 @@ class RemoteStrategy:
         return self._participant
 
     def Initialize(self) -> None:
-        """Nothing yet: what is fixed is known when the first step begins."""
+        """Do nothing yet: the fixed nodes are known when the first step begins."""
 
     def InitializeSolutionStep(self) -> None:
         """Begin the session, or check that the same nodes are fixed."""
         self.participant.check_roles()
 
     def Predict(self) -> None:
-        """Nothing: the last committed mesh is the prediction."""
+        """Do nothing: the last committed mesh is the prediction."""
 
     def Solve(self) -> bool:
-        """Move the mesh from the last committed one, as often as the coupling asks."""
+        """Move the mesh from the last committed one, as often as the coupling calls this."""
         moved = self.participant.move()
         quality = moved.quality["corrected"]["metric"]["min"]
         self._print(1, f"iteration {moved.iteration}: {moved.quality['metric']} {quality:.3f} at the worst cell")
@@ -83,7 +83,7 @@ class RemoteStrategy:
         return self._echo_level
 
     def Clear(self) -> None:
-        """Nothing is kept that could be cleared."""
+        """Do nothing: there are no data to clear."""
 
     def close(self) -> None:
         """End the session's use; idempotent."""
@@ -96,7 +96,7 @@ class RemoteStrategy:
 
 
 class RemoteMeshSolver(MeshSolverBase):
-    """A mesh solver of Kratos that asks the mesh-motion server.
+    """A mesh solver of Kratos that uses the mesh-motion server.
 
     Its settings are those of ``MeshSolverBase`` and a block ``"remote"``: :class:`~.settings.RemoteSettings`.
     """

@@ -1,4 +1,4 @@
-"""The file by which a restarted run finds its session: name, secret, and a digest of the session's settings."""
+"""The file that leads a restarted run to its session: name, secret, and a digest of the session's settings."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class StoredSession:
         Raises
         ------
         SettingsError
-            It cannot be written.
+            The file cannot be written.
         """
         try:
             write_private(path, json.dumps(self.credentials.values() | {"opened_with": self.opened_with}))
@@ -63,6 +63,6 @@ class StoredSession:
 
 
 def digest(settings: RemoteSettings) -> str:
-    """SHA-256 of the settings that the mesh's answers depend on."""
+    """SHA-256 of the settings that influence the computed meshes."""
     relevant = {"method": dict(settings.method), "roles": dict(settings.roles)}
     return hashlib.sha256(json.dumps(relevant, sort_keys=True).encode()).hexdigest()

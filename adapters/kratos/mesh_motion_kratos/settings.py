@@ -18,7 +18,7 @@ PART_ROLES = ("fixed", "slip", "symmetry")
 
 @dataclass(frozen=True)
 class RemoteSettings:
-    """Where the server is, and what is sent to it.
+    """The server's endpoint and the settings that are sent to it.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class RemoteSettings:
         Raises
         ------
         SettingsError
-            An unknown key, a value of the wrong type, a role or a time-out that is none.
+            An unknown key, a value of the wrong type, an unknown role or an invalid time-out.
         """
         given = json.loads(text)
         known = {entry.name: getattr(cls(), entry.name) for entry in fields(cls)}
@@ -69,7 +69,7 @@ class RemoteSettings:
 
     @property
     def address(self) -> str:
-        """The endpoint with the environment's values put in.
+        """The endpoint with values from the environment inserted.
 
         Raises
         ------
@@ -83,7 +83,7 @@ class RemoteSettings:
 
 
 def _check_type(key: str, value: object, default: object) -> None:
-    """Raise unless the value is of the default's kind; numbers are positive, and an int is a float."""
+    """Raise unless the value has the default's type; numbers must be positive, and an int is accepted as a float."""
     if isinstance(default, float):
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not value > 0:
             raise SettingsError(f'"{key}" must be a positive number of seconds, got {value!r}')

@@ -1,6 +1,6 @@
 """The Mok benchmark in Kratos, with Kratos' mesh solver and with the server: ``python -m mok_benchmark``, ``make mok``.
 
-Turek and Hron's flag (``examples/turek_hron_fsi/kratos.py``) is run by the same modules.
+The same modules run Turek and Hron's flag (``examples/turek_hron_fsi/kratos.py``).
 
 ::
 

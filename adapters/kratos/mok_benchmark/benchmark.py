@@ -1,4 +1,4 @@
-"""The benchmark: a channel that narrows, and a flexible wall that stands in it; Mok (2001).
+"""The benchmark: a flexible wall in a narrowing channel; Mok (2001).
 
 Lengths in m, x along the channel. The wall stands on the bottom, half as high as the channel; behind it a ramp leads to
 the narrow part. The ramp's upper corner is rounded with a radius of 1 m.

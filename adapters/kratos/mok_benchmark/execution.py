@@ -1,4 +1,4 @@
-"""A run from outside: what it needs in its folder, the server, Kratos' process, its progress, its time."""
+"""Start and watch a run: its folder's files, the server, Kratos' process, its progress, its time."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _APPLICATIONS = ("MeshMoving", "LinearSolvers", "FluidDynamics", "StructuralMech
 
 
 class RunFailed(Exception):
-    """Kratos did not come to its end; the message has its last words."""
+    """Kratos failed before its end; the message has its last lines of output."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def kratos_python() -> str:
 
 
 def missing_kratos() -> str:
-    """Why the benchmark cannot run with :func:`kratos_python`, and how it can; empty if it can."""
+    """The reason why the benchmark cannot run with :func:`kratos_python`, and the remedy; empty if it can run."""
     imports = ["zmq", "msgpack", "numpy", *(f"KratosMultiphysics.{name}Application" for name in _APPLICATIONS)]
     python = kratos_python()
     try:
@@ -110,7 +110,7 @@ def missing_kratos() -> str:
 
 
 def prepare(folder: Path, size: Size) -> FluidMesh:
-    """Write meshes and material into the folder, which begins empty; the fluid's mesh."""
+    """Write meshes and material into the folder, which is emptied first; return the fluid's mesh."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     rows, columns, order = size.wall
@@ -126,13 +126,13 @@ def prepare(folder: Path, size: Size) -> FluidMesh:
 def watch(
     folder: Path, solid: NDArray[np.float64], points: Sequence[Sequence[float]], forces: list[str], *, meshes: bool
 ) -> None:
-    """Say what a run writes down: the solid's nodes at ``points``, the force on parts of the fluid, its meshes."""
+    """Select the run's output: the solid's nodes at ``points``, the force on parts of the fluid, its meshes."""
     nodes = [1 + int(np.argmin(((solid - point) ** 2).sum(axis=1))) for point in points]
     (folder / "watch.json").write_text(json.dumps({"nodes": nodes, "forces": forces, "meshes": meshes}))
 
 
 def run(folder: Path, mesh_solver: str, size: Size, progress: Callable[[int, int], None]) -> History:
-    """Compute Mok's benchmark with one of ``parameters.MESH_SOLVERS``, in a folder as :func:`prepare` left it."""
+    """Compute Mok's benchmark with one of ``parameters.MESH_SOLVERS``, in a folder that :func:`prepare` has filled."""
     return compute(folder, CASE, mesh_solver, size.end_time, progress)
 
 
@@ -151,7 +151,7 @@ def compute(
     end_time : float
         s.
     progress : callable
-        Takes the time steps done and their number.
+        Takes the number of finished time steps and the number of all.
 
     Raises
     ------
@@ -172,7 +172,7 @@ def compute(
 
 @contextmanager
 def _server(state: Path | None) -> Iterator[str]:
-    """A private server's endpoint, empty if none is wanted; its sessions are kept for a run that goes on."""
+    """A private server's endpoint, empty if no server is wanted; its sessions are kept for a run that continues."""
     server = EmbeddedServer(state, 300.0, ["--threads", "1"]) if state else None
     try:
         yield server.endpoint if server else ""
@@ -182,7 +182,7 @@ def _server(state: Path | None) -> Iterator[str]:
 
 
 def _kratos(folder: Path, endpoint: str, progress: Callable[[int, int], None]) -> None:
-    """Run Kratos' process to its end; one thread, as the server has."""
+    """Run Kratos' process to its end; one thread, like the server."""
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join(str(_ROOT / source) for source in _SOURCES),
         "OMP_NUM_THREADS": "1",

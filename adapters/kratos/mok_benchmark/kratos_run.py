@@ -1,10 +1,10 @@
-"""Runs in Kratos' Python, in the folder of one run: the coupled computation of ``coupling.json``.
+"""The coupled computation of ``coupling.json``; runs in Kratos' Python, in the folder of one run.
 
 ``watch.json``: ``nodes`` of the solid, ``forces``: parts of the fluid's boundary, ``meshes``: whether to keep them.
 Leaves ``history.npz``: times (k,) s, displacements (k, nodes, 2) m, the flow's force (k, 2) N/m on the parts together,
 the fluid's mesh (k, n, 2) m, coupling iterations (k,), and seconds of the mesh solver and of the whole of each step
-(k,). A line of standard output each time step: ``step K of N``. Every ``EVERY`` steps it also leaves ``state.npz``: a
-run that finds one goes on from there.
+(k,). Standard output has one line for each time step: ``step K of N``. Every ``EVERY`` steps it also writes
+``state.npz``: a run that finds this file continues from its step.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _TIMED = ("InitializeSolutionStep", "SolveSolutionStep", "FinalizeSolutionStep")
 
 
 class Run(CoSimulationAnalysis):
-    """The coupled computation with a clock and a notebook."""
+    """The coupled computation, with times measured and results recorded."""
 
     def __init__(self, folder: Path) -> None:
         self._watch = json.loads((folder / "watch.json").read_text())
@@ -55,7 +55,7 @@ class Run(CoSimulationAnalysis):
         super().__init__(KM.Parameters(json.dumps(settings)))
 
     def Initialize(self) -> None:
-        """As CoSimulation, with a clock around the mesh solver's part in a step."""
+        """Initialize as CoSimulation does, and measure the time of the mesh solver in each step."""
         super().Initialize()
         solver = self._mesh_solver()
         for name in _TIMED:
@@ -68,7 +68,7 @@ class Run(CoSimulationAnalysis):
         self._began = time.perf_counter()
 
     def Finalize(self) -> None:
-        """Take the clock off: what holds itself would be freed after Kratos has shut down, and crash."""
+        """Remove the clock: a reference cycle would be freed after Kratos has shut down, and crash."""
         self._wetted.clear()
         for name in _TIMED:
             delattr(self._mesh_solver(), name)
@@ -106,7 +106,7 @@ class Run(CoSimulationAnalysis):
         _save(path, {name: np.array(values) for name, values in self._notes.items()})
 
     def _save_state(self, path: Path) -> None:
-        """Write what the next step needs."""
+        """Write the data that the next step needs."""
         arrays: dict[str, Any] = {
             f"{solver}.places": KM.VariableUtils().GetCurrentPositionsVector(self._model_part(solver).Nodes, 3)
             for solver in _STATE
@@ -118,19 +118,20 @@ class Run(CoSimulationAnalysis):
         _save(path, {"steps": np.array(len(self._notes["times"])), **arrays})
 
     def _go_on(self) -> None:
-        """Take up the state of an earlier run."""
+        """Load the state of an earlier run."""
         for name, nodes, variable, back, _ in self._variables():
             KM.VariableUtils().SetSolutionStepValuesVector(nodes, variable, KM.Vector(self._state[name]), back)
         for solver in _STATE:
             model_part = self._model_part(solver)
-            # not from the displacement: at the interface that is already the solid's answer to the last mesh
+            # not from the displacement: at the interface the displacement is already the solid's answer to the last
+            # mesh
             places = KM.Vector(self._state[f"{solver}.places"])
             KM.VariableUtils().SetCurrentPositionsVector(model_part.Nodes, places)
             model_part.ProcessInfo[KM.STEP] = int(self._state["steps"])
             model_part.ProcessInfo[KM.IS_RESTARTED] = True  # the mesh's session is taken up again
 
     def _variables(self) -> Iterator[tuple[str, Any, Any, int, list[int]]]:
-        """Of the state: key, nodes, variable, steps back, and the components of a vector."""
+        """The entries of the state: key, nodes, variable, steps back, and the components of a vector."""
         for solver, (_, *names) in _STATE.items():
             model_part = self._model_part(solver)
             for name in names:
@@ -160,7 +161,7 @@ class Run(CoSimulationAnalysis):
 
 
 def _save(path: Path, arrays: dict[str, Any]) -> None:
-    """Write an npz file, whole or not at all."""
+    """Write an npz file, complete or not at all."""
     with path.with_suffix(".new").open("wb") as file:
         np.savez_compressed(file, **arrays)
     path.with_suffix(".new").rename(path)

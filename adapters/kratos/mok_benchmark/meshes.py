@@ -1,6 +1,6 @@
 """The meshes: triangles of the fluid by Gmsh, quadrilaterals of the solid, written as Kratos' mdpa files.
 
-The fluid's nodes on the solid are the solid's.
+On their common interface fluid and solid have the same nodes.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def channel_mesh(wall_nodes: int, coarsest: float) -> FluidMesh:
 
 
 def fluid_mesh(geometry: Callable[[Any], dict[str, list[int]]]) -> FluidMesh:
-    """Mesh what ``geometry`` makes in Gmsh's model; it returns the lines of each part of the boundary."""
+    """Mesh the model that ``geometry`` builds in Gmsh; ``geometry`` returns the lines of each part of the boundary."""
     import gmsh  # noqa: PLC0415  (its library is large)
 
     gmsh.initialize(interruptible=False)
@@ -138,7 +138,7 @@ def write_solid(path: Path, lattice: Floats, order: int = 2) -> Floats:
     Parameters
     ----------
     lattice : (order rows + 1, order columns + 1, 2) array, m
-        Corners, middles of edges and of elements, from the clamped foot on; the foot's first point is at the left.
+        Corners, midpoints of edges and of elements, from the clamped foot on; the foot's first point is at the left.
     """
     levels, columns = (count - 1 for count in lattice.shape[:2])
     number: dict[tuple[int, int], int] = {}

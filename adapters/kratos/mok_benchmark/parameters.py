@@ -23,7 +23,7 @@ _LINEAR_SOLVER: Block = {
 
 @dataclass(frozen=True)
 class Case:
-    """A channel with an elastic solid in it: what differs from one benchmark to the other.
+    """A channel with an elastic solid in it: the values that differ between the benchmarks.
 
     Attributes
     ----------
@@ -180,7 +180,7 @@ def _inlet(velocity: str, interval: list[float | str]) -> Block:
 
 
 def _process(module: str, part: str, *, fluid: bool = False, **settings: Any) -> Block:
-    """One process on a part of the fluid's boundary; ``fluid``: one of the FluidDynamicsApplication."""
+    """A Kratos process on a part of the fluid's boundary; ``fluid``: a process of the FluidDynamicsApplication."""
     application = "KratosMultiphysics.FluidDynamicsApplication" if fluid else "KratosMultiphysics"
     parameters = {"model_part_name": f"FluidModelPart.{part}", **settings}
     return {"python_module": module, "kratos_module": application, "Parameters": parameters}

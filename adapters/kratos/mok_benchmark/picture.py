@@ -37,7 +37,7 @@ def write_picture(
     found : mapping
         The largest differences, by reference point.
     whole : bool
-        Whether the published largest displacements belong into the picture.
+        Whether to show the published largest displacements.
     """
     figure = Figure(figsize=(11.0, 7.2))
     above = figure.add_subplot(2, 1, 1)

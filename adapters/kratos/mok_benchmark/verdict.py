@@ -1,4 +1,4 @@
-"""The two histories compared, and the quality of the meshes by one judge."""
+"""Comparison of the two histories, and the quality of the meshes in one measure."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def table(outcomes: Mapping[str, Outcome], found: Mapping[str, float], whole: bo
 
 
 def _column(outcome: Outcome) -> dict[str, str]:
-    """A run's numbers by what they are."""
+    """A run's numbers by name."""
     return {
         **{f"{name}: largest u_x [cm]": f"{100 * value:.3f}" for name, value in outcome.largest.items()},
         **{f"{name}: u_x at the end [cm]": f"{100 * value:.3f}" for name, value in outcome.last.items()},

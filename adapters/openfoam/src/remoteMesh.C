@@ -240,7 +240,8 @@ void Foam::remoteMesh::setPoints(const pointField& base)
     {
         set(node, base[nodePoint_[node]]);
     }
-    // the other rank adds in another order, so its mean may differ in a bit
+    // the other rank adds in another order, so its mean may differ in the last
+    // bit
     pointField middles(mesh_.nBoundaryFaces(), Zero);
     forAll(middles_, i)
     {

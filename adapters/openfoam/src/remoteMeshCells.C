@@ -8,7 +8,7 @@ namespace
 {
 
 //- The server's name for a cell of this shape, or null if it has none. The
-//  order of the points is the server's in each.
+//  points have the server's order in each cell.
 const char* typeOf(const Foam::cellShape& shape)
 {
     switch (shape.model().index())
@@ -21,7 +21,7 @@ const char* typeOf(const Foam::cellShape& shape)
     }
 }
 
-//- Corner and its neighbours, right-handed, of each corner of such a cell
+//- For each corner of such a cell: the corner and its neighbours, right-handed
 const Foam::labelListList& cornersOf(const Foam::cellShape& shape)
 {
     using Foam::labelList;
@@ -53,7 +53,7 @@ const Foam::labelListList& cornersOf(const Foam::cellShape& shape)
     }
 }
 
-//- Whether one of the determinants is not positive, beyond rounding
+//- True if one of the determinants is not positive, beyond rounding
 bool isNonpositive(const Foam::scalarUList& determinants)
 {
     const Foam::scalar largest =
@@ -61,7 +61,7 @@ bool isNonpositive(const Foam::scalarUList& determinants)
     return Foam::min(determinants) <= 1e-12*largest;
 }
 
-//- Whether a cell of a simple type has an inverted corner
+//- True if a cell of a simple type has an inverted corner
 bool isCrossed(const Foam::cellShape& shape, const Foam::pointField& points)
 {
     Foam::scalarList determinants;
@@ -99,8 +99,8 @@ void Foam::remoteMesh::numberCentres(const pointField& base)
         const cellShape& shape = mesh_.cellShapes()[celli];
         divided[celli] = !typeOf(shape) || isCrossed(shape, base);
     }
-    // a split face divides the cell on its other side too, which may split
-    // other faces, on another rank too
+    // a split face also divides the cell on its other side; this may split
+    // other faces, also on other ranks
     boolList seen(mesh_.nCells(), false);
     Map<point> found;
     bool again = true;

@@ -37,7 +37,7 @@ const dictionary& checked(const dictionary& dict, const dictionary& coeffs)
         "computeTimeout", "commit", "atEnd", "durability", "label",
         "secretKey", "serverKey", "evaluation", "onRefusal", "couplingWindow"
     });
-    // without a dictionary of their own they are entries of the mesh's one
+    // without their own dictionary they are entries of dynamicMeshDict
     static const wordList ofMesh
     ({
         "dynamicFvMesh", "dynamicFvMeshLibs", "libs", "motionSolverLibs",
@@ -88,8 +88,8 @@ word zoneName(const dictionary& dict)
 }
 
 
-//- A dictionary with a name of its own, by which the motion solver of a zone
-//  is registered and written; null where it moves the mesh as a whole
+//- A dictionary with the name under which the motion solver of a zone is
+//  registered and written; null if the solver moves the whole mesh
 std::unique_ptr<IOdictionary> ofZone
 (
     const polyMesh& mesh,
@@ -113,7 +113,7 @@ std::unique_ptr<IOdictionary> ofZone
 }
 
 
-//- The cells of a zone as a mesh; null where there is no zone
+//- The cells of a zone as a mesh; null without a zone
 std::unique_ptr<fvMeshSubset> cellsOf(const polyMesh& mesh, const word& name)
 {
     if (name.empty())
@@ -128,7 +128,7 @@ std::unique_ptr<fvMeshSubset> cellsOf(const polyMesh& mesh, const word& name)
             mesh.cellZones()[name] // the base class has found it
         )
     );
-    // its faces to other cells are a patch of type empty, which 2D needs
+    // its faces to other cells form a patch of type empty, which 2D needs
     fvMesh& own = subset->subMesh();
     const polyBoundaryMesh& boundary = own.boundaryMesh();
     List<polyPatch*> patches(boundary.size());

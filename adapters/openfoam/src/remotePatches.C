@@ -32,8 +32,8 @@ Foam::wordList physicalNames(const Foam::polyBoundaryMesh& boundary)
 }
 
 
-//- Patches with a boundary condition of their own. Those of a cellZone's mesh
-//  are the same; behind them are its faces to other cells, if there are any
+//- Patches with their own boundary condition. Those of a cellZone's mesh are
+//  the same; its faces to other cells, if any, come after them
 Foam::label nPhysical(const Foam::pointVectorField& displacement)
 {
     return displacement.mesh()().boundaryMesh().nNonProcessor();

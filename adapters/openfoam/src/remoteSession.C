@@ -89,7 +89,7 @@ void Foam::remoteSession::silence(void* session, const char* line)
 
 void Foam::remoteSession::awaitServer() const
 {
-    // a server that computes is given more time than one that is not there
+    // a server that computes gets more time than a server that does not answer
     const scalar most =
         max(patience_, coeffs_.lookupOrDefault<scalar>("timeout", 60));
     Info<< "remoteMeshMotion: no server answers" << nl
@@ -143,7 +143,7 @@ Foam::remoteSession::~remoteSession()
 void Foam::remoteSession::setMethodEntry(const entry& e)
 {
     const char* key = e.keyword().c_str();
-    // a dictionary or several words are not one value
+    // a dictionary, or several words, is not a single value
     const token value
     (
         e.isStream() && e.stream().size() == 1 ? e.stream()[0] : token()

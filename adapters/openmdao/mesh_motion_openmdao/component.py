@@ -31,7 +31,7 @@ class MeshMotion(om.ExplicitComponent):
     session : Session
         Open, with derivatives (``session.derivatives``); its settings decide how the mesh moves.
     discipline : str
-        In the names of input and output.
+        The part of the input's and output's names that names the discipline.
     """
 
     def initialize(self) -> None:
@@ -83,6 +83,6 @@ class MeshMotion(om.ExplicitComponent):
             d_inputs[self._surface] += self._motion.cotangent(at, d_outputs[self._volume].reshape(-1, d)).ravel()
 
     def _displacement(self, inputs: Any) -> np.ndarray[Any, Any]:
-        """(k, d) of the moving nodes."""
+        """(k, d) coordinates of the moving nodes."""
         rest = self._rest[self.options["session"].moving_nodes]
         return np.asarray(inputs[self._surface].reshape(rest.shape) - rest)

@@ -23,7 +23,7 @@ _WRITTEN = {"displacement": "data", "velocity": "velocity"}
 
 
 def read_tables(path: Path) -> tuple[dict[str, Any], Path]:
-    """The tables of a participant's file, TOML or JSON, and the folder that its names are relative to.
+    """The tables of a participant's file, TOML or JSON, and the base folder of the file names in it.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def _written(item: dict[str, Any], where: str) -> str:
 
 
 def _known(values: dict[str, Any], keys: tuple[str, ...], where: str) -> dict[str, Any]:
-    """The values, none of them unknown."""
+    """The table's values, after a check for unknown keys."""
     if unknown := [key for key in values if key not in keys]:
         raise InvalidInput(f"unknown key {unknown[0]!r} in {where}; known are {', '.join(keys)}")
     return values

@@ -17,7 +17,7 @@ _RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 
 
 class Coupling(Protocol):
-    """``precice.Participant``, as far as it is used here."""
+    """The part of ``precice.Participant`` that is used here."""
 
     def get_mesh_dimensions(self, mesh_name: str) -> int:
         """2 or 3."""
@@ -29,7 +29,7 @@ class Coupling(Protocol):
         """1 for a scalar, 2 or 3 for a vector."""
 
     def requires_mesh_connectivity_for(self, mesh_name: str) -> bool:
-        """Whether a mapping uses the edges, triangles or tetrahedra of a provided mesh."""
+        """True if a mapping uses the edges, triangles or tetrahedra of a provided mesh."""
 
     def set_mesh_edges(self, mesh_name: str, vertices: NDArray[np.int32]) -> None:
         """Vertex numbers (e, 2); before ``initialize``."""
@@ -46,31 +46,31 @@ class Coupling(Protocol):
         """Vertex numbers (t, 4); before ``initialize``."""
 
     def set_mesh_access_region(self, mesh_name: str, bounding_box: NDArray[np.float64]) -> None:
-        """Choose the part of a received mesh, (2 d,): least and largest coordinate of each axis."""
+        """Choose the part of a received mesh inside a box (2 d,): smallest and largest coordinate of each axis."""
 
     def get_mesh_vertex_ids_and_coordinates(self, mesh_name: str) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
         """(m,) vertex numbers and (m, d) coordinates of a received mesh; after ``initialize``."""
 
     def requires_initial_data(self) -> bool:
-        """Whether data must be written before ``initialize``."""
+        """True if data must be written before ``initialize``."""
 
     def initialize(self) -> None:
         """Connect to the other participants and exchange the meshes."""
 
     def is_coupling_ongoing(self) -> bool:
-        """Whether there is a window to compute."""
+        """True if there is a window to compute."""
 
     def get_max_time_step_size(self) -> float:
-        """Time that is left of the window."""
+        """Remaining time of the window."""
 
     def requires_writing_checkpoint(self) -> bool:
-        """Whether the state must be kept: an implicit window begins."""
+        """True if the state must be kept: an implicit window begins."""
 
     def requires_reading_checkpoint(self) -> bool:
-        """Whether the kept state must be restored: the window is computed again."""
+        """True if the kept state must be restored: the window is computed again."""
 
     def is_time_window_complete(self) -> bool:
-        """Whether the last ``advance`` ended a window for good."""
+        """True if the last ``advance`` completed a window."""
 
     def read_data(
         self, mesh_name: str, data_name: str, vertex_ids: NDArray[np.int32], relative_read_time: float

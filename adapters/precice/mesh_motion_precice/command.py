@@ -27,7 +27,7 @@ _INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Couple; 0 when preCICE ended the coupling, 1 with one line to stderr when it could not be done."""
+    """Couple; return 0 when preCICE ended the coupling, 1 with one line to stderr when the coupling failed."""
     options = _parser().parse_args(arguments)
     logging.basicConfig(level=options.log_level.upper(), format="%(message)s", stream=sys.stdout)
     try:
@@ -45,10 +45,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _end_without_finalizing(error: BaseException) -> NoReturn:
-    """Say what was wrong and end the process, with preCICE's participant still in the error's frames.
+    """Print the error and end the process, while the error's frames still hold preCICE's participant.
 
-    Its destructor would finalize, and with ``wait-in-finalize`` wait for participants that wait for this one. Their
-    connections end with the process.
+    The participant's destructor would finalize, and with ``wait-in-finalize`` wait for participants that wait for this
+    one. The end of the process ends their connections.
     """
     if isinstance(error, KeyboardInterrupt):
         said = "interrupted; the session stays at its last committed window"
@@ -68,7 +68,7 @@ def _end_without_finalizing(error: BaseException) -> NoReturn:
 def run(
     configuration: Configuration, *, endpoint: str | None, compute_timeout: float, credentials: Path, restart: bool
 ) -> None:
-    """Couple from the first window to the last, a line a window to the log.
+    """Couple from the first window to the last, with one line in the log for each window.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def run(
 
 
 def _begin(participant: Participant, session: Session, restart: bool) -> None:
-    """Begin the coupling; a new session that does not come to it is deleted, and the file of an earlier one stays."""
+    """Begin the coupling; if this fails, a new session is deleted, and the file of an earlier session stays."""
     try:
         participant.begin(session)
     except BaseException:
@@ -105,7 +105,7 @@ def _begin(participant: Participant, session: Session, restart: bool) -> None:
 
 
 def _line(window: Window) -> str:
-    """What the log says of a window."""
+    """The log's line about a window."""
     return (
         f"window {window.number}  t {window.time:.6g}  {window.iterations} iterations  "
         f"min size-skew {window.lowest_quality:.3f}  {' '.join(window.warnings)}"
@@ -113,7 +113,7 @@ def _line(window: Window) -> str:
 
 
 def _configuration(options: argparse.Namespace) -> Configuration:
-    """The file, with what the command line gives instead."""
+    """The file's configuration, with the values that the command line replaces."""
     configuration = read_configuration(options.file)
     if options.mesh is not None:
         configuration = replace(configuration, mesh_file=options.mesh)

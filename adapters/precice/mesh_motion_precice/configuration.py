@@ -1,4 +1,4 @@
-"""The participant's file in, a checked :class:`Configuration` out.
+"""Read the participant's file into a checked :class:`Configuration`.
 
 ``[mesh]``, ``[patches]`` and ``[method]`` are those of a case file; ``[precice]``, ``[[read]]``, ``[write]`` and
 ``[coupling]`` assign preCICE's meshes and data to them. Names of files are relative to the file.
@@ -51,8 +51,8 @@ class Volume:
     mesh : str
     data : str
     received : bool
-        False: the mesh is provided here, a vertex a node. True: it is a solver's own, received from it with
-        ``api-access="true"``; each of its vertices must lie on a node of the mesh file.
+        False: the mesh is provided here, a vertex a node. True: the mesh belongs to a solver and is received from it
+        with ``api-access="true"``; each of its vertices must lie on a node of the mesh file.
     velocity : str
         The data that gets the nodes' mean velocity over the step; empty: it is not written.
     """
@@ -174,7 +174,7 @@ def _table(values: Any, name: str) -> dict[str, Any]:
 
 
 def _section(kind: type[_Section], values: Any, name: str) -> _Section:
-    """A table as its dataclass: no unknown key, none missing, types as they are declared."""
+    """Convert a table to its dataclass: no unknown key, no missing key, types as declared."""
     table: Mapping[str, Any] = _table(values, name)
     declared = {entry.name: entry for entry in fields(kind)}  # type: ignore[arg-type]
     if unknown := [key for key in table if key not in declared]:
@@ -195,7 +195,7 @@ _WORDS: dict[Any, str] = {bool: "true or false", str: "a name", (int, float): "a
 
 
 def _check_patches(configuration: Configuration) -> None:
-    """Roles are known, each moving patch is read once, and each mesh stands for one thing."""
+    """Check that roles are known, that each moving patch is read once, and that each mesh has one purpose."""
     roles = configuration.patches
     for name, role in roles.items():
         if role not in ROLES:

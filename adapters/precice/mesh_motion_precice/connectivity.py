@@ -1,6 +1,6 @@
-"""Edges, triangles and tetrahedra for preCICE's mappings: the facets of a patch, the cells of a mesh in simplices.
+"""Edges, triangles and tetrahedra for preCICE's mappings: facets of a patch, and cells of a mesh cut into simplices.
 
-preCICE asks for them where a mapping projects or interpolates within cells. It has no cells but simplices:
+preCICE needs them for a mapping that projects or interpolates within cells. It knows no cells other than simplices:
 quadrilaterals and cells with more nodes are cut, each by one fixed scheme.
 """
 
@@ -59,7 +59,7 @@ def patch_facets(mesh: Mesh, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _once(facets: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The facets (f, k) that no other one has the nodes of: those of the boundary."""
+    """The boundary's facets (f, k): no other facet has the same nodes."""
     _, first, count = np.unique(np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True)
     alone: NDArray[np.int64] = facets[np.sort(first[count == 1])]
     return alone

@@ -1,8 +1,8 @@
-"""The coupling loop: each step a trial move, each window that is complete a committed step, a repeated one rolled back.
+"""The coupling loop: each step is a trial move; a complete window is committed, a repeated one is rolled back.
 
 preCICE asks an implicitly coupled participant to keep its state where a window begins and to restore it when the window
-is computed again. The server keeps it: a move is a trial from the last committed state, however often it is asked for,
-and nothing but ``commit`` changes that state. So writing a checkpoint needs no action, and reading it is ``rollback``.
+is computed again. The server keeps it: a move is a trial from the last committed state, at every repetition, and only
+``commit`` changes that state. So writing a checkpoint needs no action, and reading it is ``rollback``.
 With several steps in a window each is a trial from the beginning of the window, and the last one is committed.
 """
 
@@ -39,11 +39,11 @@ class Window:
     Attributes
     ----------
     number : int
-        The session's committed steps: goes on after a restart.
+        Number of the session's committed steps; counting continues after a restart.
     time : float
         The window's end, since this run began, time unit.
     iterations : int
-        How often it was computed.
+        How often the window was computed.
     lowest_quality : float
         Smallest size-skew of a cell.
     warnings : tuple of str
@@ -88,7 +88,7 @@ class Participant:
         self._volume = VolumeVertices.prepare(coupling, configuration.volume, mesh)
 
     def begin(self, session: Session) -> None:
-        """Initialize preCICE, with the mesh's displacement so far where it asks for initial data.
+        """Initialize preCICE; give it the mesh's present displacement if it requires initial data.
 
         Returns when the other participants are there.
 
@@ -121,7 +121,7 @@ class Participant:
         self._volume = self._volume.settled(self._coupling, self._mesh)
 
     def windows(self) -> Iterator[Window]:
-        """Couple until preCICE says that it is over; yields each window once it is committed.
+        """Couple until preCICE ends the coupling; yield each window once it is committed.
 
         Raises
         ------
@@ -161,7 +161,7 @@ class Participant:
         return self._session.points("committed") - self._mesh.points
 
     def _step(self, rest: float) -> float:
-        """The next step: the rest of the window is divided into the fewest equal steps that are short enough."""
+        """Length of the next step: the rest of the window is divided into the fewest possible equal steps."""
         return rest / max(1, math.ceil(rest / self._time_step - _REST))
 
     def _boundary(self, relative_time: float) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""How many windows a run has, by preCICE's configuration: preCICE's interface does not have it."""
+"""Number of windows of a run, read from preCICE's configuration: preCICE's interface does not give it."""
 
 from __future__ import annotations
 

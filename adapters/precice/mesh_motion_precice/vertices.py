@@ -1,4 +1,4 @@
-"""preCICE's meshes: the wet surfaces that displacements are read on, the volume that they are written to."""
+"""preCICE's meshes: the wet surfaces, where displacements are read, and the volume, where displacements are written."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class WetVertices:
         return cls(surface, nodes, ids)
 
     def read(self, coupling: Coupling, relative_time: float) -> NDArray[np.float64]:
-        """(p, d) displacements at that time after the present one, mesh length unit."""
+        """(p, d) displacements at ``relative_time`` after the present time, mesh length unit."""
         return coupling.read_data(self.surface.mesh, self.surface.data, self.ids, relative_time)
 
 
@@ -73,7 +73,7 @@ class VolumeVertices:
 
     @classmethod
     def prepare(cls, coupling: Coupling, volume: Volume, mesh: Mesh) -> VolumeVertices:
-        """Before ``initialize``: provide a vertex a node, or say which part of the received mesh is wanted (all)."""
+        """Before ``initialize``: provide one vertex for each node, or request the whole received mesh."""
         for data in filter(None, (volume.data, volume.velocity)):
             _check_dimension(coupling, volume.mesh, data, mesh)
         vertices = cls._requested(coupling, volume, mesh) if volume.received else cls._provided(coupling, volume, mesh)
@@ -83,7 +83,7 @@ class VolumeVertices:
 
     @classmethod
     def _provided(cls, coupling: Coupling, volume: Volume, mesh: Mesh) -> VolumeVertices:
-        """A vertex a node, with the cells where a mapping uses them."""
+        """Provide one vertex for each node, and the cells if a mapping uses them."""
         ids = coupling.set_mesh_vertices(volume.mesh, mesh.points)
         if coupling.requires_mesh_connectivity_for(volume.mesh):
             simplices = ids[cell_simplices(mesh)]
@@ -96,19 +96,19 @@ class VolumeVertices:
 
     @classmethod
     def _requested(cls, coupling: Coupling, volume: Volume, mesh: Mesh) -> VolumeVertices:
-        """No vertex yet, of a mesh that is received all around the mesh file's."""
+        """Request a mesh to receive, in a box around the mesh file's mesh; it has no vertices yet."""
         lowest, highest = mesh.points.min(axis=0), mesh.points.max(axis=0)
         margin = _MARGIN * float(np.max(highest - lowest))
         coupling.set_mesh_access_region(volume.mesh, np.stack([lowest - margin, highest + margin], axis=1).ravel())
         return cls(volume, np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int32))
 
     def settled(self, coupling: Coupling, mesh: Mesh) -> VolumeVertices:
-        """After ``initialize``: which node each vertex of a received mesh is.
+        """After ``initialize``: find the node at each vertex of a received mesh.
 
         Raises
         ------
         InvalidInput
-            The solver's mesh is empty, or a vertex of it lies on no node of the mesh file.
+            The solver's mesh is empty, or one of its vertices lies on no node of the mesh file.
         """
         if not self.volume.received:
             return self
@@ -118,7 +118,7 @@ class VolumeVertices:
         return VolumeVertices(self.volume, nodes_at(places, mesh.points, f"mesh {self.volume.mesh!r}"), ids)
 
     def write(self, coupling: Coupling, displacement: NDArray[np.float64], velocity: NDArray[np.float64]) -> None:
-        """Write what the mesh file's nodes have (n, d) where there is a vertex for them; the velocity if wanted."""
+        """Write the displacement (n, d) of the mesh file's nodes that have a vertex, and their velocity if wanted."""
         coupling.write_data(self.volume.mesh, self.volume.data, self.ids, displacement[self.nodes])
         if self.volume.velocity:
             coupling.write_data(self.volume.mesh, self.volume.velocity, self.ids, velocity[self.nodes])
@@ -133,7 +133,7 @@ def nodes_at(places: NDArray[np.float64], points: NDArray[np.float64], what: str
     points : (n, d) array
         Nodes, n > 1.
     what : str
-        For messages: whose places they are.
+        For messages: the owner of the places.
 
     Returns
     -------
@@ -162,7 +162,7 @@ def nodes_at(places: NDArray[np.float64], points: NDArray[np.float64], what: str
 
 
 def _search_tree(points: NDArray[np.float64]) -> Any:
-    """A k-d tree of the nodes; scipy is asked for where it is needed."""
+    """A k-d tree of the nodes; scipy is imported here, since only received meshes need it."""
     try:
         from scipy.spatial import KDTree  # noqa: PLC0415
     except ImportError as error:
@@ -173,7 +173,7 @@ def _search_tree(points: NDArray[np.float64]) -> Any:
 
 
 def _check_dimension(coupling: Coupling, name: str, data: str, mesh: Mesh) -> None:
-    """preCICE's mesh has the mesh file's dimension, and so has the data on it."""
+    """Check that preCICE's mesh and its data have the mesh file's dimension."""
     dimensions = coupling.get_mesh_dimensions(name)
     if dimensions != mesh.dimension:
         raise InvalidInput(

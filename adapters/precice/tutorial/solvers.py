@@ -1,7 +1,7 @@
 """Stand-ins for a fluid and a solid code, as preCICE participants: python solvers.py Fluid|Solid.
 
-The fluid loads the flag by its place in the *moved mesh*, the solid is a beam: the pair of examples/mock_fsi, whose
-coupled motion is known. The fluid writes the deflection of the flag's tip, window by window, to tip.csv.
+The fluid's load depends on the flag's position in the *moved mesh*, the solid is a beam: the pair of examples/mock_fsi,
+whose coupled motion is known. The fluid writes the deflection of the flag's tip, window by window, to tip.csv.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ DT = 0.05  # the window of precice-config.xml
 
 
 def windows(coupling):
-    """Each iteration of each window: its number and end; the solver computes and writes, then it is advanced."""
+    """Yield number and end of the window in each iteration; the solver computes and writes, then preCICE advances."""
     coupling.initialize()
     window = 1
     while coupling.is_coupling_ongoing():
@@ -39,7 +39,7 @@ def windows(coupling):
 
 
 def fluid(config: str, out: Path) -> None:
-    """Loads from the moved mesh; hands the solid's displacement on to the mesh motion."""
+    """Compute loads from the moved mesh; pass the solid's displacement on to the mesh motion."""
     mesh = Mesh.load(EXAMPLES / "turek_hron_flag" / "mesh.npz", ROLES)
     flag = mesh.patches["flag"].nodes
     load = LoadStub(mesh.points[flag], dt=DT, added_mass=20.0, amplitude=30.0, frequency=1.0)

@@ -1,4 +1,4 @@
-"""Radial basis functions as textbooks write them: every boundary node a centre, dense matrices, LAPACK's LU.
+"""Radial basis functions as in textbooks: every boundary node is a centre, with dense matrices and LAPACK's LU.
 
 Wendland's C2 function φ(ξ) = (1 - ξ)⁴ (4ξ + 1), no polynomial, after A. de Boer, M.S. van der Schoot, H. Bijl (2007).
 ``displacement = "relative"`` interpolates each step's increment from the current positions, and factorizes again.

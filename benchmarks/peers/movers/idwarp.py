@@ -1,6 +1,6 @@
 """IDWarp's inverse distance weighting, built in memory; runs in the Python of an environment that has IDWarp.
 
-Its options are the defaults: the fast summation to a relative error of 5e-4. It knows meshes in space only.
+Options are IDWarp's defaults: the fast summation has a relative error of 5e-4. IDWarp supports meshes in 3D only.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _FACETS = {
 
 
 class _InMemory(USMesh):  # type: ignore[misc, unused-ignore]
-    """A mesh of given nodes: in the place of a reader of OpenFOAM's files, which makes the same call."""
+    """A mesh of given nodes; replaces a reader of OpenFOAM's files, which makes the same call."""
 
     def __init__(self, points: NDArray[np.float64]) -> None:
         self.points = points
@@ -33,7 +33,7 @@ class _InMemory(USMesh):  # type: ignore[misc, unused-ignore]
         self.warp.createcommongrid(self.points.T)
 
     def printOptions(self) -> None:
-        """Leave standard output as it is."""
+        """Do nothing, so that standard output does not change."""
 
 
 class IDWarpMover:
@@ -66,7 +66,7 @@ class IDWarpMover:
         return moved
 
     def cotangent(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(k, 3) Jᵀ w: what the moving nodes' positions count for (n, 3) weights of all nodes, at the last step."""
+        """(k, 3) Jᵀ w: weights of the moving nodes' positions from (n, 3) weights of all nodes, at the last step."""
         self.mesh.warpDeriv(np.ascontiguousarray(weights).ravel(), solverVec=False)
         counted: NDArray[np.float64] = np.asarray(self.mesh.getdXs()).reshape(-1, 3)
         return counted[np.searchsorted(self.nodes, self.task.moving)]

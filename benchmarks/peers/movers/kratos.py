@@ -1,7 +1,7 @@
 """Kratos' MeshMovingApplication, built in memory; runs in the Python of an environment that has Kratos.
 
 Elements, solvers and linear-solver settings are the application's defaults (AMG-preconditioned GMRES to 1e-7); only the
-mesh velocity is not asked for.
+mesh velocity is not computed.
 """
 
 from __future__ import annotations

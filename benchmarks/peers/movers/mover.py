@@ -13,7 +13,7 @@ __all__ = ["Mover"]
 
 
 class Mover(Protocol):
-    """Construction is the set-up; steps are asked for in order, once each."""
+    """Construction is the set-up; the caller requests each step once, in order."""
 
     def __init__(self, task: Task, **options: Any) -> None: ...
 

@@ -1,4 +1,4 @@
-"""The mesh-motion server's own numerics, in process: what a Move costs without the wire.
+"""The mesh-motion server's own numerics in this process: the cost of a Move without communication.
 
 Every step is committed, so a relative displacement starts from the last one. Compiled kernels are loaded before the
 clock starts, as in a server that has been started.
@@ -48,5 +48,5 @@ class MotionModelMover:
 
     @classmethod
     def prepare(cls, task: Task, options: Mapping[str, Any]) -> None:
-        """Load every kernel: move a small mesh of the same cells, to a quality that takes all there is."""
+        """Load every kernel: move a small mesh of the same cells so far that all kernels are needed."""
         cls(small_task(task), **{**options, "quality_threshold": 0.99}).move(0)

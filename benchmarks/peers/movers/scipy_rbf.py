@@ -1,9 +1,9 @@
-"""scipy's ``RBFInterpolator`` as its manual offers it for many points: an interpolant of the nearest neighbours.
+"""scipy's ``RBFInterpolator`` with its manual's setting for many points: an interpolant of the nearest neighbours.
 
-With all boundary nodes as neighbours it would solve one dense system as the textbook does; with ``neighbors`` it solves
-a small one for every node, of which nothing can be kept from step to step but the search tree. The manual's thin plate
-spline has a linear polynomial, which the neighbours of most nodes do not determine: they lie on one flat side. So the
-kernel is the linear one, with a constant.
+With all boundary nodes as neighbours it would solve one dense system as the textbook does. With ``neighbors`` it solves
+a small system for every node, and can keep only the search tree from step to step. The manual's thin plate
+spline has a linear polynomial. The neighbours of most nodes lie on one flat side and do not determine it. So the kernel
+here is linear, with a constant.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The mesh-motion server over its wire: what a solver waits for.
+"""The mesh-motion server over its network connection: the time that a solver waits.
 
 The server is started and its kernels are loaded before the clock starts; set-up is opening a session and sending the
 mesh, a step is one or more Moves and one durable Commit. Memory and processor time are those of client, server and
@@ -69,7 +69,7 @@ class ServedMover:
 
     @classmethod
     def prepare(cls, task: Task, options: Mapping[str, Any]) -> None:
-        """Start the server and let it load its kernels."""
+        """Start the server and wait until it has loaded its kernels."""
         cls.server = connect(_start_server(), compute_timeout=3600.0)
         small = cls(small_task(task), **{**options, "quality_threshold": 0.99})
         small.move(0)
@@ -78,7 +78,7 @@ class ServedMover:
 
 
 def _start_server() -> str:
-    """Endpoint of a server that has as many threads as this process and ends with it."""
+    """Endpoint of a server that has as many threads as this process and ends with this process."""
     folder = tempfile.TemporaryDirectory(prefix="peers-")
     ready = Path(folder.name) / "ready.json"
     options = ["--threads", os.environ.get("MESH_MOTION_THREADS", "0"), "--ready-file", str(ready)]
@@ -99,7 +99,7 @@ def _start_server() -> str:
 
 
 def await_rest() -> None:
-    """Wait for the server to have its next worker ready: its processes use the processor no more."""
+    """Wait until the server's next worker is ready: its processes then use no more processor time."""
     used, deadline = -1.0, time.monotonic() + _READY_TIMEOUT
     while (now := cpu_seconds(os.getpid())) - used > _RESTING * _POLL and time.monotonic() < deadline:
         used = now

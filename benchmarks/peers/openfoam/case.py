@@ -1,7 +1,8 @@
 """A moveDynamicMesh case: the mesh, the prescribed boundary displacements and the solver's settings.
 
-The boundary condition ``uniformInterpolatedDisplacement`` reads the displacement of the boundary from one field a step,
-so any motion can be prescribed. What is no choice of :class:`Settings` is what decks of OpenFOAM usually say.
+The boundary condition ``uniformInterpolatedDisplacement`` reads the displacement of the boundary from one field for
+each step, so any motion can be prescribed. All entries that :class:`Settings` does not set have the usual values of
+OpenFOAM cases.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ TOLERANCES = {
 
 @dataclass(frozen=True)
 class Settings:
-    """How displacementLaplacian is to be solved.
+    """Settings of the solver displacementLaplacian.
 
     Attributes
     ----------
@@ -79,7 +80,7 @@ displacementLaplacianCoeffs {{ diffusivity {diffusivity}; }}
 
 
 def write_case(task: Task, case: Path, settings: Settings) -> PolyMesh:
-    """Write the case; the mesh is returned because it maps points back to nodes.
+    """Write the case; return the mesh, because it maps points back to nodes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""OpenFOAM's binary files as far as a mesh-motion case needs them: headers, lists, faces, point fields."""
+"""OpenFOAM's binary files that a mesh-motion case needs: headers, lists, faces, point fields."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def read_points(path: Path) -> Floats:
     Raises
     ------
     ValueError
-        If it is no binary list of vectors.
+        If the file has no binary list of vectors.
     """
     content = path.read_bytes()
     start = re.search(rb"\}.*?\n\s*(\d+)\s*\(", content, re.DOTALL)

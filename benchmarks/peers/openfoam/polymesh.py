@@ -7,8 +7,8 @@ The rules of the format (OpenFOAM user guide, "Mesh description"):
 * boundary faces follow patch by patch, with normals that point out of the domain;
 * a 2D mesh is one cell thick, with its front and back faces in a patch of type ``empty``.
 
-Only the order of the faces is ours to choose: cells and points keep their numbers, and a 2D mesh of n nodes has node i
-a second time as point n + i.
+Only the order of the faces is free: cells and points keep their numbers, and in a 2D mesh of n nodes point n + i is the
+copy of node i.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def _all_faces(cells: CellTable) -> tuple[Ints, Ints]:
 
 
 def _paired(faces: Ints, owners: Ints) -> tuple[Ints, Ints, Ints]:
-    """Inner faces as their owners see them in upper triangular order, their neighbours, and the boundary faces."""
+    """Inner faces in upper triangular order, oriented as their owners' faces; their neighbours; the boundary faces."""
     keys = np.sort(faces, axis=1)
     order = np.lexsort((owners, *keys.T))
     equal = np.all(keys[order[1:]] == keys[order[:-1]], axis=1)
@@ -139,7 +139,7 @@ def _paired(faces: Ints, owners: Ints) -> tuple[Ints, Ints, Ints]:
 
 
 def _patch_faces(faces: Ints, n: int, patches: Mapping[str, Ints], *, extruded: bool) -> dict[str, Ints]:
-    """Rows of the boundary faces (b, 4) of each patch: the first one that has all of a face's nodes."""
+    """Rows of the boundary faces (b, 4) of each patch; a face belongs to the first patch that has all its nodes."""
     free = np.ones(len(faces), dtype=bool)
     groups = {}
     if extruded:

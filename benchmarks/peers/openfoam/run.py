@@ -1,4 +1,4 @@
-"""Run moveDynamicMesh, stamp its log, and hand the positions over node by node."""
+"""Run moveDynamicMesh, add times to its log lines, and return the positions node by node."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def missing() -> str | None:
 
 
 def environment() -> dict[str, str]:
-    """The process environment, with what Debian's package leaves to the user."""
+    """The process environment, with the variables that Debian's package does not set."""
     debian = {"FOAM_ETC": f"{_DEBIAN_ETC}/etc", "WM_PROJECT_DIR": _DEBIAN_ETC} if Path(_DEBIAN_ETC).exists() else {}
     return {**debian, **os.environ}
 
@@ -70,7 +70,7 @@ def _points(case: Path, steps: int) -> Iterator[np.ndarray[tuple[int, ...], np.d
 
 @dataclass
 class _Watch:
-    """Times from the log: OpenFOAM flushes each line, and its own clock has a resolution of 10 ms at best.
+    """Times from the lines of the log: OpenFOAM flushes each line, but its own clock resolves 10 ms at best.
 
     A step lasts from ``Time = …`` to the first line of the mesh check that follows the motion.
     """

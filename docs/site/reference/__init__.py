@@ -1,7 +1,8 @@
-"""The parts of the reference pages that are written from the code, so that they cannot differ from it.
+"""The parts of the reference pages that are generated from the code, so that they agree with it.
 
-A page has ``<!-- generated: NAME -->`` and ``<!-- end -->`` around such a part; :data:`PARTS` has what writes it, as
-Markdown. ``python -m docs.site.reference`` updates the pages (``make manual``), a test compares.
+A page has ``<!-- generated: NAME -->`` and ``<!-- end -->`` around such a part; :data:`PARTS` has the function that
+writes it, as Markdown. ``python -m docs.site.reference`` updates the pages (``make manual``); a test checks that they
+are current.
 """
 
 from __future__ import annotations
@@ -48,18 +49,18 @@ _PART = re.compile(r"^(<!-- generated: ([a-z-]+) -->)\n(.*?)(<!-- end -->)$", re
 
 
 def filled(text: str) -> str:
-    """A page's text with its generated parts as they are now.
+    """A page's text with its generated parts up to date.
 
     Raises
     ------
     KeyError
-        If it asks for a part that there is not.
+        If the page names an unknown part.
     """
     return _PART.sub(lambda found: f"{found[1]}\n\n{_wrapped(PARTS[found[2]]().strip())}\n\n{found[4]}", text)
 
 
 def _wrapped(text: str) -> str:
-    """Long lines are broken, but for rows of tables and blocks of code."""
+    """Break long lines, except rows of tables and blocks of code."""
     lines, is_code = [], False
     for line in text.split("\n"):
         is_code ^= line.lstrip().startswith("```")

@@ -1,4 +1,4 @@
-"""Tables that the benchmarks have put into their page and the README, shown elsewhere too."""
+"""Tables from the benchmarks' page and the README, for other pages."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _BLOCK = r"<!-- benchmark: {} -->\n(.*?)<!-- end -->"
 
 
 def benchmark(name: str) -> str:
-    """The block of a benchmark, without what follows its first table.
+    """The block of a benchmark up to the end of its first table.
 
     Raises
     ------

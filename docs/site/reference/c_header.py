@@ -12,7 +12,7 @@ _SECTION = re.compile(r"^/\* --- (.+?) -+ \*/$", re.MULTILINE)
 
 
 def c_header() -> str:
-    """Its sections: what a comment says, then the declarations below it."""
+    """The header's sections: each comment, then the declarations below it."""
     text = HEADER.read_text(encoding="utf-8")
     name, *parts = _SECTION.split(text.partition("#define MM_VERSION")[2].partition("#ifdef __cplusplus")[0])
     sections = [("Types and results", name.partition("\n")[2]), *zip(parts[::2], parts[1::2], strict=True)]
@@ -25,7 +25,7 @@ def _section(body: str) -> str:
 
 
 def _groups(lines: list[str]) -> list[tuple[str, str]]:
-    """(comment, declarations): a new group begins with a comment at the margin, or behind an empty line."""
+    """(comment, declarations): a new group begins with a comment at the margin, or after an empty line."""
     groups: list[tuple[list[str], list[str]]] = [([], [])]
     inside = False
     for line in lines:

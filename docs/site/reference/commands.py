@@ -15,7 +15,7 @@ PROGRAM = "mesh-motion"
 
 
 def commands() -> str:
-    """Every command with its text, its arguments and its options."""
+    """Every command with its description, its arguments and its options."""
     from mesh_motion_server.commands.app import app  # noqa: PLC0415 it imports the whole command line
 
     group = typer.main.get_command(app)
@@ -24,7 +24,7 @@ def commands() -> str:
 
 
 def _leaves(group: Any, before: str = "") -> list[tuple[str, Any]]:
-    """(name, command) of a group and the groups in it."""
+    """(name, command) of a group and of its subgroups."""
     found: list[tuple[str, Any]] = []
     for name, command in group.commands.items():
         if hasattr(command, "commands"):
@@ -35,14 +35,14 @@ def _leaves(group: Any, before: str = "") -> list[tuple[str, Any]]:
 
 
 def _command(title: str, command: Any) -> str:
-    """A command: what it does, examples, a table of what it takes."""
+    """A command: description, examples, a table of its arguments and options."""
     rows = [row for parameter in command.params if (row := _parameter(parameter)) is not None]
     given = table(("takes", "default", ""), rows) if rows else ""
     return f"## {title}\n\n{_text(command.help or '')}\n\n{given}"
 
 
 def _text(help_text: str) -> str:
-    """Help as Markdown: the paragraphs marked for the terminal as they are, the others as text."""
+    """Help as Markdown: paragraphs marked for the terminal unchanged, the others as text."""
     parts = []
     for paragraph in re.split(r"\n\s*\n", help_text.strip()):
         if paragraph.startswith("\b"):

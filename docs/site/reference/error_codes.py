@@ -14,7 +14,7 @@ __all__ = ["error_codes", "exit_statuses"]
 
 
 def error_codes() -> str:
-    """Each code: what it means, what helps, whether the same request may succeed later, what Python raises."""
+    """Each code: its meaning, the remedy, whether the same request may succeed later, and Python's exception."""
     rows = []
     for error in ERROR_CODES.values():
         reply = ErrorReply(

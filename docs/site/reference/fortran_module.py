@@ -31,7 +31,7 @@ def _procedures(text: str, body: str) -> str:
 
 
 def _together(rows: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Variants that are called alike are shown once, with the comment of the first."""
+    """Variants with the same call are shown once, with the comment of the first."""
     first: dict[str, str] = {}
     for call, comment in rows:
         first.setdefault(call, comment)
@@ -39,7 +39,7 @@ def _together(rows: list[tuple[str, str]]) -> list[tuple[str, str]]:
 
 
 def _procedure(text: str, name: str) -> tuple[str, str, str]:
-    """Kind, arguments without the object itself, and the comment above or behind of a procedure."""
+    """Kind of a procedure, its arguments without the object itself, and the comment above or after it."""
     found = re.search(rf"((?:^   !.*\n)*)^   (?:\w+ )*?(function|subroutine) {name}\(([^)]*)\)", text, re.MULTILINE)
     if found is None:
         return "", "", ""

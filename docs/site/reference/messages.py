@@ -1,4 +1,4 @@
-"""The messages as Python has them: each class with its fields, from the declarations."""
+"""The messages in Python: each class with its fields, from the declarations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The metrics, from the table that is counted by."""
+"""The metrics, from the table that the server uses for counting."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Python client's public names, from their docstrings, as Markdown that reads without a build."""
+"""The Python client's public names, from their docstrings, as Markdown that is readable without a build."""
 
 from __future__ import annotations
 

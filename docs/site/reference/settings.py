@@ -49,7 +49,7 @@ def method_keys() -> str:
 
 
 def _values(key: Key) -> str:
-    """What a key may be: its choices, or its type and range."""
+    """Possible values of a key: its choices, or its type and range."""
     return ", ".join(code(f'"{choice}"') for choice in key.choices) or key.expected
 
 
@@ -92,7 +92,7 @@ def _words(hint: Any) -> str:
 
 
 def _bounds(markers: tuple[Any, ...]) -> str:
-    """What a pydantic Field adds to the type: limits of a value, a pattern of a text."""
+    """Constraints that a pydantic Field adds to the type: limits of a value, a pattern of a text."""
     parts = []
     for marker in markers:
         for bound in getattr(marker, "metadata", []):
@@ -102,13 +102,13 @@ def _bounds(markers: tuple[Any, ...]) -> str:
 
 
 def _default(model: type[BaseModel], key: str) -> str:
-    """Of a field, as one writes it in TOML."""
+    """Default of a field, as written in TOML."""
     value = model.model_fields[key].default
     return "required" if value is PydanticUndefined else _toml(value)
 
 
 def _toml(value: Any) -> str:
-    """A value as one writes it in TOML; a dash for none."""
+    """A value as written in TOML; a dash for none."""
     if value is None:
         return "–"
     if isinstance(value, bool):

@@ -1,4 +1,4 @@
-"""Tables in Markdown, and what a declaration says of itself."""
+"""Tables in Markdown, and the comments of declarations."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def code(text: object) -> str:
-    """A literal in running text; nothing for nothing."""
+    """A literal in running text; empty for an empty text."""
     return f"`{text}`" if str(text) else ""
 
 
 def comments_behind(cls: type) -> dict[str, str]:
-    """Field → the comment behind its declaration, "" without one."""
+    """Field → the comment after its declaration, "" without a comment."""
     found = (_FIELD.match(line) for line in inspect.getsource(cls).splitlines())
     return {match["name"]: match["comment"] or "" for match in found if match}

@@ -1,1 +1,1 @@
-"""What goes beyond the thesis, measured on cases that the methods were not tuned on."""
+"""Studies beyond the thesis, measured on cases that were not used to tune the methods."""

@@ -1,7 +1,7 @@
-"""The best minimum quality of a motion that we can find, whatever it costs: many starts, a long descent, a climb.
+"""The best minimum quality of a motion that we can find at any cost: many starts, a long descent, a climb.
 
-No method proves a maximum here, so "best known" is the best of what is tried. Every start is untangled and descends
-twelve p-means up to p = 3000, each until nothing is gained. The best of the ends climbs the minimum itself
+No method proves a maximum here, so "best known" is the best result of all tried methods. Every start is untangled and
+descends twelve p-means up to p = 3000, each until nothing is gained. The best of the ends climbs the minimum itself
 (:mod:`._climb`).
 """
 
@@ -49,13 +49,13 @@ class Ceiling:
     Attributes
     ----------
     standard : float
-        Of the standard motion.
+        Minimum size-skew of the standard motion.
     reached : float
-        Of the default correction.
+        That of the default correction.
     ends : dict
-        Of the long descent, by start.
+        Those of the long descent, by start.
     climbed : float
-        Of the climb from the best of all these.
+        That of the climb from the best of all these.
     """
 
     standard: float
@@ -70,12 +70,12 @@ class Ceiling:
 
     @property
     def share(self) -> float:
-        """What the default correction reaches of it."""
+        """Share of the best known quality that the default correction reaches."""
         return self.reached / self.best
 
 
 def ceilings(meshes: Mapping[str, tuple[int, int]], quick: bool, *, starts: int, seed: int) -> dict[str, list[Ceiling]]:
-    """The ceilings of fresh motions of each mesh, as many as it has in the full study or, second, in the quick one."""
+    """The ceilings of new random motions of each mesh; their number is given for the full and for the quick study."""
     found = {}
     for name, counts in meshes.items():
         count = counts[1 if quick else 0]
@@ -99,7 +99,7 @@ def fresh_turns(body: Body, count: int, seed: int) -> Iterator[Turn]:
 
 
 def ceiling(body: Body, turn: Turn, *, starts: int) -> Ceiling:
-    """What the default correction reaches of a motion, and the best there is from so many starts."""
+    """The result of the default correction for a motion, and the best result from the given number of starts."""
     mesh = body.judge()
     region = mesh.free(~body.held)
     ends, best = {}, correct(body.moved(_displacement(body, turn)), _METHOD).points
@@ -116,14 +116,14 @@ def ceiling(body: Body, turn: Turn, *, starts: int) -> Ceiling:
 
 
 def _displacement(body: Body, turn: Turn) -> Floats:
-    """(n, d), of the body's nodes."""
+    """Displacement (n, d) of the body's nodes."""
     displacement = np.zeros_like(body.points)
     displacement[body.body] = turn(body.points[body.body]) - body.points[body.body]
     return displacement
 
 
 def _standard(body: Body, turn: Turn, radius: float | None = None) -> Floats:
-    """Positions (n, d) of the standard motion, with another support radius than the mesh's where one is given."""
+    """Positions (n, d) of the standard motion, with the given support radius or that of the mesh."""
     displacement = _displacement(body, turn)
     if radius is None:
         return body.moved(displacement).standard
@@ -139,7 +139,7 @@ def _interpolated(points: Floats, prescribed: Floats, body: Body, radius: float)
 
 
 def _starts(body: Body, turn: Turn) -> Iterator[tuple[str, Floats]]:
-    """Positions (n, d) to descend from; the first few are the most different."""
+    """Start positions (n, d) of the descent; the first few differ most."""
     standard = _standard(body, turn)
     yield "standard motion", standard
     yield "four corrected sub-steps", _along_the_way(body, turn, 4)
@@ -196,7 +196,7 @@ def shares_table(found: dict[str, list[Ceiling]], caption: str) -> Table:
 
 
 def _row(name: str, found: list[Ceiling]) -> list[Cell]:
-    """A line of the table; starts agree that end within a thousandth of the best one."""
+    """A line of the table; starts "agree" if they end within a thousandth of the best one."""
     agree = [end > 0.999 * max(c.ends.values()) for c in found for end in c.ends.values()]
     means = [
         round(float(np.mean([getattr(c, key) for c in found])), 6) + 0.0

@@ -1,4 +1,4 @@
-"""Graded meshes of quads, hexahedra, wedges and mixed cells: the unit square or cube less [0.4, 0.6]^d, which moves."""
+"""Graded meshes of quads, hexahedra, wedges and mixed cells: the unit square or cube without a body, [0.4, 0.6]^d."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def graded(kind: str) -> Body:
 
 
 def _axis(second: int, along: int) -> Floats:
-    """Grid lines: so many boxes next to the body, finer towards it, and along it."""
+    """Grid lines: given numbers of boxes next to the body (finer towards it) and along it."""
     side = 0.4 * (1.0 - np.linspace(1.0, 0.0, second + 1) ** _GRADING)
     return np.concatenate([side[:-1], np.linspace(0.4, 0.6, along + 1), 1.0 - side[-2::-1]])
 

@@ -1,7 +1,7 @@
-"""Sequential linear programmes that raise the minimum quality itself, as far as a step can be found.
+"""Sequential linear programmes that raise the minimum quality itself until no further step is found.
 
-Each maximises t so that log q_c + ∇ log q_c · δ ≥ t for every cell c near the worst, with |δ| ≤ Δ; the step is taken
-where the true minimum rises, Δ grows and shrinks with how well the linear model foretells it. Where no t is promised
+Each maximises t so that log q_c + ∇ log q_c · δ ≥ t for every cell c near the worst, with |δ| ≤ Δ; the step is accepted
+if the true minimum rises, and Δ grows or shrinks with the accuracy of the linear model. If no t gives an increase,
 the positions are stationary: no direction raises all of the worst cells together.
 """
 
@@ -66,7 +66,7 @@ def _programme(local: Floats, quality: Floats, region: FreeRegion, radius: float
 
 
 def _linearised(local: Floats, quality: Floats, region: FreeRegion) -> tuple[csr_array, Floats]:
-    """−∇ log q of the cells near the worst, a row each, and their log q."""
+    """−∇ log q of the cells near the worst, one row for each cell, and their log q."""
     shares = cell_gradient(local, region.groups, np.ones(len(quality)), _METRIC)
     rows, columns, values, low = [], [], [], []
     first, d = 0, local.shape[1]
@@ -85,5 +85,5 @@ def _linearised(local: Floats, quality: Floats, region: FreeRegion) -> tuple[csr
 
 
 def shortest(sizes: Floats, d: int) -> float:
-    """About the shortest edge of cells with these sizes (m,)."""
+    """Approximate shortest edge of cells with these sizes (m,)."""
     return float(np.abs(sizes).min() ** (1 / d))

@@ -1,4 +1,4 @@
-"""The flag and the wing in fine boundary layers, their motions, and how well a motion keeps a layer."""
+"""The flag and the wing with fine boundary layers, their motions, and measures of how a motion changes a layer."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _ROLES = {"flag": "moving", "wing": "moving", "symmetry": "symmetry"}  # all oth
 
 
 class Kept(NamedTuple):
-    """How well a layer was kept.
+    """Changes of a layer in a motion.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Kept(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LayerMesh:
-    """A body in layers of quads or prisms.
+    """A body with layers of quads or prisms.
 
     Attributes
     ----------
@@ -64,25 +64,25 @@ class LayerMesh:
 
     @property
     def thickness(self) -> float:
-        """Of the layer: its most frequent one, corners and edges apart."""
+        """Most frequent value in the layer, apart from corners and edges."""
         first, last = self.points[self.columns[:, 0]], self.points[self.columns[:, -1]]
         return float(np.median(np.linalg.norm(last - first, axis=1)))
 
     def model(self, **choices: Any) -> MotionModel:
-        """How it is moved: from the reference mesh, corrected for the best worst cell unless chosen otherwise."""
+        """The method: from the reference mesh, corrected to the maximum of the worst cell unless chosen otherwise."""
         usual = {"displacement": "absolute", "correction_target": "maximum", "quality_threshold": 0.9}
         usual["quality_metric"] = "size-skew"
         return MotionModel.build(self.points, self.cells, self.patches, Method(**{**usual, **choices}))
 
     def kept(self, moved: Floats) -> Kept:
-        """How well the layer is kept by a mesh with nodes at ``moved`` (n, d)."""
+        """Changes of the layer in a mesh with nodes at ``moved`` (n, d)."""
         nodes = self.columns[:, 1:]
         before, after = (self._distance(points)[nodes] for points in (self.points, moved))
         turned = np.abs(self._angles(moved) - self._angles(self.points))
         return Kept(float(np.abs(after / before - 1.0).max()), float(np.degrees(turned.max())))
 
     def outer_minimum(self, moved: Floats) -> float:
-        """Smallest size-skew of the cells outside the layer, those that touch it included."""
+        """Smallest size-skew of the cells outside the layer, including those that touch it."""
         inside = np.zeros(len(self.points), dtype=bool)
         inside[self.columns.ravel()] = True
         outer = ~np.concatenate([inside[block.nodes].all(axis=1) for block in self.cells])
@@ -102,7 +102,7 @@ class LayerMesh:
         return own
 
     def _distance(self, points: Floats) -> Floats:
-        """(n,) distance of every node from the wall, both at ``points``."""
+        """(n,) distance of every node from the wall; positions of both are ``points``."""
         return np.asarray(np.linalg.norm(points - FacetSet(points[self._wall()]).closest(points), axis=1))
 
     def _angles(self, points: Floats) -> Floats:
@@ -117,7 +117,7 @@ class LayerMesh:
 
 
 def angle_weighted_normals(points: Floats, wall: NDArray[np.int64]) -> Floats:
-    """(n, d) normals into the fluid of the nodes of outward facets (f, d): edges count alike, triangles by angle."""
+    """(n, d) normals into the fluid at the nodes of outward facets (f, d), weighted equally (edges) or by angle."""
     normals = np.zeros_like(points)
     if wall.shape[1] == 2:
         edge = points[wall[:, 1]] - points[wall[:, 0]]
@@ -154,13 +154,13 @@ def in_triangles(mesh: LayerMesh) -> LayerMesh:
 
 
 def bent_flag(points: Floats, fraction: float) -> Floats:
-    """Where points (n, 2) of the flag are at a fraction of the motion of FSI2, ± 1 with the tip at ± 80 mm."""
+    """Positions (n, 2) of the flag's points at a fraction of the motion of FSI2; ± 1 is the tip at ± 80 mm."""
     module = _example("turek_hron_flag")
     return np.asarray(points + module.bend(points, fraction * module.find_amplitude()))
 
 
 def bent_wing(points: Floats, fraction: float) -> Floats:
-    """Where points (n, 3) of the wing are: 1 bends it by two fifths of the span and twists its end by 30°."""
+    """Positions (n, 3) of the wing's points: 1 bends it by two fifths of the span and twists its end by 30°."""
     return np.asarray(points + _example("tapered_wing").deform(points, fraction))
 
 

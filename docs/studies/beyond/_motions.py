@@ -1,4 +1,4 @@
-"""Meshes with a body in a box, and random rigid motions of it, that the enrichment's methods were not tuned on."""
+"""Meshes with a body in a box, and random rigid motions of the body; not used to tune the enrichment's methods."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ RADIUS = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A mesh of the unit square or cube with a held outside and a body.
+    """A mesh of the unit square or cube with a fixed outer boundary and a body.
 
     Attributes
     ----------
@@ -46,25 +46,25 @@ class Body:
 
     @classmethod
     def build(cls, points: Floats, cells: CellTable, body: NDArray[np.int64], outer: NDArray[np.int64]) -> Body:
-        """With the boundary factorized, R = 0.5."""
+        """The mesh with its boundary factorized, R = 0.5."""
         held = np.zeros(len(points), dtype=bool)
         held[body] = held[outer] = True
         factorization = factorize(points[held], support_radius=RADIUS)
         return cls(points, cells, body, held, reference_sizes(points, cells), factorization)
 
     def judge(self, metric: str = "size-skew") -> TrialMesh:
-        """Gives the quality of trial positions."""
+        """Function that returns the quality of trial positions."""
         return TrialMesh(self.points, self.cells, self.sizes, self.held, metric)
 
     def moved(self, displacement: Floats) -> CorrectionProblem:
-        """The standard motion for the boundary's rows of a displacement (n, d)."""
+        """The standard motion for the boundary rows of a displacement (n, d)."""
         interpolant = self.factorization.solve(displacement[self.held])
         standard = self.points + evaluation.displacement(interpolant, self.points)
         standard[self.held] = (self.points + displacement)[self.held]
         return CorrectionProblem(self.points, standard, self.held, self.cells, self.sizes, self.factorization)
 
     def rigid(self, shift: Floats, degrees: float) -> CorrectionProblem:
-        """The body shifted, and turned about the centre (in 3D about the z axis)."""
+        """Displacement of the body, shifted and turned about the centre (in 3D about the z axis)."""
         c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
         turned = self.points - 0.5
         turned[:, :2] = turned[:, :2] @ np.array([[c, s], [-s, c]])
@@ -83,7 +83,7 @@ def stored(name: str) -> Body:
 
 
 def random_motions(body: Body, count: int, seed: int) -> Iterator[CorrectionProblem]:
-    """Shifts up to 0.3 (in 3D 0.2) along each axis and turns up to 75°, below the threshold without a correction."""
+    """Shifts up to 0.3 (in 3D 0.2) along each axis and turns up to 75°, all below the threshold without correction."""
     rng, d = np.random.default_rng(seed), body.points.shape[1]
     reach = 0.3 if d == 2 else 0.2
     found = 0

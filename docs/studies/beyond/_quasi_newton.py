@@ -1,8 +1,8 @@
-"""L-BFGS on the coefficients of an enrichment space: what the package's Gauss–Newton iterations are compared with.
+"""L-BFGS on the coefficients of an enrichment space, for comparison with the package's Gauss–Newton iterations.
 
 The objective is the package's: the p-mean of the distortion over all cells, through the same untangling and the same
-continuation of p. Its gradient with respect to the coefficients is exact, ``dE/dC = ψᵀ dE/dy``. What stops it is the
-smallest quality of all cells; the time that judging it takes is not counted.
+continuation of p. Its gradient with respect to the coefficients is exact, ``dE/dC = ψᵀ dE/dy``. The smallest quality of
+all cells stops it; the time to compute this quality is not counted.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ _OUTSIDE = 1e10  # what a line search gets for inverted cells
 
 
 class QuasiNewton:
-    """One minimisation, and how it went.
+    """Result of one minimisation.
 
     Attributes
     ----------
     minimum : float
         Best quality of the worst cell so far.
     seconds : float
-        CPU time, with the functions' values, without the judging.
+        CPU time, including the functions' values, without the quality.
     evaluations : int
     trace : list of (float, float)
-        Seconds and best minimum, each time it was judged.
+        Seconds and best minimum at each evaluation of the quality.
     """
 
     def __init__(self, problem: CorrectionProblem, mesh: TrialMesh, space: EnrichmentSpace, variables: str) -> None:
@@ -67,7 +67,7 @@ class QuasiNewton:
         return np.asarray(values / np.sqrt((gradients**2).sum(axis=2).mean(axis=0)))
 
     def run(self, iterations: int, goal: float) -> QuasiNewton:
-        """Untangle, then all p-means with at most so many iterations each, until the goal is met."""
+        """Untangle, then minimise all p-means, each with a limited number of iterations, until the goal is reached."""
         for _ in range(_STAGES):
             least = float(determinants(self._points(self._at), self._region.simplices).min())
             if least > _UNTANGLED:
@@ -122,7 +122,7 @@ class QuasiNewton:
         self._judge(self._at)
 
     def _judge(self, coefficients: Floats) -> None:
-        """Remember the minimum; the clock stands still."""
+        """Record the minimum; the clock is stopped meanwhile."""
         paused = time.process_time()
         points = self._problem.standard.copy()
         points[self._region.free] = self._points(coefficients)[: self._region.n_free]

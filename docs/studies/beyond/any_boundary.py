@@ -37,7 +37,7 @@ GRIDS: dict[str, tuple[Grid, float]] = {
 
 
 def measured(grid: Grid, degrees: float) -> list[Cell]:
-    """Control nodes, their least spacing over R, the coarse matrix' condition, error, quality and first cells."""
+    """A row: control nodes, their least spacing over R, condition of the matrix, error, quality and first cells."""
     cells = CellTable.from_arrays(grid.cells)
     model = MotionModel.build(grid.points, cells, grid.patches, Method(correction="none", allow_invalid=True))
     nodes, controls = model.roles.moving, model.roles.all
@@ -59,7 +59,7 @@ def measured(grid: Grid, degrees: float) -> list[Cell]:
 
 
 def turned(points: Floats, degrees: float) -> Floats:
-    """Points (n, d) turned about the quarter chord in the plane, and half a chord higher."""
+    """Points (n, d) turned about the quarter chord in the x–y plane, and half a chord higher."""
     a, moved = np.radians(degrees), points.copy()
     x, y = points[:, 0] - 0.25, points[:, 1]
     moved[:, 0], moved[:, 1] = 0.25 + np.cos(a) * x - np.sin(a) * y, np.sin(a) * x + np.cos(a) * y + 0.5
@@ -67,7 +67,7 @@ def turned(points: Floats, degrees: float) -> Floats:
 
 
 def condition(found: TwoScaleFactorization) -> float:
-    """Of the coarse matrix, by its eigenvalues."""
+    """Condition of the coarse matrix, from its eigenvalues."""
     points = padded(found.coarse.control_points)
     matrix = dense_block(basis_named(found.basis.name), found.support_radius, points, points)
     values = np.linalg.eigvalsh(matrix)
@@ -75,7 +75,7 @@ def condition(found: TwoScaleFactorization) -> float:
 
 
 def first_heights(grid: Grid, moved: Floats) -> tuple[float, float]:
-    """Least and largest ratio of the lengths of first edges to those at rest."""
+    """Least and largest ratio of the lengths of first edges to their lengths at rest."""
     (nodes,) = grid.cells.values()
     on_body = np.isin(nodes, grid.body)
     pairs = (
@@ -121,7 +121,7 @@ def draw(figure: Any, grid: Grid, degrees: float) -> None:
 
 
 def claims(outcome: Outcome) -> None:
-    """Every control node is met to 1e-10 of the largest displacement, and first cells keep their height to 1.5 %."""
+    """Check errors at control nodes (1e-10 of the largest displacement) and the height of first cells (to 1.5 %)."""
     (table,) = outcome.tables
     assert max(table.column("error before nodes are set")) < 1e-10
     assert min(table.column("smallest relative skew")) > 0.75

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Case:
-    """A mesh, how its body bends, the fractions of that motion, and the example's choices."""
+    """A mesh, the bending of its body, the fractions of that motion, and the example's settings."""
 
     mesh: Callable[[], LayerMesh]
     bend: Callable[[Floats, float], Floats]
@@ -86,7 +86,7 @@ _CAPTION = "The tip of the flag at + 80 mm, without and with the layer carried."
 
 
 def _carrying(model: MotionModel, mesh: LayerMesh) -> MotionModel:
-    """The model, whose wall carries the whole layer in each motion."""
+    """The model; its wall moves the whole layer in each motion."""
     layer = BoundaryLayer.build(
         mesh.points, mesh.cells, mesh.patches, thickness=mesh.thickness, sliding=model.standard_motion.sliding
     )
@@ -94,7 +94,7 @@ def _carrying(model: MotionModel, mesh: LayerMesh) -> MotionModel:
 
 
 def _moved(model: MotionModel, case: Case, fractions: tuple[float, ...], repeats: int) -> _Found:
-    """The motions from the reference mesh, and the least CPU time of some repeats of all of them."""
+    """The motions from the reference mesh, and the shortest CPU time of all of them in some repeats."""
     start = model.points[model.roles.moving]
     seconds = []
     for _ in range(repeats):  # the first fills the caches
@@ -106,7 +106,7 @@ def _moved(model: MotionModel, case: Case, fractions: tuple[float, ...], repeats
 
 
 def _measured(mesh: LayerMesh, found: _Found) -> list[Cell]:
-    """Thickness, orthogonality, both minima, control points."""
+    """A row: thickness, orthogonality, both minima, control points."""
     kept = [mesh.kept(points) for points in found.points.values()]
     return [
         100.0 * max(k.thickness for k in kept),

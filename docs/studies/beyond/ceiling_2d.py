@@ -1,4 +1,4 @@
-"""How near the default correction comes to the best minimum quality known, in 2D, on motions it was not tuned on."""
+"""The default correction compared with the best known minimum quality in 2D, on motions not used for tuning."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Are the radii that are used where none is given within five per cent of the best?
+"""Are the default radii within five per cent of the best?
 
-Six meshes, motions that no rule was tuned on: the minimum size-skew after one step from the reference mesh, for each
-radius of a sweep and for those that the server chooses. Corrections act on every motion (the threshold is 1): otherwise
-a radius that spoils the plain motion would win by the correction that it causes.
+Six meshes with motions that were not used to tune a rule: the minimum size-skew after one step from the reference mesh,
+for each radius of a sweep and for the radii that the server chooses. Corrections act on every motion (the threshold is
+1): otherwise a radius with a bad plain motion would have an advantage, because only its mesh would be corrected.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class Sweep:
     ----------
     mesh, motion, correction : str
     radii : tuple of float
-        As a multiple of the radius' unit.
+        Radii as multiples of their unit.
     values : tuple of float
         Minimum size-skew with each.
     chosen : tuple of float
@@ -133,12 +133,12 @@ class Sweep:
         return float(np.nanmax([*self.values, *self.chosen]))
 
     def share(self, value: float) -> float:
-        """Of the best; an invalid mesh: 0."""
+        """Share of the best; 0 for an invalid mesh."""
         return float(np.nan_to_num(max(value, 0.0))) / self.best
 
 
 def quality(mesh: str, motion: Motion, correction: str, **choices: Any) -> float:
-    """Minimum size-skew after a step; of a refused motion the best that was found."""
+    """Minimum size-skew after a step; for a refused motion the best one found."""
     threshold = 0.2 if correction == "none" else 1.0
     model = stored(mesh).model(allow_invalid=True, correction=correction, quality_threshold=threshold, **choices)
     try:
@@ -156,7 +156,7 @@ def candidates(mesh: StoredMesh) -> tuple[float, ...]:
 
 
 def from_motion(mesh: str, motion: Motion) -> float:
-    """The radius with which the motion is predicted best; the mesh's own unless another one is clearly better."""
+    """The radius with the best predicted motion; the mesh's own unless another one is clearly better."""
     found: dict[float, float] = {}
     for radius in candidates(stored(mesh)):
         model = stored(mesh).model(support_radius=radius)
@@ -169,7 +169,7 @@ def from_motion(mesh: str, motion: Motion) -> float:
 
 
 def over_support(name: str, what: str, mesh: str, motion: Motion, correction: str) -> Sweep:
-    """Over R, and with R from the mesh and from the motion; R_l at its default."""
+    """Qualities over R, and with R from the mesh and from the motion; R_l has its default."""
     length = float(np.ptp(stored(mesh).points, axis=0).max())
     radii = SUPPORT[correction]
     values = tuple(quality(mesh, motion, correction, support_radius=r * length) for r in radii)
@@ -178,14 +178,14 @@ def over_support(name: str, what: str, mesh: str, motion: Motion, correction: st
 
 
 def _radii(mesh: str, motion: Motion) -> dict[str, float]:
-    """R from the motion, and R_l at its default as far as R goes."""
+    """R from the motion, and R_l at its default, at most R."""
     radius = from_motion(mesh, motion)
     default = float(stored(mesh).model().method.enrichment_radius or 0.0)
     return {"support_radius": radius, "enrichment_radius": min(default, radius)}
 
 
 def over_enrichment(name: str, what: str, mesh: str, motion: Motion, correction: str) -> Sweep:
-    """Over R_l, the last of them R; R from the mesh."""
+    """Qualities over R_l, the last of them R; R from the mesh."""
     method = stored(mesh).model().method
     default, radius = float(method.enrichment_radius or 0.0), float(method.support_radius or 0.0)
     radii = (*ENRICHMENT, radius / default)
@@ -209,17 +209,17 @@ def run(quick: bool) -> Outcome:
 
 
 def _shares(sweeps: Sequence[Sweep], which: int) -> list[float]:
-    """Of what one way of choosing gives."""
+    """Shares of the best that one rule reaches."""
     return [sweep.share(sweep.chosen[which]) for sweep in sweeps]
 
 
 def _score(shares: Sequence[float]) -> list[Cell]:
-    """How many are within five per cent, their mean and the least."""
+    """The number within five per cent, the mean and the least."""
     return [f"{sum(s >= WITHIN for s in shares)} of {len(shares)}", float(np.mean(shares)), min(shares)]
 
 
 def _summary(support: Sequence[Sweep]) -> Table:
-    """The support radius by correction and by what it is chosen from."""
+    """Table of the support radius by correction and by rule."""
     rows: list[list[Cell]] = []
     for correction in dict.fromkeys(sweep.correction for sweep in support):
         mine = [sweep for sweep in support if sweep.correction == correction]
@@ -230,7 +230,7 @@ def _summary(support: Sequence[Sweep]) -> Table:
 
 
 def _by_motion(support: Sequence[Sweep]) -> Table:
-    """Best quality and shares, a row a motion."""
+    """Best quality and shares, one row for each motion."""
     corrections = list(dict.fromkeys(sweep.correction for sweep in support))
     rows: list[list[Cell]] = []
     for mesh, motion in dict.fromkeys((sweep.mesh, sweep.motion) for sweep in support):
@@ -278,7 +278,7 @@ def draw(figure: Any, support: Sequence[Sweep], enrichment: Sequence[Sweep]) -> 
 
 
 def claims(outcome: Outcome) -> None:
-    """From the motion R is within 5 % of the best on average with every correction; 2H is far better than R as R_l."""
+    """Check that R from the motion is within 5 % of the best on average, and that as R_l 2H is far better than R."""
     summary, _, of_enrichment = outcome.tables
     for correction, source, _, mean, least in summary.rows:
         if source == "the motion" or correction in {"enrichment", "optimised"}:

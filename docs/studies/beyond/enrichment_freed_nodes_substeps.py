@@ -1,4 +1,4 @@
-"""Enrichment, freed nodes, sub-steps: what each of them reaches as a motion grows, and what it costs."""
+"""Enrichment, freed nodes, sub-steps: the quality and the cost of each as a motion grows."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Path = Callable[[Floats, float], Floats]
 
 @dataclass(frozen=True)
 class Way:
-    """How the mesh is moved: displacement, steps, and the correction of the last of them."""
+    """A method: displacement, number of steps, and the correction of the last step."""
 
     displacement: str = "absolute"
     steps: int = 1
@@ -63,24 +63,24 @@ def shift(body: Floats, size: float) -> Floats:
 
 
 def turn(body: Floats, size: float) -> Floats:
-    """By an angle in degrees; in 3D about the z axis."""
+    """Turn by an angle in degrees; in 3D about the z axis."""
     return Turn((0.0,) * body.shape[1], size)(body)
 
 
 def squeeze(body: Floats, size: float) -> Floats:
-    """What is left and right of the middle moves towards each other."""
+    """The parts left and right of the middle move towards each other."""
     return body + np.outer(np.where(body[:, 0] < 0.5, size, -size), np.eye(body.shape[1])[0])
 
 
 def swell(body: Floats, size: float) -> Floats:
-    """By a factor 1 + size from the middle."""
+    """Scale by a factor 1 + size about the middle."""
     middle = (body.min(axis=0) + body.max(axis=0)) / 2.0
     return body + size * (body - middle)
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A motion that grows, on a mesh."""
+    """A growing motion of a mesh."""
 
     mesh: str
     stored: StoredMesh
@@ -118,14 +118,14 @@ def series(quick: bool) -> list[Series]:
 
 @dataclass(frozen=True)
 class Reached:
-    """Minimum size-skew, and the CPU seconds of the whole motion with every factorization made again."""
+    """Minimum size-skew, and the CPU seconds of the whole motion with every factorization repeated."""
 
     minimum: float
     seconds: float
 
 
 def moved(one: Series, size: float, way: Way, threshold: float | None = None) -> Reached:
-    """A motion: as good as the way can make it, or to a threshold."""
+    """Run a motion: to the best quality of the method, or to a threshold."""
     model = one.stored.model(
         displacement=way.displacement, support_radius=one.radius, correction="none", allow_invalid=True
     )
@@ -195,7 +195,7 @@ def _meshes(found: Found) -> dict[str, Found]:
 
 
 def _share(members: Found, name: str) -> float:
-    """Mean share of what freed nodes reach; an invalid mesh has none."""
+    """Mean share of the quality with freed nodes; 0 for an invalid mesh."""
     return float(np.mean([max(r[name].minimum, 0.0) / r["optimised"].minimum for _, _, r in members]))
 
 
@@ -252,12 +252,12 @@ def _draw(figure: Any, found: Found) -> None:
 
 
 def _legend(figure: Any) -> None:
-    """One for all axes, below them."""
+    """One legend for all axes, below them."""
     figure.legend(*figure.axes[0].get_legend_handles_labels(), fontsize=8, ncols=6, loc="outside lower center")
 
 
 def _decades(values: list[float]) -> tuple[float, float]:
-    """Whole powers of ten around positive values, so that every axis has ticks."""
+    """Limits at whole powers of ten around positive values, so that every axis has ticks."""
     return float(10.0 ** np.floor(np.log10(min(values)))), float(10.0 ** np.ceil(np.log10(max(values))))
 
 
@@ -278,7 +278,7 @@ def _scatter(found: Found) -> Picture:
 
 
 def claims(outcome: Outcome) -> None:
-    """Freed nodes reach most, the optimised enrichment comes next, sub-steps and explicit iterations much less."""
+    """Check that freed nodes are best, then optimised enrichment; sub-steps and explicit iterations are much worse."""
     for _, motion, *values in outcome.tables[0].rows:
         reached = {name: float(value or 0.0) for name, value in zip(WAYS, values, strict=True)}
         assert reached["optimised"] > 0.98 * max(reached.values()), motion

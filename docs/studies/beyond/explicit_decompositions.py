@@ -40,7 +40,7 @@ _CAPTION = "Minimum size-skew of each motion with relaxation 2, sorted."
 
 
 def _tried(body: Body, problems: Any, kind: str, relaxation: float) -> tuple[list[Cell], list[float]]:
-    """A row of the table, and the minima."""
+    """A row of the table, and the minimum of each motion."""
     settings = ExplicitSettings(enrichment_radius=RADIUS, relaxation=relaxation, correct_cell=CELL_CORRECTIONS[kind])
     found = [explicit_iterations(problem, settings) for problem in problems]
     minima = [float(body.judge().quality(f.points).min()) for f in found]

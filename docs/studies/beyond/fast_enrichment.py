@@ -30,7 +30,7 @@ _SHARES = (0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)  # of our minimum, at which
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A motion, and how many iterations a p-mean L-BFGS gets in turn until one number suffices."""
+    """A motion, and the numbers of iterations per p-mean that are tried with L-BFGS until one is sufficient."""
 
     group: str
     name: str
@@ -44,7 +44,7 @@ class Case:
         return self.body.judge()
 
     def space(self) -> EnrichmentSpace:
-        """The enrichment functions that both methods work with."""
+        """The enrichment functions that both methods use."""
         p, quality = self.problem, self.mesh.quality(self.problem.standard)
         placement = optimised_placement(p.start, p.cells, quality, count=self.points, radius=RADIUS)
         return EnrichmentSpace(placement, p.factorization)
@@ -52,7 +52,7 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Race:
-    """What became of a case: ours, its CPU seconds to the common goal, and L-BFGS by its variables."""
+    """Result of a case: our method, its CPU seconds to the common goal, and L-BFGS by its variables."""
 
     case: Case
     ours: Polished
@@ -60,11 +60,11 @@ class Race:
     others: dict[str, QuasiNewton]
 
     def ratio(self, variables: str) -> float:
-        """CPU seconds of L-BFGS over ours; a lower bound where it did not get there."""
+        """CPU seconds of L-BFGS over ours; a lower bound if L-BFGS did not reach the goal."""
         return self.others[variables].seconds / self.seconds
 
     def reached(self, variables: str) -> bool:
-        """Whether L-BFGS came within a hundredth of our minimum."""
+        """True if L-BFGS reached our minimum to within a hundredth."""
         return self.others[variables].minimum >= SAME * self.ours.minimum
 
 
@@ -73,7 +73,7 @@ def _schedules(*scaled: int, orthonormal: tuple[int, ...] = (200, 400, 1000)) ->
 
 
 def cases(quick: bool) -> Iterator[Case]:
-    """Named motions, fresh random ones, two finer meshes, tetrahedra."""
+    """The cases: named motions, new random ones, two finer meshes, tetrahedra."""
     block, slab, box = (stored(name) for name in ("thesis_block", "correction_slab", "correction_box"))
     plain = _schedules(400, 1200)
     if quick:
@@ -110,7 +110,7 @@ def _refined(times: int) -> Body:
 
 
 def race(case: Case) -> Race:
-    """Ours, the median of three times; L-BFGS with the fewest iterations a p-mean that get there. Both stop there."""
+    """Our method (median of three times), and L-BFGS with the fewest sufficient iterations a p-mean."""
     ours = _timed(case)[0]
     goal = SAME * ours.minimum
     seconds = [
@@ -128,7 +128,7 @@ def race(case: Case) -> Race:
 
 
 def _timed(case: Case, target: float = np.inf) -> tuple[Polished, float]:
-    """Our minimisation and its CPU seconds, with the functions' values."""
+    """Our minimisation and its CPU seconds, including the functions' values."""
     space, p, mesh = case.space(), case.problem, case.mesh
     began = time.process_time()
     found = optimised_enrichment(mesh, p.start, p.standard, space, target=target)
@@ -193,7 +193,7 @@ def _rows(races: list[Race]) -> list[list[Cell]]:
 
 
 def _our_curve(race: Race) -> list[tuple[float, float]]:
-    """(CPU seconds, minimum quality): stopped at shares of what we reach."""
+    """(CPU seconds, minimum quality) of runs that stop at shares of our final quality."""
     found = [_timed(race.case, share * race.ours.minimum if share < 1.0 else np.inf) for share in _SHARES]
     return [(seconds, each.minimum) for each, seconds in found]
 
@@ -212,7 +212,7 @@ def _draw(figure: Any, curves: list[tuple[Race, list[tuple[float, float]]]]) -> 
 
 
 def claims(outcome: Outcome) -> None:
-    """At least ten times as fast as L-BFGS on the coefficients, and a few times as in our basis; no lower quality."""
+    """Check that ours is ten times as fast as L-BFGS on the coefficients (a few times in our basis), and not worse."""
     plain, orthonormal = (float(row[4] or 0.0) for row in outcome.tables[1].rows)
     assert plain >= 10.0
     assert orthonormal >= 2.5

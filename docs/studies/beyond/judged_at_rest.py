@@ -1,4 +1,4 @@
-"""What cells are judged and corrected against: an ideal cell, or themselves at rest."""
+"""The reference of quality and correction: an ideal cell, or the same cell at rest."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def even() -> StoredMesh:
 
 
 def poor() -> StoredMesh:
-    """The same with interior nodes shaken as far as the cells stay valid: the worst has a skew near 0.1 at rest."""
+    """The same mesh with randomly displaced interior nodes; all cells are valid, the worst has a skew near 0.1."""
     mesh, rng = even(), np.random.default_rng(1)
     free = np.ones(len(mesh.points), dtype=bool)
     for patch in mesh.patches.values():
@@ -72,7 +72,7 @@ CASES: dict[str, tuple[Callable[[], StoredMesh], Turn]] = {
 
 
 def measured(name: str, metric: str) -> list[Cell]:
-    """Plain and corrected minimum of the metric, then relative skew, size and size-skew, first edges, seconds."""
+    """A row: plain and corrected minimum of the metric, relative skew, size and size-skew, first edges, seconds."""
     make, turn = CASES[name]
     mesh = make()
     model = MotionModel.build(
@@ -86,7 +86,7 @@ def measured(name: str, metric: str) -> list[Cell]:
 
 
 def _lowest_edge(mesh: StoredMesh, moved: Floats) -> float:
-    """Least ratio of the length of an edge that leaves the moving wall to that at rest, or of its inverse."""
+    """Least ratio of the length of an edge at the moving wall to its length at rest, or of the inverse ratio."""
     (body,) = (patch.nodes for patch in mesh.patches.values() if patch.role == "moving")
     pairs = []
     for block in mesh.cells:
@@ -101,7 +101,7 @@ def _lowest_edge(mesh: StoredMesh, moved: Floats) -> float:
 
 
 def run(quick: bool) -> Outcome:
-    """Two rows a case: judged and corrected by either metric."""
+    """Two rows for each case: judged and corrected by one metric or the other."""
     names = list(CASES)[:1] + list(CASES)[6:7] if quick else list(CASES)
     rows: list[list[Cell]] = [[name, metric, *measured(name, metric)] for name in names for metric in METRICS]
     columns = (
@@ -113,7 +113,7 @@ def run(quick: bool) -> Outcome:
 
 
 def draw(figure: Any, rows: list[list[Any]]) -> None:
-    """A pair of bars a case."""
+    """A pair of bars for each case."""
     axes = figure.subplots()
     names = list(dict.fromkeys(row[0] for row in rows))
     for place, metric in enumerate(METRICS):
@@ -125,7 +125,7 @@ def draw(figure: Any, rows: list[list[Any]]) -> None:
 
 
 def claims(outcome: Outcome) -> None:
-    """Judged against rest, no mesh is made worse than by the other metric where layers or poor cells are."""
+    """Check that the metric relative to rest is not worse than the other one on meshes with layers or poor cells."""
     rows = {(row[0], row[1]): row for row in outcome.tables[0].rows}
     for name in dict.fromkeys(row[0] for row in outcome.tables[0].rows):
         ideal, rest = (rows[name, metric] for metric in METRICS)

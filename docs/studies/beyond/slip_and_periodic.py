@@ -1,4 +1,4 @@
-"""Do nodes that slide, or move in pairs, give better meshes, and do they stay where they belong?"""
+"""Do nodes that slide or move in pairs give better meshes, and do they stay on their walls and pairs?"""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SHIFT = (0.12, 0.24, 0.05)
 
 @dataclass(frozen=True, eq=False)
 class Duct:
-    """A block in a duct, whose walls (y, in 3D also z) get a role; its ends in x are fixed."""
+    """A block in a duct; the duct's walls (y, in 3D also z) get a role, its ends in x are fixed."""
 
     points: Floats
     straight: Floats
@@ -59,7 +59,7 @@ class Duct:
         return np.flatnonzero(self.straight[:, axis] == end)
 
     def model(self, walls: str, ends: str = "fixed") -> MotionModel:
-        """With a role for the walls in y, another for all other sides."""
+        """The mesh with one role for the walls in y, another for all other sides."""
         patches = {"body": Patch("moving", self.body)}
         for axis in range(self.points.shape[1]):
             role = ends if axis == 0 else "slip" if walls == "periodic" and axis == 2 else walls
@@ -81,7 +81,7 @@ class Duct:
         return float(quality[wall].min())
 
     def off_walls(self, motion: Motion) -> float:
-        """Largest distance of a wall node from the reference wall (in 3D in the plane of the bend), over the extent."""
+        """Largest distance of a wall node from the reference wall (in 3D in the plane of the bend) over the extent."""
         worst = 0.0
         for end in (0, 1):
             nodes = self.on(1, end)
@@ -102,7 +102,7 @@ def _bent(points: Floats, bend: float) -> Floats:
 
 
 def _to_polyline(points: Floats, corners: Floats) -> Floats:
-    """Distance (m,) of points (m, 2) to the polyline of corners (c, 2), by trying every segment."""
+    """Distance (m,) of points (m, 2) to the polyline of corners (c, 2), over all segments."""
     a, edge = corners[:-1], np.diff(corners, axis=0)
     t = np.einsum("mfi,fi->mf", points[:, None] - a, edge) / np.sum(edge**2, axis=1)
     near = a + np.clip(t, 0.0, 1.0)[..., None] * edge
@@ -158,7 +158,7 @@ def _periodic(sizes: dict[int, int]) -> tuple[Table, tuple[Duct, Floats]]:
 
 
 def _across(shape: str, d: int) -> Floats:
-    """The shift (d,), its larger part across the periodic sides: in a sector turned to the middle of it."""
+    """The shift (d,), mostly across the periodic sides; in a sector it is turned to the sector's middle."""
     shift = np.array(SHIFT[:d])
     if shape == "sector":
         c, s = np.cos(np.pi / SECTORS), np.sin(np.pi / SECTORS)
@@ -167,7 +167,7 @@ def _across(shape: str, d: int) -> Floats:
 
 
 def _sector(straight: Floats) -> Floats:
-    """x as the radius less 1, y as the angle of one of six sectors."""
+    """Map to a sector: x is the radius minus 1, y the angle of one of six sectors."""
     out = straight.copy()
     angle, radius = straight[:, 1] * 2.0 * np.pi / SECTORS, 1.0 + straight[:, 0]
     out[:, 0], out[:, 1] = radius * np.cos(angle), radius * np.sin(angle)
@@ -175,7 +175,7 @@ def _sector(straight: Floats) -> Floats:
 
 
 def _pair_error(duct: Duct, shape: str, points: Floats) -> float:
-    """Of the displacements of the sides in y, turned where the domain is a sector."""
+    """Largest difference of the displacements of the sides in y, turned if the domain is a sector."""
     step = points - duct.points
     first, second = duct.on(1, 0), duct.on(1, 1)  # both in the order of the other coordinates
     turn = np.eye(points.shape[1])

@@ -1,4 +1,4 @@
-"""How far does a node jump between two steps of a periodic motion, and does the mesh come back?"""
+"""How far does a node jump between two steps of a periodic motion, and does the mesh return to its start?"""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ IN_TIME = ("optimised", "smooth")
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A periodic motion: a mesh, where its moving nodes are after each step, and the method's other choices."""
+    """A periodic motion: a mesh, the positions of its moving nodes after each step, and the method's other settings."""
 
     mesh: Subject
     targets: list[Floats]
@@ -48,7 +48,7 @@ def flag() -> Case:
 
 
 def turning(name: str, amplitude: float, **choices: Any) -> Case:
-    """A body that turns by ± some degrees in a period; exactly at rest after half of it and at the end."""
+    """A body that turns by ± some degrees in a period; exactly at rest after half a period and at the end."""
     mesh = subject(name)
     degrees = [amplitude * np.sin(2.0 * np.pi * step / PERIOD) for step in range(1, PERIOD + 1)]
     rest = mesh.points[np.sort(mesh.bodies[next(iter(mesh.bodies))])]
@@ -80,7 +80,7 @@ CASES: dict[str, tuple[Callable[[], Case], bool]] = {
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """A period, each step committed before the next.
+    """Run a period; each step is committed before the next.
 
     Attributes
     ----------

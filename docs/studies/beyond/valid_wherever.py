@@ -1,4 +1,4 @@
-"""Far motions in one Move: where is the mesh valid after the plain motion, corrected directly, and in legs?"""
+"""Large motions in one Move: is the mesh valid after the plain motion, after a direct correction, and in legs?"""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ GRIDS = {"grid of quads": (2, 10), "grid of hexahedra": (3, 10)}
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A mesh with moving bodies by name; everything else on the boundary is fixed."""
+    """A mesh with moving bodies by name; the rest of the boundary is fixed."""
 
     points: Floats
     cells: CellTable
@@ -43,7 +43,7 @@ class Subject:
         return MotionModel.build(self.points, self.cells, patches, Method(**{"quality_metric": "size-skew", **choices}))
 
     def targets(self, goes: Callable[[str, Floats], Floats]) -> Floats:
-        """Where the moving nodes go, ascending, as ``goes`` says of each body's points (b, d)."""
+        """Target positions of the moving nodes, ascending; ``goes`` gives those of each body's points (b, d)."""
         moved = self.points.copy()
         for name, nodes in self.bodies.items():
             moved[nodes] = goes(name, self.points[nodes])
@@ -70,7 +70,7 @@ def turned(mesh: Subject, degrees: float) -> Floats:
 
 
 def squeezed(mesh: Subject, share: float) -> Floats:
-    """The body moved towards the wall at x = 0 until a share of the gap is left."""
+    """The body moved towards the wall at x = 0 until only a share of the gap remains."""
 
     def goes(_: str, x: Floats) -> Floats:
         return x - (1.0 - share) * np.array([x[:, 0].min(), *[0.0] * (x.shape[1] - 1)])
@@ -84,7 +84,7 @@ def passed(mesh: Subject, shift: float) -> Floats:
 
 
 def exchanged(mesh: Subject, share: float) -> Floats:
-    """Both bodies moved towards, or to, where the other one is."""
+    """Both bodies moved towards, or to, the position of the other one."""
     return mesh.targets(lambda name, x: x + (share if name == "upper" else -share) * np.array([0.8, -0.26]))
 
 
@@ -175,7 +175,7 @@ def anywhere(name: str, count: int) -> Iterator[Floats]:
 
 @dataclass(frozen=True)
 class Tried:
-    """What a method made of a motion: its smallest quality (of a refusal the best met), and the motion."""
+    """Result of a method: smallest quality (for a refusal the best one found), and the motion."""
 
     minimum: float
     motion: Motion | None
@@ -192,7 +192,7 @@ def tried(mesh: Subject, targets: Floats, **choices: Any) -> Tried:
 
 
 def plain(mesh: Subject, targets: Floats) -> Tried:
-    """The standard motion, whatever it gives."""
+    """The standard motion, valid or not."""
     return tried(mesh, targets, correction="none", allow_invalid=True)
 
 
@@ -297,7 +297,7 @@ def _draw(figure: Any) -> None:
 
 
 def _titled(motion: str, number: float) -> str:
-    """A motion and how far it goes."""
+    """A motion and its size."""
     if motion == "exchanged":
         return motion
     return f"{motion} {number:g}" + ("°" if motion == "turned by" else "")

@@ -1,4 +1,4 @@
-"""What a threshold costs: nodes that are freed and time of the correction, on two of the examples."""
+"""Cost of a threshold: freed nodes and time of the correction, on two of the examples."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.4)
 
 
 def corrected(name: str, threshold: float) -> list[Cell]:
-    """Plain and reached quality, share of nodes that were freed, milliseconds of the correction."""
+    """Plain and final quality, share of freed nodes, milliseconds of the correction."""
     path, motion = CASES[name]
     model = stored(path).model(quality_threshold=threshold, correction_target="threshold")
     positions = motion(model.points[model.roles.moving])
@@ -30,7 +30,7 @@ def corrected(name: str, threshold: float) -> list[Cell]:
 
 
 def run(quick: bool) -> Outcome:
-    """A row a case and threshold."""
+    """One row for each case and threshold."""
     names, thresholds = (list(CASES)[:1], THRESHOLDS[1::2]) if quick else (list(CASES), THRESHOLDS)
     rows: list[list[Cell]] = [[name, t, *corrected(name, t)] for name in names for t in thresholds]
     columns = ("motion, one step", "threshold", "plain", "reached", "share of nodes freed", "correction, ms")
@@ -54,7 +54,7 @@ def draw(figure: Any, rows: list[list[Any]]) -> None:
 
 
 def claims(outcome: Outcome) -> None:
-    """What can be reached is reached, and a higher threshold reaches no less."""
+    """Check that no motion ends below its plain quality, and that a higher threshold gives no lower quality."""
     rows = outcome.tables[0].rows
     for one, other in pairwise(rows):
         if one[0] == other[0]:

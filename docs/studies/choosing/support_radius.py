@@ -37,7 +37,7 @@ def lowest(name: str, correction: str, share: float | None) -> float:
 
 
 def run(quick: bool) -> Outcome:
-    """A row a case and correction; the radius that is chosen last."""
+    """One row for each case and correction; the last column is the chosen radius."""
     names, radii = (list(CASES)[:1], RADII[1::2]) if quick else (list(CASES), RADII)
     rows: list[list[Cell]] = [
         [name, correction, *(lowest(name, correction, share) for share in (*radii, None))]
@@ -67,7 +67,7 @@ def draw(figure: Any, rows: list[list[Any]], radii: tuple[float, ...]) -> None:
 
 
 def claims(outcome: Outcome) -> None:
-    """Corrected, no motion falls below the threshold by its radius; plain, the narrowest is never the best."""
+    """Check that corrected motions stay above the threshold, and plain ones are not best with the smallest radius."""
     for _, correction, *found in outcome.tables[0].rows:
         if correction == "optimised":
             assert min(found) >= 0.2 - 1e-9

@@ -1,1 +1,1 @@
-"""Figures of docs/explained.md: what happens between the displacements that come in and those that go out."""
+"""Figures of docs/explained.md: the steps from the given displacements to the displacements of all nodes."""

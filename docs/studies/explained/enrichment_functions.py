@@ -13,7 +13,7 @@ KINDS = ("H1", "H2", "H3")
 
 
 def along(kind: str, places: Any) -> Any:
-    """The first component on a line through the point, divided by its slope there."""
+    """The first component on a line through the point, divided by its slope at the point."""
     points = np.stack([places, np.zeros_like(places)], axis=1)
     return values(kind, points, np.zeros(2), 1.0)[:, 0] / slope_at_point(kind, 1.0)
 
@@ -44,7 +44,7 @@ def draw(figure: Any) -> None:
 
 
 def claims(outcome: Outcome) -> None:
-    """Zero at the point and beyond the radius; H1 reaches furthest."""
+    """Check that the functions are zero at the point and beyond the radius, and that H1 reaches furthest."""
     for kind in KINDS:
         assert np.allclose(along(kind, np.array([0.0, 1.0, 1.5])), 0.0, atol=1e-12)
     furthest = outcome.tables[0].column("largest at, in R_l")

@@ -1,4 +1,4 @@
-"""A far turn in one move: refused where it has to be one step, reached in legs."""
+"""A large turn in one move: refused in one step, reached in legs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ DEGREES = (120.0, 180.0)
 
 
 def lowest(degrees: float, **choices: Any) -> float | None:
-    """Minimum size-skew after a turn about the middle in one move; None where it is refused."""
+    """Minimum size-skew after a turn about the middle in one move; None if the move is refused."""
     mesh = subject(MESH)
     model = mesh.model(**choices)
     try:
@@ -50,7 +50,7 @@ def draw(figure: Any) -> None:
 
 
 def claims(outcome: Outcome) -> None:
-    """Half a turn is refused in one step, even corrected, and reached in legs."""
+    """Check that half a turn is refused in one step, even with correction, and reached in legs."""
     third, half = outcome.tables[0].rows
     assert third[1] == half[1] == half[2] == "refused"
     assert third[2] == third[3] > 0.5

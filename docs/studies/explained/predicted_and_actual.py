@@ -53,7 +53,7 @@ def run(quick: bool) -> Outcome:
 
 
 def draw(figure: Any) -> None:
-    """A cloud each; on the line the prediction is right."""
+    """Draw one cloud for each predictor; on the line the prediction is exact."""
     for axes, (name, (predicted, actual)) in zip(figure.subplots(1, 3), predictions().items(), strict=True):
         axes.plot(actual, predicted, ".", markersize=2.0)
         axes.plot([0, 1], [0, 1], color="0.5", linewidth=0.8)
@@ -64,7 +64,7 @@ def draw(figure: Any) -> None:
 
 
 def claims(outcome: Outcome) -> None:
-    """Trial nodes are exact to rounding, gradients are not."""
+    """Check that trial nodes are exact to rounding, and gradients are not."""
     errors = outcome.tables[0].column("largest error")
     assert errors[0] < 1e-12
     assert min(errors[1:]) > 1e-3

@@ -1,4 +1,4 @@
-"""Radial basis functions over the distance, and what one of them does with a single node's displacement."""
+"""Radial basis functions over the distance, and the effect of one of them for a single displaced node."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def draw(figure: Any) -> None:
 
 
 def claims(outcome: Outcome) -> None:
-    """The compact functions end at R; the default falls from 1 without a kink."""
+    """Check that the compact functions end at R, and that the default falls from 1 without a kink."""
     for name, *shown in outcome.tables[0].rows:
         if name.startswith(("wendland", "ctps")):
             assert abs(shown[-1]) < 1e-12

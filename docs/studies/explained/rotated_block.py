@@ -59,7 +59,7 @@ def draw(figure: Any) -> None:
 
 
 def claims(outcome: Outcome) -> None:
-    """Plain interpolation inverts cells, both corrections none; the default reaches most."""
+    """Check that plain interpolation inverts cells, both corrections none, and that the default is best."""
     plain, enriched, optimised = outcome.tables[0].rows
     assert plain[2] > 0
     assert enriched[2] == optimised[2] == 0

@@ -1,1 +1,1 @@
-"""Tables and figures of docs/run.md: ten periods of a motion, as a coupled run takes them."""
+"""Tables and figures of docs/run.md: ten periods of a motion, as in a coupled run."""

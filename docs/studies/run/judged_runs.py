@@ -1,4 +1,4 @@
-"""Runs of many steps with nothing set, judged by what a flow solver sees of them: :data:`BOUNDS`."""
+"""Runs of many steps with default settings, compared with bounds that matter to a flow solver: :data:`BOUNDS`."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ _NOISE, _RANKS = 1e-8, 2
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A mesh whose moving nodes ``goes`` takes from rest (k, d) to a phase from −1 to 1; what is played of it.
+    """A mesh, and ``goes``: positions of its moving nodes (k, d) at a phase from −1 to 1; and the part to play.
 
-    ``share`` is that of a period in 128 and 256 steps; with ``ranks`` two ranks of a solver move the mesh.
+    ``share`` is the part of a period played in 128 and 256 steps; with ``ranks`` two ranks of a solver move the mesh.
     """
 
     mesh: StoredMesh
@@ -69,7 +69,7 @@ def _turning(degrees: float) -> Goes:
 
 
 def _pitching(x: Floats, s: float) -> Floats:
-    """By ± 15° about the quarter chord, and a tenth of a chord."""
+    """Turn by ± 15° about the quarter chord, and shift by a tenth of a chord."""
     return Turn((0.0, 0.1 * s), 15.0 * s, (0.25, 0.0))(x)
 
 
@@ -110,7 +110,7 @@ QUICK = "plane slip walls"
 
 
 def phases(steps: int, share: float = 1.0) -> list[float]:
-    """Of the steps of a share of a period; exactly 0 at rest."""
+    """Phases of the steps of a share of a period; exactly 0 at rest."""
     found = np.sin(2.0 * np.pi * np.arange(1, round(steps * share) + 1) / steps)
     return list(np.where(np.abs(found) < 1e-12, 0.0, found))
 
@@ -125,19 +125,19 @@ class Walk:
 
     @property
     def speed(self) -> float:
-        """Largest step of a node over the largest of a boundary node."""
+        """Largest step of a node over the largest step of a boundary node."""
         steps = (after - before for before, after in pairwise(self.places))
         return max(_largest(step) / _largest(step[self.body]) for step in steps)
 
     @property
     def jolts(self) -> list[float]:
-        """Largest second difference of a node, for each two steps, mesh length unit."""
+        """Largest second difference of a node, for each pair of steps, mesh length unit."""
         steps = (after - before for before, after in pairwise(self.places))
         return [_largest(after - before) for before, after in pairwise(steps)]
 
 
 def walk(run: Run, steps: list[float], choices: dict[str, Any], **last: Any) -> Walk:
-    """Play a run, each step committed before the next; ``last`` changes the last one (:func:`_here`)."""
+    """Play a run, each step committed before the next; ``last`` changes the last step (:func:`_here`)."""
     rest = run.mesh.points
     body = np.unique(np.concatenate([p.nodes for p in run.mesh.patches.values() if p.role == "moving"]))
     targets = [run.goes(rest[body], s) for s in steps]
@@ -157,7 +157,7 @@ def _here(
     noise: Floats | float = 0.0,
     own_model: bool = False,
 ) -> Iterator[Floats]:
-    """Positions after each step; ``noise`` is added to the last one's targets, with ``own_model`` a new model."""
+    """Positions after each step; ``noise`` is added to the last step's targets, ``own_model`` gives it a new model."""
     model, factors, points = mesh.model(**choices), FactorCache(1 << 28), mesh.points
     if choices is PLAIN:
         model = replace(model, layered=None)
@@ -209,7 +209,7 @@ def judged(run: Run) -> tuple[dict[str, float], dict[str, tuple[int, list[float]
     noise = _NOISE * amplitude * np.random.default_rng(1).uniform(-1.0, 1.0, (len(found.body), rest.shape[1]))
 
     def moved(end: Walk, choices: dict[str, Any], **last: Any) -> float:
-        """How far the step to the peak ends from where it did, mesh length unit."""
+        """Distance between the changed and the original end of the step to the peak, mesh length unit."""
         return _largest(walk(run, phases(32)[:8], choices, **last).places[-1] - end.places[8])
 
     ours, theirs = found.places[4:33:4], plain.places[4:33:4]
@@ -261,7 +261,7 @@ def _largest(vectors: Floats) -> float:
 
 
 def failures(columns: Mapping[str, float]) -> list[str]:
-    """The columns outside their bounds; one that was not measured is in none."""
+    """The columns outside their bounds; a column that was not measured is not included."""
     return [name for name, (low, high) in BOUNDS.items() if columns[name] < low or columns[name] > high]
 
 

@@ -1,4 +1,4 @@
-"""Ten periods of a motion in small steps: what is left of the mesh, how its nodes move, what it costs."""
+"""Ten periods of a motion in small steps: final quality of the mesh, motion of its nodes, cost."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def play(case: Case, choices: dict[str, Any], periods: int) -> Played:
 
 
 def play_peer(case: Case, system: str, periods: int) -> Played:
-    """Play a case by one of :data:`SYSTEMS`; SystemFailure where it stops."""
+    """Play a case by one of :data:`SYSTEMS`; SystemFailure if it stops."""
     mesh, moving = case.mesh, np.sort(np.concatenate(list(case.mesh.bodies.values())))
     cells: dict[str, NDArray[np.integer[Any]]] = {block.type.name: block.nodes.astype(np.int64) for block in mesh.cells}
     displacements = np.array(case.targets * periods) - mesh.points[moving]
@@ -95,7 +95,7 @@ def play_peer(case: Case, system: str, periods: int) -> Played:
 
 
 def _measured(case: Case, places: Sequence[Floats], seconds: float) -> Played:
-    """Of the positions (n, d) after each step, and the CPU time of all."""
+    """Evaluate the positions (n, d) after each step, and the CPU time of all steps."""
     model, each = case.mesh.model(quality_metric="relative-size-skew"), len(case.targets)
     moving = model.roles.moving
     amplitude = max(_largest(targets - model.points[moving]) for targets in case.targets)
@@ -132,7 +132,7 @@ def run(quick: bool) -> Outcome:
 
 
 def _row(found: Played | None, plain: Played) -> list[Cell]:
-    """Of the table, from the first period on."""
+    """A row of the table, from the first period on."""
     if found is None:
         return [None] * 6
     first, last = min(found.qualities[:PERIOD]), min(found.qualities[-PERIOD:])
@@ -140,7 +140,7 @@ def _row(found: Played | None, plain: Played) -> list[Cell]:
 
 
 def _peers(case: Case, periods: int) -> Iterator[tuple[str, Played | None]]:
-    """Of those that are installed; None where one stops before the end."""
+    """Results of the installed systems; None for one that stops before the end."""
     for kind, system in PEERS.items():
         if SYSTEMS[system].missing() is None:
             try:

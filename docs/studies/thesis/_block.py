@@ -40,7 +40,7 @@ class BlockCase:
 
     @property
     def mesh(self) -> TrialMesh:
-        """Judges by signed size, the metric of the thesis' 2D results."""
+        """Signed size, the metric of the thesis' 2D results."""
         p = self.problem
         return TrialMesh(p.start, p.cells, p.reference_sizes, p.held, "size")
 
@@ -55,7 +55,7 @@ class BlockCase:
         return float(cell_quality(points, p.cells, p.reference_sizes).metric("size").min())
 
     def moved(self, displacement: Floats) -> Floats:
-        """(n, 2) positions after a displacement, the boundary where it shall be."""
+        """(n, 2) positions after a displacement, with the boundary at its given positions."""
         return np.where(self.problem.held[:, None], self.problem.standard, self.problem.start + displacement)
 
 
@@ -89,7 +89,7 @@ def draw_mesh(ax: Any, case: BlockCase, points: Floats, title: str) -> Any:
     """The mesh at points (n, 2), coloured by its size; inverted cells red."""
     p = case.problem
     quality = cell_quality(points, p.cells, p.reference_sizes).metric("size")
-    # ten colours and lines without half tones keep the picture small
+    # ten colours and lines without antialiasing keep the picture small
     shown = ax.tripcolor(*points.T, case.triangles, quality, cmap=colormaps["viridis"].resampled(10), vmin=0, vmax=1)
     ax.triplot(*points.T, case.triangles, color="k", lw=0.2, alpha=0.3, antialiased=False)
     bad = quality <= 0

@@ -50,14 +50,14 @@ def surface_problem(spacing: float, *, tolerance: float = 1e-3, max_points: int 
 
 @dataclass(frozen=True, eq=False)
 class MeshMotion:
-    """A mesh and where its boundary goes.
+    """A mesh and the motion of its boundary.
 
     Attributes
     ----------
     title : str
     mesh : StoredMesh
     boundary : (nb,) int64 array
-        Nodes with a prescribed displacement, those that stand still included.
+        Nodes with a prescribed displacement, including fixed nodes.
     displacement : (nb, d) array
     support_radius : float
     """
@@ -83,13 +83,13 @@ class MeshMotion:
         return self.mesh.points + sum(evaluation.displacement(level, self.mesh.points) for level in levels)
 
     def snapped(self, positions: Floats) -> Floats:
-        """(n, d) the same with the boundary nodes where they shall be."""
+        """(n, d) nodes displaced as before, with the boundary nodes at their given positions."""
         exact = positions.copy()
         exact[self.boundary] = self.mesh.points[self.boundary] + self.displacement
         return exact
 
     def corrected(self, reduced: Reduced) -> tuple[Level, ...]:
-        """The levels of a reduction and the near-surface correction of what they leave."""
+        """The levels of a reduction and the near-surface correction of the remaining error."""
         points = self.mesh.points[self.boundary]
         moving = np.linalg.norm(self.displacement, axis=1) > 0.0
         radius = near_surface_radius(boundary_spacing(points[moving]), reduced.max_error, self.support_radius)
@@ -120,7 +120,7 @@ def block(shift: tuple[float, float] = (-0.1, -0.1), degrees: float = 30.0) -> M
 
 
 def wing(fraction: float = 0.5) -> MeshMotion:
-    """The tapered wing of the examples, at a fraction of its bending and twisting; the walls stand still."""
+    """The tapered wing of the examples, at a fraction of its bending and twisting; the walls are fixed."""
     mesh = stored("examples/tapered_wing/mesh")
     with np.load(ROOT / "examples/tapered_wing/motion.npz") as motion:
         table = motion["displacement"]

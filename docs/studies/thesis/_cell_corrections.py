@@ -1,7 +1,7 @@
 """Corrections of a cell's deformation by its stretches: polar, singular value and QR, and Algorithm 1's eigenvalues.
 
-As in Algorithm 1 a stretch ≤ 0 becomes +0.1; if there is none, the smallest gains 0.1. The methods differ in the
-definition of the stretches and in what they keep:
+As in Algorithm 1 a stretch ≤ 0 becomes +0.1; if all are positive, the smallest increases by 0.1. The methods differ in
+the definition of the stretches and in the parts that they keep:
 
 ==========  ============  ===========================================================================================
 function    B =           what becomes of it
@@ -12,7 +12,7 @@ function    B =           what becomes of it
 ``qr``      Q R (5.9)     the rotation and the shears are kept, the diagonal of R is clamped; depends on the coordinates
 ==========  ============  ===========================================================================================
 
-The polar correction is the same as clamping the stretches of the singular value decomposition and nothing more, since
+The polar correction is identical to clamping the stretches of the singular value decomposition, because
 ``Q = U Vᵀ`` and ``S = V diag(s) Vᵀ``. All rotations are proper, so an inverted cell has one negative stretch. Unlike
 eigenvalues, stretches are always real and their directions orthogonal: dJ is never larger than the stretches require.
 """
@@ -54,7 +54,7 @@ def qr_correction(gradient: Floats) -> Floats:
 
 
 def _gains(stretches: Floats) -> Floats:
-    """Gain of each stretch (d,): those ≤ 0 become the increment; if there is none, the smallest gains it."""
+    """Increase of each stretch (d,): a stretch ≤ 0 becomes the increment, else the smallest increases by it."""
     gains = np.where(stretches <= 0.0, INCREMENT - stretches, 0.0)
     if not gains.any():
         gains[np.argmin(stretches)] = INCREMENT

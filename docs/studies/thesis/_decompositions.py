@@ -1,4 +1,4 @@
-"""What the deformation B = I + J of a cell says about it: eigen, polar, singular value and QR decomposition.
+"""Decompositions of a cell's deformation B = I + J: eigen, polar, singular value and QR decomposition.
 
 J = ∇S is the gradient of the displacement at the cell, so ``A_new = B A`` for its corner Jacobians: thesis (5.7), §5.2.
 
@@ -16,7 +16,7 @@ function   B =                 what it says
 
 A cell is inverted when det B ≤ 0. Textbook decompositions then hide a reflection in Q, U or V (5.12); here these are
 always *rotations*, det = +1, and the reflection shows as one negative stretch: the smallest one (``polar``, ``svd``)
-or the last one (``qr``). The thesis calls R lower triangular; with edges as columns the usual upper triangle belongs.
+or the last one (``qr``). The thesis calls R lower triangular; with edges as columns it is upper triangular, as usual.
 
 The server itself needs ``eigen`` and ``svd``: :mod:`mesh_motion_numerics.decomposition`.
 
@@ -61,7 +61,7 @@ class QR(NamedTuple):
     rotation : (m, d, d) array
         det = +1.
     triangle : (m, d, d) array
-        Upper triangle; its diagonal is positive but for the last entry, which has the sign of det B.
+        Upper triangle; its diagonal is positive except for the last entry, which has the sign of det B.
     """
 
     rotation: Floats

@@ -70,7 +70,7 @@ def predicted(interpolant: EnrichedInterpolant) -> Floats:
 
 
 def sizes(interpolant: EnrichedInterpolant) -> Floats:
-    """(20,) length of every cell after the motion over that before."""
+    """(20,) length of every cell after the motion over its length before."""
     return np.diff(NODES + interpolant.displacement(NODES)) / np.diff(NODES)
 
 
@@ -81,7 +81,7 @@ def smallest(interpolant: EnrichedInterpolant) -> float:
 
 
 def best_slope(line: Line, points: Floats, slopes: Floats) -> tuple[float, float]:
-    """The slope, the same at all points, that gives the best minimum size, and that minimum."""
+    """The common slope of all points with the best minimum size, and this minimum."""
     reached = [smallest(line.solve(points, [slope] * len(points))) for slope in slopes]
     best = int(np.argmax(reached))
     return float(slopes[best]), reached[best]
@@ -98,7 +98,7 @@ def draw_displacement(ax: Any, line: Line, curves: dict[str, EnrichedInterpolant
 
 
 def draw_parts(ax: Any, line: Line, interpolant: EnrichedInterpolant) -> None:
-    """What the RBFs and the enrichment functions give, and their sum."""
+    """Displacement by the RBFs and by the enrichment functions, and their sum."""
     bare = EnrichedInterpolant(
         interpolant.boundary,
         interpolant.enrichment_points,

@@ -1,8 +1,8 @@
 """The linear polynomial of (2.1) next to a basis that does not need it (Fig 2.2).
 
 Thesis (2.4) is solved by its Schur complement: ``S = Pᵀ φ⁻¹ P``, ``S β = Pᵀ φ⁻¹ d``, ``γ = φ⁻¹ (d − P β)``, which works
-with every linear solver and keeps a sparse matrix sparse. The server itself adds the polynomial only where a basis is
-definite with it alone.
+with every linear solver and keeps a sparse matrix sparse. The server itself adds the polynomial only if a basis is not
+definite without it.
 """
 
 from __future__ import annotations

@@ -1,15 +1,15 @@
 """The quality after many steps, without moving the mesh in between (thesis (3.8)–(3.12)).
 
-Each step i has its own displacement field S^i, defined where the mesh is after the steps before it. The ratio of sizes
+Each step i has its own displacement field S^i, defined on the mesh after the earlier steps. The ratio of sizes
 over all steps telescopes, so that in one dimension ``f = Π_i (1 + ∇S^i)`` (thesis (3.12)). In more dimensions the
-factors are matrices, and their order counts: ``B = (I + ∇S^n) … (I + ∇S^1) (I + ∇S^0)``, the latest on the left.
+factors are matrices, and their order matters: ``B = (I + ∇S^n) … (I + ∇S^1) (I + ∇S^0)``, the latest on the left.
 
 The thesis leaves open where ∇S^i is taken. It must be the *same piece of material* in every step: the cell's centre at
-the start, carried along by the fields (``x^(i+1) = x^i + S^i(x^i)``, thesis (3.2), for one point a cell instead of all
-nodes). By the chain rule B is then exactly the gradient of the motion as a whole, and the prediction over many steps
-has the error of a prediction over one: nothing adds up from step to step.
+the start, moved by the fields (``x^(i+1) = x^i + S^i(x^i)``, thesis (3.2), for one point of each cell instead of all
+nodes). By the chain rule B is then exactly the gradient of the whole motion, and a prediction over many steps has the
+same error as a prediction over one step: errors do not accumulate.
 
-:class:`AccumulatedGradients` does it step by step, as a computation in time goes; :class:`ComposedField` and
+:class:`AccumulatedGradients` does it step by step, as in a time-dependent computation; :class:`ComposedField` and
 :func:`predict_many_steps` do it for a list of fields with any of the predictors.
 """
 
@@ -44,7 +44,7 @@ class AccumulatedGradients:
     Attributes
     ----------
     places : (k, d) array, mesh length unit
-        Where the points are now.
+        Present positions of the points.
     deformation : (k, d, d) array
         B = Π (I + ∇S^i), the latest factor on the left.
     """
@@ -54,7 +54,7 @@ class AccumulatedGradients:
 
     @classmethod
     def at(cls, points: Floats) -> Self:
-        """Nothing has happened yet to the points (k, d)."""
+        """Start at the points (k, d), without any step."""
         return cls(points, np.broadcast_to(np.eye(points.shape[1]), (len(points), *(points.shape[1],) * 2)))
 
     @classmethod
@@ -63,7 +63,7 @@ class AccumulatedGradients:
         return cls.at(centre_positions(points, cells))
 
     def advance(self, field: DisplacementField) -> AccumulatedGradients:
-        """One step further: one factor of (3.12) for each point, and where it goes (3.2)."""
+        """Add one step: one factor of (3.12) for each point, and its new position (3.2)."""
         factor = np.eye(self.places.shape[1]) + field.gradient(self.places)
         deformation = np.einsum("nij,njk->nik", factor, self.deformation)
         return AccumulatedGradients(self.places + field.displacement(self.places), deformation)
@@ -74,7 +74,7 @@ class AccumulatedGradients:
         Parameters
         ----------
         points : (n, d) array, mesh length unit
-            Where the nodes were when the accumulation began (:meth:`of_cells`).
+            Positions of the nodes at the start of the accumulation (:meth:`of_cells`).
         cells : CellTable
         reference_sizes : (m,) array
         """
@@ -88,7 +88,7 @@ class ComposedField:
     Attributes
     ----------
     steps : sequence of DisplacementField
-        Each defined where the ones before it have moved the points.
+        Each is defined at the positions after the earlier steps.
     """
 
     steps: Sequence[DisplacementField]

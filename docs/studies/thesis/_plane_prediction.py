@@ -1,4 +1,4 @@
-"""What the studies of Figs. 3.8 to 3.11 and A.1 (triangles) and 3.12 to 3.15 and A.2 (quads) have in common."""
+"""Shared parts of the studies of Figs. 3.8 to 3.11 and A.1 (triangles) and 3.12 to 3.15 and A.2 (quads)."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class PlaneCase:
 
 
 def convergence(case: PlaneCase, levels: int, *, fixed_field: bool) -> dict[str, list[Errors]]:
-    """Errors on refined meshes; with ``fixed_field`` the boundary nodes of the coarsest mesh interpolate for all."""
+    """Errors on refined meshes; with ``fixed_field`` all meshes use the field of the coarsest mesh's boundary nodes."""
     found: dict[str, list[Errors]] = {name: [] for name in GRADIENTS}
     coarse = case.field(case.mesh(0))
     for level in range(levels):
@@ -134,7 +134,7 @@ def deformed(case: PlaneCase, level: int, caption: str) -> Picture:
 
 
 def slopes(all_nodes: dict[str, list[Errors]], fixed: dict[str, list[Errors]], caption: str) -> Picture:
-    """Figs. 3.10 and 3.14 with reference slopes, for the thesis' control points and for a field that stays the same."""
+    """Figs. 3.10 and 3.14 with reference slopes, for the thesis' control points and for a fixed field."""
 
     def draw(figure: Any) -> None:
         for ax, found, title in zip(

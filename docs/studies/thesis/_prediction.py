@@ -1,4 +1,4 @@
-"""Shared by the studies of thesis chapter 3: meshes, boundary motions, and how far a prediction is off."""
+"""Shared by the studies of thesis chapter 3: meshes, boundary motions, and errors of predictions."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A mesh with a body that moves in a box that does not."""
+    """A mesh with a moving body in a fixed box."""
 
     points: Floats
     cells: CellTable
@@ -42,14 +42,14 @@ class Mesh:
         return reference_sizes(self.points, self.cells)
 
     def field(self, body_displacement: Floats, radius: float) -> InterpolantField:
-        """The standard motion: Wendland C2 on all nodes of both boundaries, nothing corrected."""
+        """The standard motion: Wendland C2 on all nodes of both boundaries, without correction."""
         nodes = np.concatenate([self.outer, self.body])
         displacement = np.concatenate([np.zeros((len(self.outer), self.points.shape[1])), body_displacement])
         return InterpolantField(factorize(self.points[nodes], support_radius=radius).solve(displacement))
 
 
 class Errors(NamedTuple):
-    """Of a predicted metric: thesis (3.13) at its largest, the largest difference, thesis (3.14)."""
+    """Errors of a predicted metric: largest value of thesis (3.13), largest difference, thesis (3.14)."""
 
     relative: float
     largest: float
@@ -65,7 +65,7 @@ def errors(predicted: Floats, actual: Floats) -> Errors:
 
 
 def predicted_errors(name: str, mesh: Mesh, field: DisplacementField, metric: str) -> Errors:
-    """How far a predictor is from what the mesh would be."""
+    """Errors of a predictor relative to the moved mesh."""
     sizes = mesh.sizes
     actual = predict("trial-nodes", mesh.points, mesh.cells, sizes, field).metric(metric)
     return errors(predict(name, mesh.points, mesh.cells, sizes, field).metric(metric), actual)
@@ -78,7 +78,7 @@ def qualities(mesh: Mesh, field: DisplacementField) -> dict[str, CellQuality]:
 
 
 def order(coarse: float, fine: float, ratio: float = 2.0) -> float | None:
-    """Order of convergence between two meshes with edges in this ratio; None where both are rounding."""
+    """Order of convergence between two meshes with edges in this ratio; None if both errors are rounding errors."""
     return float(np.log(coarse / fine) / np.log(ratio)) if min(coarse, fine) > ROUNDING else None
 
 
@@ -97,7 +97,7 @@ def line(n: int) -> Mesh:
 
 
 def thesis_triangles(refinements: int) -> Mesh:
-    """The mesh of thesis Fig. 3.7 with 416 triangles around a block 0.1 × 0.2, each cut in four so many times."""
+    """The mesh of thesis Fig. 3.7: 416 triangles around a block 0.1 × 0.2, each cut into four ``halvings`` times."""
     stored = read_mesh(REFERENCES / "thesis_block_coarse.npz")
     points, triangles = stored.points, stored.cells["triangle"]
     for _ in range(refinements):
@@ -113,7 +113,7 @@ def thesis_triangles(refinements: int) -> Mesh:
 
 
 def _quarter(points: Floats, triangles: Ints) -> tuple[Floats, Ints]:
-    """Every triangle in four by the midpoints of its edges."""
+    """Every triangle cut into four by the midpoints of its edges."""
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     unique, places = np.unique(edges, axis=0, return_inverse=True)
     a, b, c = triangles.T
@@ -135,7 +135,7 @@ _FACES = ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), 
 
 
 def boxes(kind: str, n: int) -> Mesh:
-    """Unit square or cube of n boxes an axis, less [0.4, 0.6]^d, cut into cells of a kind; n a multiple of 5."""
+    """Unit square or cube of n boxes along each axis, without [0.4, 0.6]^d, cut into cells; n is a multiple of 5."""
     d = 2 if kind in ("triangle", "quad") else 3
     axis = np.linspace(0.0, 1.0, n + 1)
     points = np.stack(np.meshgrid(*[axis] * d, indexing="ij"), axis=-1).reshape(-1, d)
@@ -162,7 +162,7 @@ def polygons(mesh: Mesh, points: Floats) -> Floats:
 
 
 def draw_cells(axes: Any, corners: Floats, values: Floats, title: str, limits: tuple[float, float] = (0.0, 1.0)) -> Any:
-    """Cells coloured by their values, on the scale that all maps of a picture share."""
+    """Cells coloured by their values; all maps of a picture have the same scale."""
     from matplotlib import colormaps  # noqa: PLC0415 matplotlib only where something is drawn
     from matplotlib.collections import PolyCollection  # noqa: PLC0415
 
@@ -202,7 +202,7 @@ def draw_slopes(axes: Any, sizes: Floats, curves: Curves, anchors: dict[int, flo
 
 
 def order_table(first: str, labels: list[Cell], found: dict[str, list[Errors]], caption: str) -> Table:
-    """Errors of the gradient predictors on meshes with edges halved from row to row, with the last order of each."""
+    """Errors of the gradient predictors on meshes with edges halved from row to row, and the last order of each."""
     names = [name for name in PREDICTORS if name in found]
     columns = [first] + [f"{SHORT[name]}: {what}" for name in names for what in ("max", "RMSE")]
     rows: list[list[Cell]] = []

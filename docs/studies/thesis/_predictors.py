@@ -1,7 +1,7 @@
 """The quality a mesh would have after a displacement, before any node moves (thesis chapter 3).
 
 A corner Jacobian A becomes ``A + [S(x_a) - S(x_k), S(x_b) - S(x_k), …]`` with the displacement S of the nodes at x_k:
-thesis (3.1)–(3.4). The predictors differ in what they use of S:
+thesis (3.1)–(3.4). The predictors use different properties of S:
 
 ===========================  ==================================================  ===============  ================
 predictor                    new Jacobian                                        triangle, tetra  line, quad,
@@ -12,7 +12,7 @@ predictor                    new Jacobian                                       
 ``trial-nodes``              from the displacements of the nodes                 exact            exact
 ===========================  ==================================================  ===============  ================
 
-The thesis takes (3.20) to be of second order on triangles (Fig. 3.10). It is of first order: the midpoints of a
+The thesis takes (3.20) to be of second order on triangles (Fig. 3.10). Its order is one: the midpoints of a
 corner's edges are O(h) away from the centre of a simplex, while the errors of opposite corners of a quad cancel.
 ``trial-nodes`` is the default: it is exact, and a mesh of tetrahedra has five to six times fewer nodes than cells.
 
@@ -126,7 +126,7 @@ def predict(
 
 
 def centre_positions(points: Floats, cells: CellTable) -> Floats:
-    """(m, d) mean of the nodes of every cell, where the thesis takes ∇S."""
+    """(m, d) mean of the nodes of every cell, the point at which the thesis evaluates ∇S."""
     return np.concatenate([points[block.nodes].mean(axis=1) for block in cells])
 
 

@@ -27,7 +27,7 @@ METRIC = "size-skew-product"
 
 
 def steps_of(mesh: Mesh, body: list[Floats], radius: float) -> list[InterpolantField]:
-    """The interpolant of every relative step: from where the boundary is to where the body is next."""
+    """The interpolant of every relative step, from the present boundary to the next position of the body."""
     fields, points = [], mesh.points.copy()
     for where in body:
         now = Mesh(points, mesh.cells, mesh.outer, mesh.body)
@@ -52,7 +52,7 @@ def turn(mesh: Mesh, count: int) -> list[InterpolantField]:
 
 
 def product_in_place(mesh: Mesh, steps: list[InterpolantField]) -> Floats:
-    """(m, d, d) the product (3.12) with every ∇S^i at the cell's first centre: what one must not do."""
+    """(m, d, d) the product (3.12) with every ∇S^i at the cell's first centre, which is wrong."""
     centres = centre_positions(mesh.points, mesh.cells)
     total = np.broadcast_to(np.eye(mesh.cells.dimension), (len(centres), *(mesh.cells.dimension,) * 2))
     for step in steps:
@@ -120,7 +120,7 @@ def _orders(rows: list[list[Cell]]) -> list[Cell]:
 
 
 def claims(outcome: Outcome) -> None:
-    """Over 16 steps the order is that of one, and the error too; without carrying the centres nothing converges."""
+    """Check that 16 steps have order and error of one step, and that nothing converges unless the centres move."""
     lines, plane = outcome.tables
     one, _, many, in_place = lines.rows[-1][1:]
     assert all(1.9 < value < 2.1 for value in (one, many))

@@ -1,7 +1,7 @@
 """Fig 2.2: the polynomial term on and off.
 
-The interpolation of thesis (2.1) is used bare here: the server itself takes a rigid motion out beforehand where every
-prescribed node moves, so that it recovers one with either choice.
+The interpolation of thesis (2.1) is used alone here: if every prescribed node moves, the server itself separates a
+rigid motion first, so that it reproduces a rigid motion with and without the polynomial.
 """
 
 from __future__ import annotations
@@ -71,13 +71,13 @@ def run(quick: bool) -> Outcome:
 
 
 def _rigid_error(mesh: StoredMesh, controls: NDArray[np.int64], radius: float, polynomial: str) -> float:
-    """Largest distance of a node from where a rigid motion of the whole boundary takes it."""
+    """Largest distance of a node from its position in a rigid motion of the whole boundary."""
     goal = WHOLE(mesh.points)
     return float(np.linalg.norm(moved(mesh, goal, controls, radius, polynomial) - goal, axis=1).max())
 
 
 def _fixed_wall(mesh: StoredMesh, roles: BoundaryRoles, radius: float, polynomial: str) -> tuple[float, float]:
-    """Minimum size-skew, and how far the nodes near the outer wall move on average."""
+    """Minimum size-skew, and mean displacement of the nodes near the outer wall."""
     points = moved(mesh, turned_block(mesh), roles.all, radius, polynomial)
     quality = cell_quality(points, mesh.cells, reference_sizes(mesh.points, mesh.cells)).metric("size-skew")
     near = np.abs(mesh.points - 0.5).max(axis=1) > 0.4
@@ -85,13 +85,13 @@ def _fixed_wall(mesh: StoredMesh, roles: BoundaryRoles, radius: float, polynomia
 
 
 def _free_wall(mesh: StoredMesh, roles: BoundaryRoles, radius: float, polynomial: str) -> float:
-    """How far the outer wall moves when it is not held."""
+    """Largest displacement of the outer wall when it is not held."""
     points = moved(mesh, turned_block(mesh), roles.moving, radius, polynomial)
     return float(np.linalg.norm(points - mesh.points, axis=1)[roles.fixed].max())
 
 
 def _sparseness(mesh: StoredMesh, roles: BoundaryRoles) -> str:
-    """How full the matrix of (2.4) is, with and without the polynomial's rows."""
+    """Number of nonzero entries of the matrix of (2.4), with and without the polynomial's rows."""
     points, basis, radius = mesh.points[roles.all], BASES["wendland-c2"], 0.25
     full = int(sparse_matrix(CentreLayout.build(points, basis, radius), basis, radius).nnz)
     more = 2 * (points.shape[1] + 1) * len(points)
@@ -117,7 +117,7 @@ def draw(figure: Any) -> None:
 
 
 def claims(outcome: Outcome) -> None:
-    """Exact with the polynomial only; the far field moves where nothing holds it, the quality hardly gains."""
+    """Check exactness with the polynomial only, the motion of a free far field, and the small gain in quality."""
     for begin in (0, 4):
         rigid, quality, _, free = outcome.tables[0].rows[begin : begin + 4]
         assert rigid[3] < 1e-12

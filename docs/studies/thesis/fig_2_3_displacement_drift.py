@@ -1,6 +1,6 @@
 """Fig 2.3: relative, absolute and re-anchored displacement on periodic motion.
 
-A block swings about its middle, sinusoidally. *At rest* means: after whole cycles, when the boundary is where it began.
+A block swings about its middle, sinusoidally. *At rest* means: after whole cycles, when the boundary is at its start.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SQUARES = 25
 
 
 class Swing:
-    """A model swung about its block's middle, with everything that is asked of it noted."""
+    """A model that swings about its block's middle, with all results recorded."""
 
     def __init__(self, mesh: StoredMesh, displacement: str, degrees: float, steps: int) -> None:
         self.model: MotionModel = mesh.model(
@@ -52,7 +52,7 @@ class Swing:
 
     @property
     def drift(self) -> float:
-        """Largest distance of a node from its reference place."""
+        """Largest distance of a node from its reference position."""
         return float(np.linalg.norm(self.points - self.model.points, axis=1).max())
 
 
@@ -93,7 +93,7 @@ def run(quick: bool) -> Outcome:
 
 
 def _swung(mesh: StoredMesh, case: tuple[float, int, str], cycles: int) -> Swing:
-    """A swing after so many cycles."""
+    """A swing after a given number of cycles."""
     degrees, steps, displacement = case
     swing = Swing(mesh, displacement, degrees, steps)
     for _ in range(cycles):
@@ -114,7 +114,7 @@ def _orthogonality_table(quick: bool) -> Table:
 
 
 def square_mesh() -> StoredMesh:
-    """Unit square of squares less its middle fifth."""
+    """Unit square of squares without its middle fifth."""
     n, low, high = SQUARES, (2 * SQUARES) // 5, SQUARES - (2 * SQUARES) // 5
     number = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
     solid = np.zeros((n, n), dtype=bool)
@@ -165,7 +165,7 @@ def draw(figure: Any, cycles: int) -> None:
 
 
 def claims(outcome: Outcome) -> None:
-    """Relative displacement drifts and in the end tangles; the other two return to where they began."""
+    """Check that relative displacement drifts and finally inverts cells, and the other two return to their start."""
     columns = outcome.tables[0].columns
     rows = [dict(zip(columns, row, strict=True)) for row in outcome.tables[0].rows]
     rest = columns[4]

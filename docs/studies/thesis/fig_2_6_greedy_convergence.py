@@ -26,17 +26,17 @@ ALGORITHMS: dict[str, Callable[[ReductionProblem], Reduced]] = {
 
 
 def _cases(quick: bool) -> list[tuple[MeshMotion, int]]:
-    """A surface in space and a curve in the plane, and the most points to choose."""
+    """A surface in 3D and a curve in 2D, and the maximum number of points."""
     return [(wing(1.0), 80 if quick else 400), (block(), 40)]
 
 
 def _latest(history: tuple[Iterate, ...], points: int) -> Iterate:
-    """Where an algorithm stood last with so many points."""
+    """The last state of an algorithm with the given number of points."""
     return [iterate for iterate in history if iterate.points == points][-1]
 
 
 def _before_the_end(history: tuple[Iterate, ...]) -> tuple[Iterate, ...]:
-    """Without the closing full solution, which is no step of the algorithm."""
+    """The history without the final full solution, which is not a step of the algorithm."""
     return history[:-1] if history[-1].points == history[-2].points else history
 
 
@@ -48,7 +48,7 @@ def _solved_again(problem: ReductionProblem, found: Reduced, points: int) -> flo
 
 
 def _compared(case: MeshMotion, most: int) -> tuple[Table, dict[str, Reduced]]:
-    """Errors at a quarter, half and all of the points, and what it took."""
+    """Errors at a quarter, half and all of the points, and the cost."""
     problem = case.problem(0.0)
     problem = ReductionProblem(
         problem.points, problem.displacement, support_radius=case.support_radius, tolerance=0.0, max_points=most
@@ -72,7 +72,7 @@ def _compared(case: MeshMotion, most: int) -> tuple[Table, dict[str, Reduced]]:
 
 
 def run(quick: bool) -> Outcome:
-    """Both boundaries, the errors as the algorithms see them."""
+    """Both boundaries, with the errors that the algorithms estimate."""
     compared = [(case, *_compared(case, most)) for case, most in _cases(quick)]
     curves = [(case.title, found, case.problem(0.0).largest) for case, _, found in compared]
 
@@ -105,7 +105,7 @@ def _words(table: Table) -> str:
 
 
 def claims(outcome: Outcome) -> None:
-    """The order of Fig 2.6: full, combined, one point; its choice is poor too; errors fall with the points."""
+    """Check the order of Fig 2.6 (full, combined, one point), the poor choice of one point, and falling errors."""
     for table in outcome.tables:
         rows = {row[0]: row for row in table.rows}
         assert rows[FULL][3] < rows[COMBINED][3] < rows[ONE][3]

@@ -38,7 +38,7 @@ def _table(case: MeshMotion, shares: tuple[float, ...]) -> Table:
 
 
 def run(quick: bool) -> Outcome:
-    """Shares from the largest error alone to every peak."""
+    """Shares from 1 (the largest error only) to 0 (every peak)."""
     shares = (1.0, 0.5, 0.0) if quick else SHARES
     tables = [_table(case, shares) for case in (wing(), layered())]
     chosen = {row[0]: row for row in tables[0].rows}
@@ -52,7 +52,7 @@ def run(quick: bool) -> Outcome:
 
 
 def _state(case: MeshMotion, points: int) -> tuple[ReductionProblem, Reduced, Any, Any]:
-    """After some iterations: the problem, the reduction, the error lengths (nb,), and the peaks above the threshold."""
+    """State after some iterations: problem, reduction, error lengths (nb,), and peaks above the threshold."""
     problem = case.problem(0.0)
     problem = ReductionProblem(
         problem.points, problem.displacement, support_radius=case.support_radius, tolerance=0.0, max_points=points
@@ -65,7 +65,7 @@ def _state(case: MeshMotion, points: int) -> tuple[ReductionProblem, Reduced, An
 
 
 def _draw(figure: Any) -> None:
-    """The error along the ellipse, and on the wing from above."""
+    """The error along the ellipse, and on the wing seen from above."""
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.15))
     problem, found, size, peaks = _state(layered(), 9)
     body = np.flatnonzero(np.abs(problem.points).max(axis=1) < 0.11)
@@ -95,7 +95,7 @@ def _draw(figure: Any) -> None:
 
 
 def claims(outcome: Outcome) -> None:
-    """A lower threshold means fewer iterations and somewhat more points."""
+    """Check that a lower threshold needs fewer iterations and slightly more points."""
     for table in outcome.tables:
         iterations, points, work = (
             table.column(name) for name in (table.columns[2], table.columns[1], table.columns[4])

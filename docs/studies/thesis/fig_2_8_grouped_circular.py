@@ -23,7 +23,7 @@ LADDER = 400
 
 @dataclass(frozen=True)
 class Point:
-    """A run to so many points: what it left at all nodes and what it took."""
+    """A run with a given number of points: error at all nodes and cost."""
 
     points: int
     error: float
@@ -110,7 +110,7 @@ def _picture(curves: dict[str, list[Point]]) -> Picture:
 
 
 def claims(outcome: Outcome) -> None:
-    """Nearly the error of the conventional algorithm, for a fraction of its operations that follows m."""
+    """Check that the error is close to the conventional algorithm's, with a share of its operations given by m."""
     rows = {row[0]: row for row in outcome.tables[0].rows}
     conventional = rows[CONVENTIONAL]
     for m in GROUPS:

@@ -50,7 +50,7 @@ def run(quick: bool) -> Outcome:
 
 
 def _with_triangles(levels: int) -> Table:
-    """The centre gradient on the same grids and motion, in quads and with every quad cut into two triangles."""
+    """The centre gradient on the same grids and motion, with quads and with each quad cut into two triangles."""
     halved = PlaneCase(lambda level: boxes("triangle", 10 * 2**level), (1.0, 0.0), 0.15, 15.0, (0.3, 0.5))
     quads, triangles = (convergence(case, levels, fixed_field=False)["centre-gradient"] for case in (CASE, halved))
     rows: list[list[Cell]] = []
@@ -61,7 +61,7 @@ def _with_triangles(levels: int) -> Table:
 
 
 def claims(outcome: Outcome) -> None:
-    """Both predictors are of second order in a smooth field; in the thesis' the largest error lags behind the RMSE."""
+    """Check second order in a smooth field; in the thesis' field the largest error falls more slowly than the RMSE."""
     every, fixed, ratio_table, sizes = outcome.tables
     _, centre_max, centre_rmse, edge_max, edge_rmse = fixed.rows[-1]
     assert min(centre_rmse, edge_rmse) > 1.75

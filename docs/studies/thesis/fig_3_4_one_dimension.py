@@ -29,7 +29,7 @@ def sizes(cells: int, radius: float, magnitude: float) -> tuple[Floats, Floats, 
 
 
 def run(quick: bool) -> Outcome:
-    """Minima next to the printed ones; errors over cells, radius and magnitude."""
+    """Tables: minima next to the printed ones; errors over cells, radius and magnitude."""
     counts = COUNTS[:3] if quick else COUNTS
     found = {(r, m): [errors(*sizes(n, r, m)[1:]) for n in counts] for r in RADII for m in MAGNITUDES}
     tables = [_minima(), _convergence(counts, found), _magnitudes(found)]
@@ -75,7 +75,7 @@ def _magnitudes(found: dict[tuple[float, float], list[Errors]]) -> Table:
 
 
 def claims(outcome: Outcome) -> None:
-    """The printed minima; second order; error linear in the displacement and smaller for the larger radius."""
+    """Check the printed minima, second order, errors linear in the displacement and smaller with the larger radius."""
     minima, convergence, magnitudes = outcome.tables
     for _, printed, ours, _ in minima.rows:
         assert printed is None or abs(ours - printed) <= 0.0007  # the print cuts its digits instead of rounding

@@ -43,7 +43,7 @@ def run(quick: bool) -> Outcome:
 
 
 def claims(outcome: Outcome) -> None:
-    """The thesis' predictor is of first order on triangles, not of second; edge midpoints cure it."""
+    """Check that the thesis' predictor has first order on triangles, and edge midpoints second order."""
     every, fixed, sizes = outcome.tables
     _, centre_max, centre_rmse, edge_max, edge_rmse = fixed.rows[-1]
     assert 0.75 < centre_max < 1.25

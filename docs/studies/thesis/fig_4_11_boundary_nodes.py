@@ -1,4 +1,4 @@
-"""Figs 4.10 to 4.13: two local enrichment functions at the moving boundary nodes, and the gradient they would need."""
+"""Figs 4.10 to 4.13: two local enrichment functions at the moving boundary nodes, and their ideal gradient."""
 
 from __future__ import annotations
 

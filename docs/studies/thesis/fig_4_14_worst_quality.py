@@ -47,7 +47,7 @@ def _swept(radius: float, slopes: Any) -> tuple[float, float, float]:
 
 
 def _ideal(move: float, slopes: Any) -> list[Cell]:
-    """Ideal gradients; the minima stay where the largest displacement has them."""
+    """Ideal gradients; the minima stay at the positions of the largest displacement."""
     found: list[Cell] = []
     for radius in (0.3, 0.4, 0.6):
         line = Line(moves=(move, -move), enrichment_radius=radius)

@@ -1,4 +1,4 @@
-"""Figs 5.7 and 5.8: what the decompositions of B say about a cell, and what each correction makes of it."""
+"""Figs 5.7 and 5.8: decompositions of B for some cells, and the result of each correction."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _change(kind: str, B: Floats) -> Floats:
 
 
 def _angles(quick: bool) -> dict[str, Floats]:
-    """By decomposition: (angles, 3) size after ten corrections, first gain of the smallest stretch, |dJ|."""
+    """For each decomposition (angles, 3): size after ten corrections, first increase of the smallest stretch, |dJ|."""
     found = {}
     for kind in CELL_CORRECTIONS:
         rows = []
@@ -143,7 +143,7 @@ def _turning(figure: Any, angles: dict[str, Floats]) -> None:
         zip(figure.subplots(1, 3), ("size after ten corrections", "first gain", "first |dJ|"), strict=True)
     ):
         for kind, rows in angles.items():
-            # polar and qr nearly coincide: one is drawn broken and wider beneath the other
+            # polar and qr nearly coincide: one is drawn dashed and wider below the other
             wide = kind == "polar"
             ax.plot(
                 np.linspace(0, 180, len(rows)),

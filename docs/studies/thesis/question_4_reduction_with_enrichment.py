@@ -1,7 +1,7 @@
 """Research question 4 of the thesis: control-point reduction together with enrichment.
 
 The standard motion starts from few nodes (grouped-circular) and is corrected near the surface; then its quality is
-predicted and mended. Separately it is asked on which nodes the enrichment functions ψ have to vanish.
+predicted and corrected. A separate question is on which nodes the enrichment functions ψ must vanish.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ PSI_TOLERANCE = 1e-2
 
 @dataclass(frozen=True, eq=False)
 class Boundary:
-    """What takes an enrichment function's boundary values away: interpolations one after the other."""
+    """Interpolations that remove an enrichment function's boundary values, one after the other."""
 
     control_points: Floats
     parts: tuple[tuple[Indices, Factorization], ...]
@@ -57,7 +57,7 @@ class Boundary:
         return basis_named("wendland-c2")
 
     def solve(self, values: Floats) -> TwoScaleInterpolant:
-        """A sum that takes the (nb, k) values, as far as the parts' nodes reach; without parts it is zero."""
+        """A sum that interpolates the (nb, k) values at the parts' nodes; zero without parts."""
         left, levels = values.copy(), []
         for rows, factorization in self.parts:
             levels.append(factorization.solve(left[rows]))
@@ -69,7 +69,7 @@ class Boundary:
 
 
 class ReducedMotion:
-    """The standard motion of a case from the nodes that a tolerance asks for, exact at the boundary; 0: from all."""
+    """The standard motion of a case from the nodes for a tolerance (0: from all), exact at the boundary."""
 
     def __init__(self, case: MeshMotion, tolerance: float) -> None:
         self.case, self.points = case, case.mesh.points[case.boundary]
@@ -86,7 +86,7 @@ class ReducedMotion:
         return psi_boundary(self.points, self.selected, self.case.displacement, self.case.support_radius, where)
 
     def corrected(self, correction: str, where: str) -> float:
-        """Minimum size-skew after a correction that goes for the maximum; of what is refused the best found."""
+        """Minimum size-skew after a correction to the maximum; for a refused motion the best one found."""
         mesh = self.case.mesh
         held = np.zeros(len(mesh.points), dtype=bool)
         held[self.case.boundary] = True
@@ -144,7 +144,7 @@ def _layered(first_layer: float, shift: tuple[float, float], degrees: float) -> 
 
 
 def families(quick: bool) -> dict[str, list[MeshMotion]]:
-    """The cases by what is special about them."""
+    """The cases by family."""
     named = [("thesis_block", "block", (-0.3, 0.0), 0.0), ("correction_slab", "body", (-0.2, -0.2), 60.0)]
     if not quick:
         named += [("thesis_block", "block", (-0.25, -0.25), 0.0), ("thesis_block", "block", (-0.38, 0.0), 0.0)]
@@ -161,12 +161,12 @@ def families(quick: bool) -> dict[str, list[MeshMotion]]:
 
 
 def _score(values: Sequence[float]) -> list[Cell]:
-    """Mean minimum, an invalid mesh counting 0, and how many are valid."""
+    """Mean minimum (0 for an invalid mesh), and number of valid meshes."""
     return [float(np.mean(np.maximum(values, 0.0))), f"{sum(v > 0 for v in values)}/{len(values)}"]
 
 
 def _by_tolerance(cases: dict[str, list[MeshMotion]], tolerances: Sequence[float]) -> Table:
-    """Quality without and with corrections, ψ vanishing on all nodes."""
+    """Table of the quality without and with corrections; ψ vanishes on all nodes."""
     rows: list[list[Cell]] = []
     for family, members in cases.items():
         for tolerance in tolerances:
@@ -184,7 +184,7 @@ def _by_tolerance(cases: dict[str, list[MeshMotion]], tolerances: Sequence[float
 
 
 def _by_place(cases: dict[str, list[MeshMotion]]) -> Table:
-    """Where ψ vanishes, at one tolerance."""
+    """Table of the nodes on which ψ vanishes, at one tolerance."""
     rows: list[list[Cell]] = []
     for family, members in cases.items():
         motions = [ReducedMotion(case, PSI_TOLERANCE) for case in members]
@@ -198,7 +198,7 @@ def _by_place(cases: dict[str, list[MeshMotion]]) -> Table:
 
 
 def _cost(quick: bool) -> Table:
-    """What ψ of 20 points cost on a bending wing's boundary, without a volume."""
+    """Cost of ψ of 20 points on a bending wing's boundary, without a volume mesh."""
     problem = surface_problem(0.03 if quick else 0.0105, tolerance=PSI_TOLERANCE)
     selected = REDUCTIONS[REDUCTION](problem).selected
     columns = np.ones((problem.n_points, 120)) * np.cos(np.arange(120) * problem.points[:, :1])
@@ -226,7 +226,7 @@ def run(quick: bool) -> Outcome:
 
 
 def draw(figure: Any, by_tolerance: Table, by_place: Table) -> None:
-    """Share of what is reached with all nodes: left by tolerance, right by where ψ vanishes; means of the families."""
+    """Share of the quality with all nodes: left by tolerance, right by the nodes on which ψ vanishes; family means."""
     left, right = figure.subplots(1, 2, sharey=True)
     tolerances = list(dict.fromkeys(by_tolerance.column("tolerance")))
     for number, correction in enumerate(CORRECTIONS):
@@ -244,7 +244,7 @@ def draw(figure: Any, by_tolerance: Table, by_place: Table) -> None:
 
 
 def _mean_shares(table: Table, column: str) -> list[float]:
-    """Of the first row of each family, a value for each second cell: the mean over the families."""
+    """Share of each family's first row, one value for each second cell: the mean over the families."""
     families = dict.fromkeys(row[0] for row in table.rows)
     place = list(table.columns).index(column)
     values = np.array([[float(row[place] or 0.0) for row in table.rows if row[0] == f] for f in families])
@@ -252,7 +252,7 @@ def _mean_shares(table: Table, column: str) -> list[float]:
 
 
 def _worst_ratio(table: Table, column: str, allowed: Sequence[str]) -> float:
-    """Least share of the first row's value of each family that the allowed rows (by their second cell) keep."""
+    """Least share of each family's first value in the allowed rows, which are chosen by their second cell."""
     place = list(table.columns).index(column)
     first: dict[str, float] = {}
     ratios = []
@@ -293,7 +293,7 @@ def _words(by_tolerance: Table, by_place: Table, cost: Table) -> str:
 
 
 def claims(outcome: Outcome) -> None:
-    """A reduction within 1e-2 leaves prediction and gain as they are; one-at-a-time iterations need exact ψ."""
+    """Check that a reduction to 1e-2 keeps prediction and gain, and that explicit iterations need exact ψ."""
     by_tolerance, by_place, cost = outcome.tables
     for correction, least in (("explicit", 0.85), ("enrichment", 0.95), ("optimised", 0.95)):
         assert _worst_ratio(by_tolerance, correction, ("0.001", "0.01")) > least, correction

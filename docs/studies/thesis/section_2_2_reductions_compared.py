@@ -43,12 +43,12 @@ def farthest_base(problem: ReductionProblem) -> Integers:
 
 
 def _algorithms() -> dict[str, Callable[[ReductionProblem], Reduced]]:
-    """All of the table, and Kedward's own base set."""
+    """All reductions of the table, and Kedward's own base set."""
     return {**REDUCTIONS, GEOMETRIC: partial(multiscale.reduce, base=farthest_base)}
 
 
 def _timed(reduce: Callable[[ReductionProblem], Reduced], problem: ReductionProblem) -> tuple[Reduced, float]:
-    """The reduction and its CPU seconds, compiled code being loaded before."""
+    """The reduction and its CPU seconds, with compiled code loaded before."""
     with one_blas_thread():
         reduce(problem)
         began = time.process_time()
@@ -57,12 +57,12 @@ def _timed(reduce: Callable[[ReductionProblem], Reduced], problem: ReductionProb
 
 
 def _visited(levels: tuple[Level, ...]) -> int:
-    """Centres that an evaluation looks at, on average over the boundary."""
+    """Number of centres in an evaluation, mean over the boundary."""
     return round(sum(level.layout.fraction * len(level.weights) for level in levels))
 
 
 def _on_mesh(case: MeshMotion, tolerance: float) -> Table:
-    """A row for each algorithm; the first is the interpolation from all nodes."""
+    """One row for each algorithm; the first is the interpolation from all nodes."""
     everything = case.all_nodes()
     exact = case.displaced(everything)
     plain: list[Cell] = ["none: all nodes", len(case.boundary), len(case.boundary), _visited(everything), None, 0.0]
@@ -79,7 +79,7 @@ def _on_mesh(case: MeshMotion, tolerance: float) -> Table:
 
 
 def _on_surface(problem: ReductionProblem) -> tuple[Table, dict[str, Reduced]]:
-    """What it takes to choose from many nodes."""
+    """Table of the cost of choosing from many nodes."""
     found, rows = {}, []
     for name, reduce in _algorithms().items():
         found[name], seconds = _timed(reduce, problem)
@@ -162,7 +162,7 @@ def _picture(problem: ReductionProblem, found: dict[str, Reduced]) -> Picture:
 
 
 def claims(outcome: Outcome) -> None:
-    """Tolerances are met; corrected meshes are as good as those from all nodes, and thin layers need the correction."""
+    """Check tolerances, and that corrected meshes are as good as from all nodes; thin layers need the correction."""
     cost, *tables = outcome.tables
     for row in cost.rows:
         assert float(row[-1]) <= TOLERANCE * 1.001  # type: ignore[arg-type]

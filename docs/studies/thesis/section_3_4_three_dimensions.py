@@ -1,4 +1,4 @@
-"""Thesis §3.4.1: prediction in 3D, which the thesis wrote down and left untested."""
+"""Thesis §3.4.1: prediction in 3D, which the thesis describes but does not test."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _table(counts: tuple[int, ...], found: dict[tuple[str, str], list[Errors]]) 
 
 
 def claims(outcome: Outcome) -> None:
-    """Centre: first order on cells with triangles, second on hexahedra; edge midpoint: second on all; nodes: exact."""
+    """Check orders: centre first on cells with triangles, second on hexahedra; edge midpoint second; nodes exact."""
     full = len({row[1] for row in outcome.tables[0].rows}) and int(outcome.tables[0].rows[0][1]) > 100_000  # type: ignore[arg-type]
     slack = 0.15 if full else 0.45
     for kind, _, name, largest, rmse, _, rate in outcome.tables[0].rows:

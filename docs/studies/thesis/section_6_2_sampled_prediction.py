@@ -31,7 +31,7 @@ def large(name: str) -> Mesh:
 
 
 def moved(mesh: Mesh) -> InterpolantField:
-    """One large step: (−0.2, −0.2) and 60° in the plane, −0.15 in y and 30° about z in space; R = 0.5."""
+    """One large step: (−0.2, −0.2) and 60° in 2D, −0.15 in y and 30° about z in 3D; R = 0.5."""
     plane = mesh.cells.dimension == 2
     shift = np.array([-0.2, -0.2]) if plane else np.array([0.0, -0.15, 0.0])
     centre = np.full(mesh.cells.dimension, 0.5)
@@ -39,7 +39,7 @@ def moved(mesh: Mesh) -> InterpolantField:
 
 
 def run(quick: bool) -> Outcome:
-    """Cost and certainty over the size of a group; a random sample as the thesis describes it."""
+    """Cost and certainty over the size of a group; and a random sample, as in the thesis."""
     meshes: dict[str, Callable[[], Mesh]] = {"plane, 6656 triangles": lambda: thesis_triangles(2)}
     if not quick:
         meshes |= {
@@ -82,7 +82,7 @@ def run(quick: bool) -> Outcome:
 
 
 def _reference(mesh: Mesh, field: InterpolantField, name: str) -> tuple[Floats, float]:
-    """The metric of every cell by a predictor, and its CPU seconds, the better of two runs."""
+    """The metric of every cell by a predictor, and its CPU seconds, the shorter of two runs."""
     best, values = np.inf, np.empty(0)
     for _ in range(2):
         began = time.process_time()
@@ -92,7 +92,7 @@ def _reference(mesh: Mesh, field: InterpolantField, name: str) -> tuple[Floats, 
 
 
 def _by_groups(mesh: Mesh, field: InterpolantField, exact: Floats, size: int, bound: str) -> tuple[list[Cell], float]:
-    """Share in full, of nodes, missed cells and broken bounds; CPU seconds."""
+    """Share of cells evaluated in full, share of nodes, missed cells, broken bounds, CPU seconds."""
     groups = group_cells(mesh.points, [block.nodes for block in mesh.cells], size)
     best = np.inf
     for _ in range(2):
@@ -115,7 +115,7 @@ def _by_groups(mesh: Mesh, field: InterpolantField, exact: Floats, size: int, bo
 
 
 def _random(name: str, exact: Floats) -> list[list[Cell]]:
-    """How often a random sample sees no bad cell, how bad the worst is that it sees, and how many cells would do."""
+    """Share of random samples without a bad cell, median of their worst quality, and the necessary number of cells."""
     rng = np.random.default_rng(1)
     rows: list[list[Cell]] = []
     for count in (10, 100, 1000):
@@ -129,7 +129,7 @@ def _random(name: str, exact: Floats) -> list[list[Cell]]:
 
 
 def claims(outcome: Outcome) -> None:
-    """No bad cell is missed and no certain bound is broken, whatever the size of a group."""
+    """Check that no bad cell is missed and no certain bound is broken, for any size of a group."""
     for row in outcome.tables[0].rows:
         assert row[5] == 0, row
         if row[1] == "certain":

@@ -1,4 +1,4 @@
-"""Tables 2.1 and 2.2: the fourteen basis functions, with what each is worth.
+"""Tables 2.1 and 2.2: the fourteen basis functions and their properties.
 
 The order at which a smooth function is approached is set by the first singular term of φ at the centre, ξ^β (β odd) or
 ξ^β log ξ: the Fourier transform then falls as |ω|^(−d−β), the native space is the Sobolev space of order (d + β)/2, and
@@ -66,7 +66,7 @@ def interpolation_error(basis: Basis, n: int) -> float:
 
 
 def _bump(points: Floats) -> Floats:
-    """(n, 1) values of a Gaussian that is as good as zero on the boundary, so that this does not limit the order."""
+    """(n, 1) values of a Gaussian that is nearly zero on the boundary, so that this does not limit the order."""
     return np.asarray(np.exp(-40.0 * np.sum((points - 0.5) ** 2, axis=1))[:, None])
 
 
@@ -77,7 +77,7 @@ def measured_order(basis: Basis, coarse: int, fine: int) -> float:
 
 
 def condition_number(basis: Basis, points: Floats) -> float:
-    """2-norm condition of the matrix of points (n, d); of conditional functions, with the polynomial."""
+    """2-norm condition of the matrix of points (n, d); for conditional functions with the polynomial."""
     distance = np.linalg.norm(points[:, None] - points, axis=2)
     matrix = values(basis, distance / radius_of(basis))
     if basis.needs_polynomial:
@@ -146,7 +146,7 @@ def draw(figure: Any) -> None:
 
 
 def claims(outcome: Outcome) -> None:
-    """Orders as the theory has them; a rough function is never better conditioned than a smooth one is badly."""
+    """Check the theoretical orders, and that rough functions are better conditioned than smooth ones."""
     table = outcome.tables[0]
     assert len(table.rows) == len(BASES) == 14
     measured = dict(zip(table.column("key"), table.column("order"), strict=True))

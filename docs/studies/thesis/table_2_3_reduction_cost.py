@@ -22,7 +22,7 @@ from docs.studies.thesis._point_reduction.multilevel_subspace import POINTS_PER_
 class Printed:
     """The thesis' formula for an algorithm; its leading term is ``N^power / divisor``.
 
-    A divisor of None is four times the measured L, points an iteration.
+    A divisor of None means four times the measured L, points per iteration.
     """
 
     name: str
@@ -31,7 +31,7 @@ class Printed:
     divisor: float | None
 
     def leading(self, n: int, iterations: int) -> float:
-        """The term at ``n`` points chosen in so many iterations."""
+        """The term at ``n`` points chosen in the given number of iterations."""
         return float(n) ** self.power / (self.divisor or 4.0 * n / iterations)
 
 
@@ -56,14 +56,14 @@ def _bounded(problem: ReductionProblem, points: int) -> ReductionProblem:
 
 
 def _run(problem: ReductionProblem, name: str, points: int) -> tuple[Reduced, float]:
-    """A reduction to so many points, and its CPU seconds."""
+    """A reduction to a given number of points, and its CPU seconds."""
     began = time.process_time()
     found = REDUCTIONS[name](_bounded(problem, points))
     return found, time.process_time() - began
 
 
 def _row(problem: ReductionProblem, printed: Printed, points: int) -> list[Cell]:
-    """Growth from half of the points to all of them."""
+    """Exponent of the growth from half of the points to all of them."""
     half, half_seconds = _run(problem, printed.name, points // 2)
     full, seconds = _run(problem, printed.name, points)
     n = len(full.selected)
@@ -83,7 +83,7 @@ def _row(problem: ReductionProblem, printed: Printed, points: int) -> list[Cell]
 
 
 def run(quick: bool) -> Outcome:
-    """Few nodes, so that weights outweigh errors: that is what the table is about."""
+    """Few nodes, so that the cost of weights, which the table shows, exceeds that of errors."""
     problem, points = (surface_problem(0.03), 160) if quick else (surface_problem(0.02), 1000)
     REDUCTIONS["greedy"](_bounded(problem, 4))  # code is loaded once
     rows = [_row(problem, printed, points) for printed in PRINTED]
@@ -112,7 +112,7 @@ def run(quick: bool) -> Outcome:
 
 
 def _mean_step(problem: ReductionProblem, points: int) -> float:
-    """L: points an iteration of the error peaks."""
+    """L: points per iteration of the error peaks."""
     found, _ = _run(problem, "error-peaks", points)
     return len(found.selected) / len(found.history)
 
@@ -137,7 +137,7 @@ def _drawing(problem: ReductionProblem, points: int) -> Callable[[Any], None]:
 
 
 def claims(outcome: Outcome) -> None:
-    """Fourth powers with full solutions, third ones with factors that grow, and fewer by L."""
+    """Check fourth powers with full solutions, third powers with growing factors, and the reduction by L."""
     rows = {row[0]: row for row in outcome.tables[0].rows}
     exponent = {name: float(row[3]) for name, row in rows.items()}
     for name in ("greedy", "greedy-combined", "error-peaks"):

@@ -1,4 +1,4 @@
-"""Tables 5.2 to 5.4 and Figs 5.4 to 5.6: which Jacobian to impose at the worst cell in 2D, by trying them all."""
+"""Tables 5.2 to 5.4 and Figs 5.4 to 5.6: the best Jacobian at the worst cell in 2D, by trying all of a grid."""
 
 from __future__ import annotations
 
@@ -82,11 +82,11 @@ def best_jacobian(sweep: Sweep, values: Floats, rounds: int = 0) -> tuple[float,
 
 
 def _tried(sweep: Sweep, entries: list[Floats]) -> tuple[float, Floats]:
-    """Best minimum size over all J with those entries, and the first such J.
+    """Best minimum size over all J with the given entries, and the first such J.
 
-    Of each J a bound of its minimum is kept: the smallest size of the cells looked at so far. The J of the highest
-    bound is judged by all cells. Where the bound is its minimum, no other J is better; else its worst cell is looked
-    at for every J.
+    For each J an upper bound of its minimum is kept: the smallest size of the cells checked so far. The J with the
+    highest bound is checked with all cells. If the bound is its minimum, no other J is better; else its worst cell is
+    checked for every J.
     """
     first, second = (np.array(list(product(*pair))) for pair in (entries[:2], entries[2:]))
     bounds = np.ones((len(first), len(second)))
@@ -106,7 +106,7 @@ def _sizes(sweep: Sweep, jacobian: Floats) -> Floats:
 
 
 def _signed_sizes(sweep: Sweep, first: Floats, second: Floats, cells: int | slice) -> Floats:
-    """Of cells with Jacobians imposed that have these first and second rows (..., 2)."""
+    """Signed sizes of cells for imposed Jacobians with these first and second rows (..., 2)."""
     (x, y), (u, v) = (_row(sweep, i, row, cells) for i, row in enumerate((first, second)))
     tau = np.asarray(x * v - y * u)
     return np.divide(1.0, tau, out=tau, where=np.abs(tau) > 1.0)
@@ -160,7 +160,7 @@ def run(quick: bool) -> Outcome:
 
 
 def _places(case: BlockCase, every: Floats, quick: bool) -> tuple[Floats, Floats]:
-    """Places (k, 2) for the point, and the best minimum (k,) that a coarse grid of Jacobians reaches there."""
+    """Places (k, 2) for the point, and the best minimum (k,) with a coarse grid of Jacobians at each place."""
     chosen = every[:: 120 if quick else 8]
     values = np.linspace(-3.0, 3.0, 7 if quick else 11)
     return chosen, np.array([best_jacobian(sweep_at(case, x, PLACES_RADIUS), values)[0] for x in chosen])
@@ -195,7 +195,7 @@ def _compared(case: BlockCase, best: float) -> Table:
 
 
 def _described(case: BlockCase) -> Table:
-    """Table 5.1. Measured against itself a mesh has size 1 everywhere, so its quality must be that of ideal cells."""
+    """Table 5.1. Relative to itself a mesh has size 1 everywhere, so its quality must be that against ideal cells."""
     p = case.problem
     ideal = np.full(len(p.cells), 0.5 * np.sqrt(3.0) * SPACING**2)
     quality = cell_quality(p.start, p.cells, ideal).metric("size-skew")

@@ -34,7 +34,7 @@ DECOMPOSITIONS = ("eigen", "polar", "svd", "qr")
 
 
 def explicit(case: BlockCase, settings: ExplicitSettings, predictor: str = "centre-gradient") -> ExplicitResult:
-    """The iterations, by default with the thesis' predictor."""
+    """Run the iterations, by default with the thesis' predictor."""
     return predicted_iterations(case.problem, settings, case.field, predictor)
 
 
@@ -112,7 +112,7 @@ def relative_steps(radius: float, count: int) -> float:
 
 
 def _variants(quick: bool) -> Table:
-    """Iterations to the threshold by relaxation and predictor: what the thesis does not print."""
+    """Iterations to the threshold by relaxation and predictor, which the thesis does not print."""
     rows: list[list[Cell]] = []
     for predictor in ("centre-gradient", "trial-nodes"):
         for relaxation in (1.3, 2.0) if quick else (1.0, 1.3, 1.6, 2.0):
@@ -133,7 +133,7 @@ def _count(found: ExplicitResult) -> Cell:
 
 
 def _decompositions() -> Table:
-    """The same with each decomposition and the exact predictor."""
+    """Iterations to the threshold with each decomposition and the exact predictor."""
     rows: list[list[Cell]] = []
     for name in DECOMPOSITIONS:
         row: list[Cell] = [name]
@@ -187,7 +187,7 @@ _NUMBER = {"color": "r", "fontsize": 7, "ha": "center"}
 
 
 def _by_place(points: Floats, near: float) -> dict[tuple[float, ...], list[int]]:
-    """The points' numbers by the first of those that are near each other, so that no two are written over another."""
+    """Labels of the points; points near each other share one label, so that labels do not overlap."""
     found: dict[tuple[float, ...], list[int]] = {}
     for number, point in enumerate(points, start=1):
         close = [place for place in found if np.linalg.norm(point - place) < near]

@@ -1,4 +1,4 @@
-"""§2.2.1: three ways to evaluate the interpolation at fewer places, what they save and what they cost in quality."""
+"""§2.2.1: three ways to evaluate the interpolation at fewer places: saved time and lost quality."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def body_mesh(name: str, *, quick: bool) -> StoredMesh:
 
 
 def stretched_box(n: int) -> StoredMesh:
-    """Hexahedra between a box of 1 × 0.2 × 1 and a cube of 8; n of them, each wider than the last, to every wall."""
+    """Hexahedra between a box of 1 × 0.2 × 1 and a cube of 8; n layers, each wider than the last, to every wall."""
     sides = [_stretched(half, count, n) for half, count in ((0.5, 6), (0.1, 3), (0.5, 6))]
     shape = tuple(len(axis) for axis in sides)
     places = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -167,7 +167,7 @@ def _rows(name: str, what: str, moving: Moving) -> list[list[Any]]:
 
 
 def _timed(action: Callable[[], Any]) -> tuple[Any, float]:
-    """The result and the least CPU seconds of three runs."""
+    """The result and the shortest CPU seconds of three runs."""
     seconds = []
     for _ in range(3):
         began = time.process_time()
@@ -223,7 +223,7 @@ def _at_size(moving: Moving, key: str, size: float) -> tuple[float, float]:
 
 
 def claims(outcome: Outcome) -> None:
-    """Quality is kept to two thirds by box and wall function, and to a hundredth by the grid, with fewer pairs."""
+    """Check that box and wall function keep two thirds of the quality, and the grid 99 %, with fewer pairs."""
     table = outcome.tables[0]
     none = 0.0
     for row in table.rows:

@@ -1,6 +1,6 @@
-"""Does a server, or a client, do what SPEC.md says? A black box is asked, section by section.
+"""Does a server, or a client, do what SPEC.md says? The suite tests a black box, section by section.
 
-It knows SPEC.md and nothing else: not the server, not its codec. Modules, from the document to the verdict:
+It uses SPEC.md and nothing else: not the server, not its codec. Modules, from the document to the verdict:
 :mod:`.spec_tables` reads SPEC.md's tables into ``tables.json``, which :mod:`.tables` holds; :mod:`.wire` reads and
 writes frames, :mod:`.show` makes them readable, :mod:`.line` is one connection with an end to every wait;
 :mod:`.case` is one demand, :mod:`.checks` what every reply has to be, :mod:`.runner` runs cases and :mod:`.report`

@@ -1,4 +1,4 @@
-"""``python -m mesh_motion_conformance``: the suite without anything else of mesh-motion installed."""
+"""``python -m mesh_motion_conformance``: run the suite without other parts of mesh-motion installed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _UNAVAILABLE = 69
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Exit status: 0 all demands met, 1 some not, 2 usage, 69 no answer at the endpoint."""
+    """Exit status: 0 all demands met, 1 some demands not met, 2 usage, 69 no answer at the endpoint."""
     parser = argparse.ArgumentParser(prog="mesh_motion_conformance", description="What of SPEC.md holds, by section.")
     whom = parser.add_mutually_exclusive_group(required=True)
     whom.add_argument("--endpoint", default="", help="a server's control endpoint, tcp://HOST:PORT or ipc:///PATH")

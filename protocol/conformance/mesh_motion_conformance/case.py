@@ -1,4 +1,4 @@
-"""A case: one sentence of SPEC.md, and what shows whether it holds."""
+"""A case: one sentence of SPEC.md, and a function that tests it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Unmet(Exception):
 
 
 class Skip(Exception):
-    """The case cannot be put to this server or client; the reason is its text."""
+    """The case cannot be tested with this server or client; the text is the reason."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Case:
     name : str
         Short, unique with the section.
     demand : str
-        What SPEC.md demands, in a line.
+        The demand of SPEC.md, in one line.
     run : callable
         Gets the stage; raises :class:`Unmet` or :class:`Skip`.
     """

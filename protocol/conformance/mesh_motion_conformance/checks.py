@@ -1,4 +1,4 @@
-"""What every reply has to be, and the two answers there are: the reply of the table, or an ERROR with its code."""
+"""Requirements for every reply, and the two possible answers: the reply of the table, or an ERROR with its code."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ def check_identity(reply: Message, client: bytes, sequence: int) -> None:
 
 
 def answered(reply: Message, kind: str) -> Message:
-    """The reply, which must be of this kind."""
+    """Check that the reply is of the given kind, and return it."""
     if reply.kind != kind:
         raise Unmet(kind, show(reply))
     return reply
 
 
 def refused(reply: Message, *codes: str, state: str | None = None) -> Message:
-    """The reply, which must be an ERROR with one of the codes; a canonical name stands for all of its details.
+    """Check that the reply is an ERROR with one of the codes (a canonical name includes its details), and return it.
 
     Parameters
     ----------
     state : str, optional
-        What ``state`` must say: the session's state afterwards.
+        The required ``state``: the session's state afterwards.
     """
     wanted = " or ".join(codes)
     if reply.kind != "ERROR":

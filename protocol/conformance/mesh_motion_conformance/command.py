@@ -18,16 +18,16 @@ __all__ = ["Subject", "conform", "listed"]
 
 @dataclass(frozen=True)
 class Subject:
-    """What is tested: a server's endpoint, or the command of a client's driver program.
+    """The tested program: a server's endpoint, or the command of a client's driver program.
 
     Attributes
     ----------
     endpoint, client : str
         One of them; the other one is empty.
     seconds, opening_seconds : float
-        The longest wait for a reply, and for one to a request that starts a process or computes.
+        The longest wait for a reply, and for a reply to a request that starts a process or computes.
     patience : float
-        Time-outs of a server that are longer than this are not waited for.
+        Cases with longer time-outs of the server are skipped.
     """
 
     endpoint: str = ""
@@ -37,7 +37,7 @@ class Subject:
     opening_seconds: float = 120.0
 
     def cases(self) -> list[Case]:
-        """The cases that can be put to it."""
+        """The cases for this kind of subject."""
         return client_cases() if self.client else server_cases()
 
     def stage(self) -> Stage | ClientStage:
@@ -62,7 +62,7 @@ def conform(
     junit: Path | None = None,
     quiet: bool = False,
 ) -> list[Outcome]:
-    """Put the cases to the subject.
+    """Run the cases with the subject.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def conform(
     only : sequence of str
         Sections or beginnings of ids; empty: all.
     json, junit : Path, optional
-        Where a report is written.
+        File for a report.
     quiet : bool
         Print failures and the summary only.
 

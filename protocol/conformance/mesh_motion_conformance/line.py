@@ -1,4 +1,4 @@
-"""One connection of a client to a server, with an end to every wait."""
+"""One connection of a client to a server; every wait has a time limit."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ class Line:
     Attributes
     ----------
     client : bytes
-        A UUID of its own.
+        A new UUID.
     sequence : int
-        Of the last request.
+        Number of the last request.
     """
 
     def __init__(self, endpoint: str, seconds: float) -> None:
@@ -58,13 +58,13 @@ class Line:
         return self.sequence
 
     def send(self, frames: Sequence[bytes]) -> None:
-        """One multipart message; :class:`Ended` over a connection that was closed from here."""
+        """Send one multipart message; :class:`Ended` if this side has closed the connection."""
         if self.closed:
             raise Ended("the connection is closed")
         self._socket.send_multipart(list(frames))
 
     def send_part(self, frame: bytes) -> None:
-        """A frame that is not the last of its message."""
+        """Send a frame that is not the last of its message."""
         self._socket.send(frame, zmq.SNDMORE)
 
     def receive(self, seconds: float | None = None) -> Message:
@@ -90,7 +90,7 @@ class Line:
                 raise Silence(f"no reply within {self.seconds if seconds is None else seconds:g} s")
 
     def pending(self) -> bool:
-        """Whether a message lies here unread."""
+        """True if there is an unread message."""
         return bool(self._socket.poll(0))
 
     @property

@@ -1,4 +1,4 @@
-"""Whether anybody is there at all, found out before the first case."""
+"""Check before the first case that a server answers at all."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _NOT_ADMITTED = zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PRO
 
 
 class Unreachable(Exception):
-    """There is no server to put cases to; the message says what was met instead."""
+    """There is no server to test; the message names what was found instead."""
 
 
 def require_somebody(endpoint: str, seconds: float) -> None:
     """Make one ZMTP connection and end it.
 
-    A connection that is refused decides at once, silence after ``seconds``.
+    A refused connection ends the check at once, silence ends it after ``seconds``.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def require_somebody(endpoint: str, seconds: float) -> None:
 
 
 def _wait(events: zmq.Socket[bytes], endpoint: str, deadline: float) -> None:
-    """Until an event decides: a connection that never came about, a greeting, or the end of one."""
+    """Wait for a deciding event: a failed connection, a greeting, or the end of a connection."""
     connected = False
     while events.poll(max(0, round(1000 * (deadline - time.monotonic())))):
         event = zmq.utils.monitor.recv_monitor_message(events)["event"]

@@ -1,4 +1,4 @@
-"""What came of a run: lines for people, JSON, JUnit XML."""
+"""Results of a run: lines for people, JSON, JUnit XML."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TITLES = {
 
 
 def line_of(outcome: Outcome) -> str:
-    """One line; for a failure three more: what was sent, expected, received."""
+    """One line; for a failure three more with the sent, expected and received message."""
     case = outcome.case
     head = f"{outcome.verdict} {case.id}: {case.demand}"
     if outcome.verdict == "SKIP":
@@ -34,7 +34,7 @@ def line_of(outcome: Outcome) -> str:
 
 
 def summary(outcomes: Sequence[Outcome]) -> str:
-    """A line a section, and the total."""
+    """A line for each section, and the total."""
     counts: dict[str, Counter[str]] = {}
     for outcome in outcomes:
         counts.setdefault(outcome.case.section.partition(".")[0], Counter())[outcome.verdict] += 1
@@ -64,7 +64,7 @@ def write_json(path: Path, outcomes: Sequence[Outcome], subject: str) -> None:
 
 
 def write_junit(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """The report as continuous integration reads it."""
+    """The report as JUnit XML for continuous integration."""
     suite = ElementTree.Element("testsuite", name="mesh-motion conformance", tests=str(len(outcomes)))
     for outcome in outcomes:
         section = outcome.case.section.partition(".")[0]

@@ -1,4 +1,4 @@
-"""Runs cases, one after the other; whatever happens in one is its outcome and no other's."""
+"""Runs cases, one after the other; an error in one case is the outcome of this case only."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ class Stage(Protocol):
         """The last request, readable."""
 
     def between(self) -> None:
-        """Called after each case that was met: raises if it left something, as a second reply."""
+        """Called after each passed case: raises if the case left something, such as a second reply."""
 
     def mend(self) -> None:
-        """Called after each case that was not: leave nothing of it to the next one."""
+        """Called after each failed case: remove everything that could disturb the next case."""
 
 
-#: After so many cases in a row without any reply the run ends: the server has gone.
+#: After this number of cases in a row without any reply the run ends: the server has ended.
 _SILENT = 10
 
 
 def selected(cases: Iterable[Case], only: Sequence[str]) -> list[Case]:
-    """Cases whose id, section or section's beginning is named; all of them without names."""
+    """Cases selected by id, by section or by the beginning of a section; all cases without a selection."""
     if not only:
         return list(cases)
     return [case for case in cases if any(_names(name, case) for name in only)]
 
 
 def _names(name: str, case: Case) -> bool:
-    """``10`` names 10, 10.2 and all their cases, ``10.2-repeat`` those that begin so."""
+    """``10`` selects 10, 10.2 and all their cases, ``10.2-repeat`` the cases that begin with it."""
     return (
         name in (case.section, case.id)
         or case.section.startswith(f"{name}.")
@@ -48,7 +48,7 @@ def _names(name: str, case: Case) -> bool:
 
 
 def run(cases: Iterable[Case], stage: Stage, report: Callable[[Outcome], None] | None = None) -> list[Outcome]:
-    """Outcomes of all cases; ``report`` is called with each at once."""
+    """Outcomes of all cases; ``report`` is called with each outcome immediately."""
     outcomes = []
     for outcome in _outcomes(cases, stage):
         outcomes.append(outcome)
@@ -70,7 +70,7 @@ def _outcomes(cases: Iterable[Case], stage: Stage) -> Iterator[Outcome]:
 
 
 def _verdict(case: Case, stage: Stage) -> tuple[str, dict[str, str], bool]:
-    """PASS, FAIL or SKIP; the lines of the report; whether no reply came."""
+    """PASS, FAIL or SKIP; the lines of the report; True if no reply came."""
     try:
         case.run(stage)
         stage.between()
@@ -84,7 +84,7 @@ def _verdict(case: Case, stage: Stage) -> tuple[str, dict[str, str], bool]:
 
 
 def _failure(case: Case, error: Exception) -> dict[str, str]:
-    """Expected and got; a reply may be so wrong that the case itself stumbles over it."""
+    """Expected and received; a reply may be so wrong that it causes an error in the case itself."""
     if isinstance(error, Unmet):
         return {"expected": error.expected, "got": error.got}
     if isinstance(error, (Silence, Ended, Malformed)):

@@ -23,7 +23,7 @@ def show(message: Message) -> str:
 
 
 def show_frames(frames: Sequence[bytes]) -> str:
-    """The message that the frames are, or what of them can be read."""
+    """The message in the frames, or the readable part of them."""
     try:
         return show(read(frames))
     except Malformed:
@@ -48,6 +48,6 @@ def _plain(value: Any) -> str:
 
 
 def _cut(text: str) -> str:
-    """At most so many characters; none of a peer's steers the terminal."""
+    """Cut to a number of characters, without control characters of a peer for the terminal."""
     text = "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)
     return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"

@@ -1,6 +1,6 @@
 """SPEC.md's tables as values: ``python -m mesh_motion_conformance.spec_tables SPEC.md`` writes ``tables.json``.
 
-The cases are made from what the document says, not from what some implementation declares.
+The cases are made from the document, not from the declarations of an implementation.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def _setting(row: dict[str, str]) -> dict[str, Any]:
 
 
 def _messages(block: str) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """Each message with its fields; requests after JOIN have its address too, which is listed once."""
+    """Each message with its fields; requests after JOIN also have JOIN's address fields, which are listed only once."""
     address: list[dict[str, Any]] = []
     for part in block.split("#### ")[1:]:
         name, _, body = part.partition("\n")
@@ -87,7 +87,7 @@ def _messages(block: str) -> Iterator[tuple[str, list[dict[str, Any]]]]:
 
 
 def _field(row: dict[str, str]) -> dict[str, Any]:
-    """One field: name, kind, what bounds its value, whether a sender may leave it out."""
+    """One field: name, kind, limits of its value, and whether a sender may omit it."""
     field = {"name": _code(row["field"]), "required": row["default"] == "required"} | _typed(row["type"])
     if row["default"] not in ("required", "left out"):
         field["default"] = json.loads(_code(row["default"]).replace("False", "false").replace("True", "true"))
@@ -95,7 +95,7 @@ def _field(row: dict[str, str]) -> dict[str, Any]:
 
 
 def _typed(text: str) -> dict[str, Any]:
-    """A cell of a column ``type``: the kind, and what follows it."""
+    """A cell of a column ``type``: the kind, and the text after it."""
     if text.startswith("frames "):
         _, dtypes, axes = text.split(" ", 2)
         return {"kind": "frames", "dtypes": dtypes.split("/"), "axes": axes.strip("()").split(", ")}

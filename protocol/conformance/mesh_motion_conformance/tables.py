@@ -1,4 +1,4 @@
-"""SPEC.md's tables as the cases use them."""
+"""SPEC.md's tables in the form that the cases use."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["Field", "Tables", "tables"]
 
 @dataclass(frozen=True)
 class Field:
-    """A field of a message, as its row in section 12 says.
+    """A field of a message, from its row in section 12.
 
     Attributes
     ----------
@@ -22,7 +22,7 @@ class Field:
         ``kind`` is str, bin, int, float, bool, array, map, any or frames.
     required : bool
     says : dict
-        What else the row says: ``choices``, ``low``, ``high``, ``exactly``, ``at_most``, ``item``, ``dtypes``,
+        Further contents of the row: ``choices``, ``low``, ``high``, ``exactly``, ``at_most``, ``item``, ``dtypes``,
         ``axes``, ``default``.
     """
 
@@ -43,7 +43,7 @@ class Tables:
     messages : dict
         Message → its fields.
     states : dict
-        State → operation → the state afterwards, None where it is refused.
+        State → operation → the state afterwards, None if it is refused.
     limits, settings, errors : dict
         By name, key, code.
     """

@@ -1,4 +1,4 @@
-"""Frames as sections 3 to 5 of SPEC.md have them, written independently of the implementation under test."""
+"""Frames by sections 3 to 5 of SPEC.md, written independently of the implementation under test."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _KINDS: dict[str, tuple[type, ...]] = {
 
 
 class Malformed(Exception):
-    """Frames that are no message; ``section`` is the sentence that they break."""
+    """Frames that are no message; ``section`` is the violated sentence."""
 
     def __init__(self, section: str, text: str) -> None:
         super().__init__(f"SPEC {section}: {text}")
@@ -69,7 +69,7 @@ class Message:
     arrays : dict
         By name, widened to 8 bytes an item.
     frames : list of bytes
-        As they came.
+        As received.
     """
 
     kind: str
@@ -81,7 +81,7 @@ class Message:
 
 
 def pack(value: Any) -> bytes:
-    """msgpack, as section 4 wants it: str and bin apart."""
+    """msgpack by section 4: str and bin are different types."""
     packed: bytes = msgpack.packb(value, use_bin_type=True)
     return packed
 
@@ -98,7 +98,7 @@ def frames_of(array: Array) -> list[bytes]:
 
 
 def read(frames: Sequence[bytes]) -> Message:
-    """A message from its frames, or :class:`Malformed` with the sentence of SPEC.md that they break."""
+    """A message from its frames, or :class:`Malformed` with the violated sentence of SPEC.md."""
     if not frames or len(frames[0]) > HEADER_BYTES:
         raise Malformed("6", f"frame 0 must have 1 … {HEADER_BYTES} bytes")
     header = _unpack(frames[0])
@@ -108,7 +108,7 @@ def read(frames: Sequence[bytes]) -> Message:
 
 
 def _unpack(frame: bytes) -> Any:
-    """One msgpack map with str keys, none twice, without extensions, nothing behind it."""
+    """One msgpack map with str keys, each once, without extensions, and with nothing after it."""
     try:
         header = msgpack.unpackb(frame, raw=False, strict_map_key=False, object_pairs_hook=_pairs, ext_hook=_extension)
     except msgpack.ExtraData:
@@ -151,7 +151,7 @@ def _check_header(header: Any) -> None:
 
 
 def _arrays(declared: list[Any], frames: Sequence[bytes]) -> dict[str, Array]:
-    """The declared arrays from the frames behind frame 0."""
+    """The declared arrays from the frames after frame 0."""
     found: dict[str, Array] = {}
     at = 0
     for entry in declared:
@@ -185,7 +185,7 @@ def _declared_bytes(entry: Any) -> int:
 
 
 def check_reply(message: Message) -> None:
-    """The fields and arrays that section 12 says a reply has; fields that are not known are ignored.
+    """Check the fields and arrays of a reply by section 12; unknown fields are ignored.
 
     Raises
     ------

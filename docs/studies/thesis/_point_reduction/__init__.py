@@ -1,6 +1,6 @@
-"""Point reductions that the thesis reviews (§2.2), to compare those of the product with.
+"""Point reductions that the thesis reviews (§2.2), for comparison with those of the server.
 
-One algorithm a module, all called ``reduce(problem) -> Reduced``; :data:`REDUCTIONS` has these and the product's.
+One algorithm per module, all called ``reduce(problem) -> Reduced``; :data:`REDUCTIONS` has these and the server's.
 """
 
 from mesh_motion_numerics.reduction import REDUCTIONS as OFFERED

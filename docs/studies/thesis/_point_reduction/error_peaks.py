@@ -1,8 +1,8 @@
-"""Several points an iteration: every peak of the error above a share of the largest (Li et al.; thesis Fig 2.7).
+"""Several points per iteration: every peak of the error above a share of the largest (Li et al.; thesis Fig 2.7).
 
 A peak is a node whose error no neighbour exceeds, so that one iteration adds points far from each other. With L points
-an iteration the full solutions cost ``N_c⁴ / (4 L)`` in the units of thesis Table 2.3, and the errors are formed
-``N_c / L`` times only.
+per iteration the full solutions cost ``N_c⁴ / (4 L)`` in the units of thesis Table 2.3, and the errors are computed
+only ``N_c / L`` times.
 
 References
 ----------

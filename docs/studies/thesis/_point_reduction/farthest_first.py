@@ -1,9 +1,9 @@
-"""The farthest-first order of points: each next one is the one farthest from all before it.
+"""The farthest-first order of points: each point is the one farthest from all earlier points.
 
 Every prefix of the order is well separated: no two of its points are closer than the separation of the last of them,
-and no point of the whole set is farther than that from the prefix (a 2-approximation of the best covering; T. F.
-Gonzalez, Theoret. Comput. Sci. 38 (1985) 293–306). The nested, well separated subsets of Floater and Iske and the order
-of Kedward's refinement points are prefixes of it.
+and no point of the whole set is farther than that from the prefix (at most twice the distance of the best covering; T.
+F. Gonzalez, Theoret. Comput. Sci. 38 (1985) 293–306). The nested, well separated subsets of Floater and Iske and the
+order of Kedward's refinement points are prefixes of it.
 """
 
 from typing import NamedTuple
@@ -22,8 +22,8 @@ class FarthestFirst(NamedTuple):
     order : (n,) int64 array
         Point at each rank.
     separation : (n,) array, mesh length unit
-        Distance of the point at each rank from the nearest one before it, never increasing after the given points; the
-        first one's is infinite.
+        Distance of the point at each rank from the nearest earlier point. It never increases after the given points;
+        for the first point it is infinite.
     """
 
     order: Integers

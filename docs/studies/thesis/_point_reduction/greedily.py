@@ -1,4 +1,4 @@
-"""The loop of the greedy reductions that solve again for each choice."""
+"""The loop of the greedy reductions with a new solution for each choice."""
 
 from collections.abc import Callable
 
@@ -21,7 +21,7 @@ def greedily(
     Parameters
     ----------
     solve : callable
-        Selected nodes (nc,) → their weights (nc, k), and the multiply-adds for them.
+        Selected nodes (nc,) → their weights (nc, k), and the number of multiply-adds.
     choose : callable
         Length (nb,) of the error at each node, −1 at selected ones, and how many nodes may be added → nodes to add.
     """
@@ -40,5 +40,5 @@ def greedily(
 
 
 def full_solution(problem: ReductionProblem, selected: Integers) -> tuple[Floats, float]:
-    """(nc, k) weights, and the multiply-adds for them."""
+    """(nc, k) weights, and the number of multiply-adds."""
     return full_weights(problem, selected), full_operations(problem, len(selected))

@@ -1,7 +1,7 @@
 """One-point corrections with a full solution after every ten points (thesis §2.2.2, Fig 2.6).
 
 The corrections choose the points cheaply; the regular full solutions prevent an accumulation of their errors. Solutions
-cost a tenth of those of the full algorithm, and errors are computed from scratch a tenth as often.
+cost a tenth of the full algorithm's, and all errors are recomputed a tenth as often.
 
 References
 ----------

@@ -1,15 +1,15 @@
-"""Clustering on a hierarchy of grids: one control point for all nodes of a cell, finer where that is not enough.
+"""Clustering on a hierarchy of grids: one control point for all nodes of a grid cell, finer cells where necessary.
 
 The boundary nodes are agglomerated by the cells of a grid over their bounding box, each cluster represented by the node
 nearest to its centroid. The displacement is interpolated from the representatives; a cluster with an error above the
-tolerance is divided by the cells of half the size, where its representative stays one. Representatives are nested and
-follow the shape of the surface and, through the errors, the motion (thesis §2.2.3).
+tolerance is divided by grid cells of half the size, and its representative remains a representative. Representatives
+are nested and follow the shape of the surface and, through the errors, the motion (thesis §2.2.3).
 
 References
 ----------
 G. A. Strofylas, G. N. Lygidakis, I. K. Nikolos, "An agglomeration strategy for accelerating RBF-based mesh
 deformation", Adv. Eng. Softw. 107 (2017) 13–37; thesis [43]. There clusters grow by fusion over the surface mesh; the
-grid needs none.
+grid needs no surface mesh.
 """
 
 import numpy as np
@@ -66,7 +66,7 @@ class Clusters:
             self.count = len(kept)
 
     def representatives(self, selected: Integers) -> Integers:
-        """(count,) for each cluster its node among the selected, otherwise the one nearest to its centroid."""
+        """(count,) for each cluster its selected node, or without one the node nearest to its centroid."""
         size = np.bincount(self.label)
         sums = [np.bincount(self.label, weights=x) for x in self._points.T]
         away = self._points - (np.column_stack(sums) / size[:, None])[self.label]
@@ -77,7 +77,7 @@ class Clusters:
 
 
 def reduce(problem: ReductionProblem) -> Reduced:
-    """Divide the clusters with an error above the tolerance, interpolate again, until there is none."""
+    """Divide the clusters with an error above the tolerance and interpolate again, until no such cluster is left."""
     field = LevelSum(problem)
     clusters = Clusters(problem.points)
     while clusters.count < min(_FIRST_CLUSTERS, problem.n_points):
@@ -93,7 +93,7 @@ def reduce(problem: ReductionProblem) -> Reduced:
 
 
 def _extended(selected: Integers, representatives: Integers, size: Floats, limit: int) -> Integers:
-    """The selected nodes and the new representatives, those of the largest error (nb,) if not all may be selected."""
+    """The selected nodes and the new representatives; if limited, those with the largest error (nb,)."""
     new = np.setdiff1d(representatives, selected)
     if len(selected) + len(new) > limit:
         new = np.sort(new[np.argsort(-size[new], kind="stable")[: limit - len(selected)]])
@@ -101,7 +101,7 @@ def _extended(selected: Integers, representatives: Integers, size: Floats, limit
 
 
 def _to_divide(clusters: Clusters, size: Floats, allowed: float) -> Marks:
-    """Mark (nb) the nodes of clusters of several nodes of which one has an error (nb,) above the allowed one."""
+    """Mark (nb) the nodes of clusters with several nodes, one of which has an error (nb,) above the limit."""
     several = np.bincount(clusters.label) > 1
     above = np.zeros(clusters.count, dtype=bool)
     above[clusters.label[size > allowed]] = True

@@ -1,13 +1,13 @@
 """The greedy algorithm with an LU factorization that grows with the points (Selim & Koomullil; thesis §2.2.3).
 
-A new point borders the matrix with a column b, a row bᵀ and a diagonal entry c; the factors are bordered alike, nothing
+A new point borders the matrix with a column b, a row bᵀ and a diagonal entry c; the factors get borders too, so nothing
 is factorized again::
 
     [A  b]   [L  0] [U  u]        L u = b,   lᵀ U = bᵀ,   υ = c − lᵀ u
     [bᵀ c] = [lᵀ 1] [0  υ]
 
-The solution of L y = d grows by one row too; only the substitution U γ = y is done again for each point. The fourth
-power of N_c becomes a third one; the errors are still formed from scratch.
+The solution of L y = d grows by one row too; only the substitution U γ = y is repeated for each point. The cost falls
+from the fourth to the third power of N_c; the errors are still computed from scratch.
 
 References
 ----------
@@ -29,7 +29,7 @@ _FIRST_SIZE = 64
 
 
 def reduce(problem: ReductionProblem) -> Reduced:
-    """Add the node of the largest error, border the factors, until the tolerance is met."""
+    """Add the node of the largest error and extend the factors, until the tolerance is met."""
     factors = GrowingLU(problem.displacement.shape[1])
 
     def solve(selected: Integers) -> tuple[Floats, float]:
@@ -41,7 +41,7 @@ def reduce(problem: ReductionProblem) -> Reduced:
 
 
 class GrowingLU:
-    """Factors ``A = L U`` (L with a unit diagonal) of a symmetric matrix that grows a row and a column at a time.
+    """Factors ``A = L U`` (L with a unit diagonal) of a symmetric matrix that grows by one row and column at a time.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class GrowingLU:
         Raises
         ------
         QualityRefused
-            If the new pivot is only rounding.
+            If the new pivot is only a rounding error.
         """
         n, column = self.order, np.ascontiguousarray(column)
         if n == len(self._forward):

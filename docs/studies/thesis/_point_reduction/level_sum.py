@@ -1,4 +1,4 @@
-"""A sum of interpolants, each of the error of those before it; shared by the algorithms that work in levels."""
+"""A sum of interpolants, each of the error of the earlier ones; shared by the algorithms with levels."""
 
 import numpy as np
 from mesh_motion_numerics.arrays import Integers
@@ -12,14 +12,14 @@ __all__ = ["LevelSum"]
 
 
 class LevelSum:
-    """The levels so far, and the error they leave.
+    """The levels so far, and the remaining error.
 
     Attributes
     ----------
     error : (nb, k) array, mesh length unit
         Prescribed minus interpolated at all boundary nodes.
     centres : int
-        Control points of all levels together: what an evaluation costs.
+        Control points of all levels together, a measure of the cost of an evaluation.
     """
 
     def __init__(self, problem: ReductionProblem) -> None:
@@ -39,19 +39,19 @@ class LevelSum:
             )
 
     def add(self, selected: Integers, radius: float) -> bool:
-        """Interpolate the error at the selected nodes; whether the tolerance is met or all nodes are used."""
+        """Interpolate the error at the selected nodes; return True if the tolerance is met or all nodes are used."""
         factorization = factorize(self._problem.points[selected], basis=self._problem.basis, support_radius=radius)
         level = factorization.solve(self.error[selected])
         return self.append(level, selected, solve_operations=_operations(self._problem, factorization))
 
     def replace(self, selected: Integers) -> bool:
-        """Forget the levels and interpolate the displacement itself at the selected nodes; as :meth:`add`."""
+        """Remove the levels and interpolate the displacement itself at the selected nodes; returns as :meth:`add`."""
         self._levels, self._chosen, self.centres = [], [], 0
         self.error = self._problem.displacement.copy()
         return self.add(selected, self._problem.support_radius)
 
     def append(self, level: Level, selected: Integers, *, solve_operations: float) -> bool:
-        """Append a level on the selected nodes, with its cost in multiply-adds; as :meth:`add`."""
+        """Append a level on the selected nodes, with its cost in multiply-adds; returns as :meth:`add`."""
         problem = self._problem
         self.error -= problem.values(level)
         self._levels.append(level)
@@ -63,7 +63,7 @@ class LevelSum:
 
     @property
     def selected(self) -> Integers:
-        """(nc,) nodes of all levels in the order they came, each once."""
+        """(nc,) nodes of all levels in the order of their selection, each once."""
         nodes, first = np.unique(np.concatenate(self._chosen), return_index=True)
         return nodes[np.argsort(first)]
 
@@ -73,7 +73,7 @@ class LevelSum:
 
 
 def _operations(problem: ReductionProblem, factorization: Factorization) -> float:
-    """Multiply-adds of a factorization and its substitutions; estimated by its memory if it is not a dense one."""
+    """Multiply-adds of a factorization and its substitutions; estimated from its memory if it is not dense."""
     n = len(factorization.control_points)
     if factorization.solver == "dense":
         return full_operations(problem, n)

@@ -1,11 +1,12 @@
-"""The multi-step interpolation of Floater and Iske: from coarse to fine, each level on the error of the last one.
+"""The multi-step interpolation of Floater and Iske: from coarse to fine, each level on the error of the previous one.
 
     X_1 ⊂ X_2 ⊂ …        nested subsets of the boundary nodes, each well separated
     s_k on X_k            interpolates the displacement minus s_1 + … + s_(k−1), with the support radius R / 2^(k−1)
 
 A level takes the nodes of the farthest-first order whose separation is at least its radius over :data:`SPACINGS`. So
-the matrices of all levels have rows of about the same length and about the same condition, whatever the number of
-nodes. The levels end with the tolerance, or when one holds all nodes: then nothing is left (thesis §2.2.1, Fig 2.4).
+the matrices of all levels have about the same row length and condition, for any number of
+nodes. The levels end when the tolerance is met, or when a level has all nodes: then no error is left (thesis §2.2.1,
+Fig 2.4).
 
 References
 ----------

@@ -1,14 +1,14 @@
 """The multilevel subspace method (MLDR) with Wang's double-edged greedy choice of points (thesis §2.2.1, Table 2.3).
 
-    level 1 interpolates the displacement on M nodes, level 2 the error of level 1 on M others, and so on
+    level 1 interpolates the displacement on M nodes, level 2 the error of level 1 on M other nodes, and so on
 
-Every level begins from nothing with a small system of its own, so that the work of choosing grows with the number of
-points times M, not with its square. A level's nodes are chosen greedily, two at a time from the same errors: the node
+Every level has its own small system, so that the work of choosing grows with the number of points times M, not with the
+square of this number. A level's nodes are chosen greedily, two at a time from the same errors: the node
 of the largest error, and the *other edge*, the node whose error is most opposed to it.
 
 Levels share one support radius and are not orthogonal to each other: together they hold more control points than one
-interpolant of the same error, and a node may be in several levels. If they need as many as there are boundary nodes, a
-reduction saves nothing, and all nodes are interpolated at once.
+interpolant of the same error, and a node may be in several levels. If the levels need as many control points as there
+are boundary nodes, a reduction saves nothing, and all nodes are interpolated at once.
 
 References
 ----------
@@ -55,7 +55,7 @@ class _GreedyLevel:
     """Nodes chosen by the double-edged greedy algorithm, up to ``size``, for the errors (nb, k) of earlier levels.
 
     The functions v_j are the Newton basis of the chosen nodes: v_j(x_i) = L_ij of φ_cc = L Lᵀ, and zero at the nodes
-    before the j-th. So a node more costs one product at all boundary nodes and changes nothing that was there.
+    before the j-th. So a further node costs one product at all boundary nodes and does not change earlier functions.
     """
 
     def __init__(self, problem: ReductionProblem, error: Floats, size: int) -> None:
@@ -82,18 +82,18 @@ class _GreedyLevel:
         return np.asarray(solve_triangular(triangle, self._coefficients[:n], lower=True, trans="T"))
 
     def _above(self) -> bool:
-        """Whether an error is above the tolerance."""
+        """Return True if an error is above the tolerance."""
         return bool(lengths(self._error).max() > self._problem.allowed_error)
 
     def _edges(self) -> list[int]:
-        """The free node of the largest error, and the one most opposed to it if any is."""
+        """The free node of the largest error, and the node with the most opposed error, if any."""
         first = int(np.argmax(np.where(self._free, lengths(self._error), -1.0)))
         along = np.where(self._free, self._error @ self._error[first], 0.0)
         second = int(np.argmin(along))
         return [first, second] if along[second] < 0.0 else [first]
 
     def _append(self, node: int) -> None:
-        """Add a node: its Newton function, and what that takes from the errors."""
+        """Add a node: compute its Newton function, and subtract its part from the errors."""
         n = len(self._chosen)
         earlier = self._newton[:n]
         function = self._problem.columns(np.array([node]))[:, 0] - earlier[:, node] @ earlier

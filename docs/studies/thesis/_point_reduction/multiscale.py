@@ -1,22 +1,23 @@
 """Kedward's multiscale interpolation: exact at every boundary node, with storage proportional to their number.
 
-A *base set* is interpolated with the support radius of the motion. Every other node is then added by itself, farthest
-first: its function's radius is its separation from all nodes before it, so that it changes none of them, and its weight
-is the error that the nodes before it have left there. In that order the matrix is ::
+A *base set* is interpolated with the support radius of the motion. Every other node is then added separately, farthest
+first. Its function's radius is its separation from all earlier nodes, so that it changes none of them, and its weight
+is the remaining error at the node. In that order the matrix is ::
 
     | φ_base      0 |     a full block for the base set, below it a lower triangle with ones on its
     | φ_(r,base)  L |     diagonal, of which only the entries of near nodes are not zero
 
-so that no more than the base set is ever factorized (thesis §2.2.1, Fig 2.5).
+so that only the base set must be factorized (thesis §2.2.1, Fig 2.5).
 
 Radii are rounded down to a geometric sequence, :data:`CLASSES` to a factor of two. The nodes of a class are further
 apart than its radius: its block of L is the identity, and a class is added at once, as one level, instead of node by
 node.
 
-Functions so narrow are steep: they may carry only what is small against their radius. Kedward takes the base set
-farthest first too, from the geometry alone. Where the body is small against the domain most of such a set lies on the
-outer wall, too much is left to the narrow functions, and cells next to the body invert. So here the base set is chosen
-for the motion, greedily, down to the tolerance, which has no other use: the nodes keep no error.
+Such narrow functions are steep: their displacements must be small relative to their radius. Kedward also chooses the
+base set farthest first, from the geometry alone. If the body is small compared with the domain, most of such a set lies
+on the outer wall, the narrow functions must represent too much of the motion, and cells next to the body invert. So
+here the base set is chosen for the motion, greedily, down to the tolerance. The tolerance has no other use, because no
+error is left at the nodes.
 
 References
 ----------
@@ -44,7 +45,7 @@ CLASSES = 2.0
 
 
 def greedy_base(problem: ReductionProblem) -> Integers:
-    """(n,) nodes that leave no error above the tolerance."""
+    """(n,) nodes with which no error exceeds the tolerance."""
     return select(problem, default_groups(problem.n_points), Progress(problem))
 
 
@@ -56,7 +57,7 @@ def class_radii(separation: Floats) -> Floats:
 
 
 def reduce(problem: ReductionProblem, *, base: Callable[[ReductionProblem], Integers] = greedy_base) -> Reduced:
-    """Interpolate from a base set, then add all other nodes, a class of radii at a time.
+    """Interpolate from a base set, then add all other nodes, one class of radii at a time.
 
     Parameters
     ----------

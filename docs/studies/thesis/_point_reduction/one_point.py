@@ -2,13 +2,13 @@
 
     β = f_max / φ(0);  α_max ← α_max + β;  f(x) ← f(x) + β φ(|x − x_max|)
 
-The correction takes the error at its node away and ignores what it does to the others: cheap (N_b values of φ a point)
-and approximate. The largest error may come back to a node that was corrected before; (2.9) then adds to its coefficient
-once more, and no point is gained.
+The correction removes the error at its node and ignores its effect on the others: cheap (N_b values of φ for each
+point) and approximate. The largest error may return to a node that was corrected before; (2.9) then changes its
+coefficient again, and no point is added.
 
-With a wide support the approximate errors may never meet the tolerance, however many points there are. So a full
+With a wide support the approximate errors may never meet the tolerance, with any number of points. So a full
 solution on the selected set decides: at the end, when the approximate errors meet the tolerance, and each time the
-number of points has doubled. The corrections go on from its errors.
+number of points has doubled. The corrections continue from its errors.
 
 References
 ----------
@@ -40,7 +40,7 @@ def reduce(problem: ReductionProblem) -> Reduced:
 
 
 def corrected_reduction(problem: ReductionProblem, full_due: Callable[[int], bool]) -> Reduced:
-    """One-point corrections, and a full solution where ``full_due(points)`` and at the end."""
+    """One-point corrections, and a full solution whenever ``full_due(points)`` and at the end."""
     corrections = _Corrections(problem)
     while True:
         done = corrections.add_point()
@@ -66,7 +66,7 @@ class _Corrections:
         self._at_zero = float(values(problem.row, np.zeros(1))[0])
 
     def add_point(self) -> bool:
-        """Correct at the largest error until that selects a new node; whether a full solution is due."""
+        """Correct at the largest error until this selects a new node; return True if a full solution is due."""
         for _ in range(_REVISITS):
             if not self._chosen[self._worst]:
                 break
@@ -79,7 +79,7 @@ class _Corrections:
         return self.progress.record(len(self.selected), self.error)
 
     def solve(self) -> tuple[Level, bool]:
-        """The interpolant of the selected set, and whether it is the end."""
+        """The interpolant of the selected set, and True at the end."""
         selected = np.array(self.selected)
         level = self.problem.level(selected, full_weights(self.problem, selected))
         self.error = np.ascontiguousarray(self.problem.displacement - self.problem.values(level))

@@ -12,7 +12,7 @@ _NEIGHBOURS = {1: 2, 2: 4, 3: 8}
 
 
 def nearest_neighbours(points: Floats) -> Integers:
-    """(n, m) nearest other nodes of (n, d) points; fewer columns where there are fewer points."""
+    """(n, m) nearest other nodes of (n, d) points; fewer columns if there are fewer points."""
     count = min(_NEIGHBOURS[points.shape[1]], len(points) - 1)
     if count < 1:
         return np.empty((len(points), 0), dtype=np.int64)
@@ -23,7 +23,7 @@ def nearest_neighbours(points: Floats) -> Integers:
 def error_peaks(size: Floats, neighbours: Integers) -> Integers:
     """Nodes whose error ``size`` (n,) no neighbour exceeds, the largest first; of equal neighbours the first counts.
 
-    Being neighbours is mutual here, whichever of two nodes counts the other among its nearest.
+    Two nodes are neighbours if one of them has the other among its nearest nodes.
     """
     own = np.arange(len(size))[:, None]
     around = size[neighbours]

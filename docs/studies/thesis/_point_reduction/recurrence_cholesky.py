@@ -1,9 +1,9 @@
-"""The greedy algorithm with a Cholesky factor grown a row at a time (Fang et al.; thesis §2.2.3).
+"""The greedy algorithm with a Cholesky factor that grows by one row at a time (Fang et al.; thesis §2.2.3).
 
     φ_cc = L Lᵀ;  a new point adds the row  l = L⁻¹ φ_c,  λ = √(φ(0) − l·l)
 
-Here the row is grown for every boundary node at once, not for the selected ones only. Column j of
-``V = φ_bc L⁻ᵀ`` is then the new basis function at all nodes, one that vanishes at the points chosen before, and the
+Here the row is computed for all boundary nodes at once, not for the selected ones only. Column j of
+``V = φ_bc L⁻ᵀ`` is then the new basis function at all nodes; it vanishes at the points chosen before, and the
 error needs no weights until the end::
 
     v = (φ_b,new − V l) / λ,    l = V[new],    y = ε[new] / λ,    ε ← ε − v y,    at the end  Lᵀ γ = y
@@ -11,10 +11,10 @@ error needs no weights until the end::
 ``N_c³/6`` multiply-adds go into rows of L, the others, ``N_c² (N_b − N_c/3) / 2``, into the errors; there is no
 triangular system inside the loop. V takes ``8 N_b N_c`` bytes.
 
-One product ``V l`` a point is bound by memory. So the next points are foreseen: the same algorithm runs ahead on the
-nodes of large error alone, then the columns of all its points are formed in one matrix product. What it foresaw is
-taken only as far as it is the node of the largest error of all, so the selection is exactly that of the full greedy
-algorithm, at the speed of a matrix product.
+With one product ``V l`` for each point, memory bandwidth limits the speed. So the next points are predicted: the same
+algorithm runs ahead on the nodes of large error only, then the columns of all its points are computed in one matrix
+product. A predicted point is accepted only if it is the node of the largest error of all, so the selection is exactly
+that of the full greedy algorithm, at the speed of a matrix product.
 
 References
 ----------
@@ -73,7 +73,7 @@ class _GrowingCholesky:
         return np.asarray(solve_triangular(lower, np.array(self._coefficients), trans=1, lower=True))
 
     def foresee(self) -> list[int]:
-        """The next points, if none of them comes from the nodes of smaller errors: at least the very next one."""
+        """The predicted next points, under the assumption that none has a small error now: at least the next one."""
         if not self.selected:
             return [self.problem.start]
         size = self._open_errors()
@@ -96,12 +96,12 @@ class _GrowingCholesky:
         return [int(node) for node in nodes[places]]
 
     def extend(self, foreseen: list[int]) -> bool:
-        """Add these nodes as long as each is the one of the largest error; whether that is enough.
+        """Add these nodes while each is the node of the largest error; return True if the tolerance is met.
 
         Raises
         ------
         QualityRefused
-            If the pivot of a node is lost in rounding.
+            If the pivot of a node is only a rounding error.
         """
         self._refuse_too_many(len(foreseen))
         n, nodes = self._columns.count, np.array(foreseen)
@@ -118,7 +118,7 @@ class _GrowingCholesky:
         return False
 
     def _append(self, node: int, column: Floats) -> None:
-        """Turn the remainder (nb,) of a node's φ into its column of V, in place, and take its share off the errors."""
+        """Turn the remainder (nb,) of a node's φ into its column of V in place; subtract its share from the errors."""
         if not column[node] > LOST * self._at_zero:
             raise singular()
         column /= np.sqrt(column[node])
@@ -138,7 +138,7 @@ class _GrowingCholesky:
         return size
 
     def _refuse_too_many(self, more: int) -> None:
-        """Raise when V would take more memory than it may."""
+        """Raise if V would need more memory than allowed."""
         nb = self.problem.n_points
         if 8 * nb * (self._columns.count + more) > _MEMORY:
             raise InvalidInput(

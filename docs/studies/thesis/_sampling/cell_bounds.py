@@ -1,4 +1,4 @@
-"""Quality of cells by their group's Taylor polynomial, and the least it can be given the remainder."""
+"""Quality of cells by their group's Taylor polynomial, and its lower bound with the remainder."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def bounded_quality(
     coefficients: Floats,
     remainder: Floats,
 ) -> tuple[Floats, Floats]:
-    """Size and skew of cells of one type by the polynomials of their groups, and their least values.
+    """Size and skew of cells of one type by the polynomials of their groups, and their lower bounds.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def bounded_quality(
     Returns
     -------
     modelled, least : (2, m) arrays
-        Rows size and skew; ``least`` is -inf where nothing is certain.
+        Rows size and skew; ``least`` is -inf if there is no bound.
     """
     modelled, least = np.empty((2, len(nodes))), np.empty((2, len(nodes)))
     kernels.bounded_quality(

@@ -6,11 +6,11 @@ With ``y = x − x_j``, ``ξ = |y|/R`` and ``ψ_k(ξ) = (1/ξ d/dξ)^k φ(ξ)`` 
     ∂_ab φ = ψ_1 δ_ab / R² + ψ_2 y_a y_b / R⁴
     ∂_abc φ = ψ_2 (δ_ab y_c + δ_ac y_b + δ_bc y_a) / R⁴ + ψ_3 y_a y_b y_c / R⁶
 
-Wendland's functions are polynomials ``φ = Σ_n a_n ξⁿ`` without a linear term (C2, C4, C6), so that every ψ_k is one
-too, up to a power: ``ψ_k = Σ_n a_n n (n − 2) … (n − 2k + 2) ξ^(n − 2k)``. Only they are expanded here.
+Wendland's functions are polynomials ``φ = Σ_n a_n ξⁿ`` without a linear term (C2, C4, C6), so that every ψ_k is a
+polynomial too, up to a power: ``ψ_k = Σ_n a_n n (n − 2) … (n − 2k + 2) ξ^(n − 2k)``. Only they are expanded here.
 
 A group's polynomial is kept as the coefficients of the monomials of ``x − centre`` of degree 1 to 3 (the value at the
-centre moves all nodes of a cell alike and says nothing about its quality).
+centre moves all nodes of a cell equally and has no influence on its quality).
 """
 
 from __future__ import annotations
@@ -87,6 +87,6 @@ def third_order_norms(coefficients: Floats, dimension: int) -> Floats:
     for column, axes in enumerate(monomials(dimension)):
         if len(axes) == 3:
             repeats = prod(factorial(axes.count(axis)) for axis in set(axes))
-            # ∂_abc occurs 6 / repeats times in the full tensor, and is the coefficient times repeats
+            # ∂_abc occurs 6 / repeats times in the full tensor, and equals the coefficient times repeats
             total += 6.0 * repeats * np.sum(coefficients[:, :, column] ** 2, axis=1)
     return np.sqrt(total)

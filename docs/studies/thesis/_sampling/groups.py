@@ -26,7 +26,7 @@ class Groups:
         Group k holds ``order[starts[k]:starts[k + 1]]``.
     centres : (g, d) array, mesh length unit
     radii : (g,) array, mesh length unit
-        A ball of this radius about the centre holds all of the group's items.
+        A ball of this radius about the centre contains all of the group's items.
     """
 
     order: Ints
@@ -51,7 +51,7 @@ def group_points(points: Floats, size: int) -> Groups:
 
 
 def group_cells(points: Floats, blocks: list[Ints], size: int) -> Groups:
-    """Groups of cells, given as blocks of node numbers (m_b, n_b) with nodes at points (n, d), whole in their balls."""
+    """Groups of cells, given as blocks of node numbers (m_b, n_b) at points (n, d); balls contain whole cells."""
     order = np.argsort(morton_codes(np.concatenate([points[nodes].mean(axis=1) for nodes in blocks])), kind="stable")
     starts = np.append(np.arange(0, len(order), size), len(order)).astype(np.int64)
     low = np.concatenate([points[nodes].min(axis=1) for nodes in blocks])[order]

@@ -1,16 +1,16 @@
-"""Sampled prediction: groups of cells stand for their cells; only what may be bad is evaluated in full.
+"""Sampled prediction: groups of cells represent their cells; only cells that may be bad are evaluated in full.
 
 1. Neighbouring cells form groups of a given size, each in a ball about its centre.
-2. ∇S, ∇²S and ∇³S at the centre give every cell of the group a quality, and the remainder the least it can be.
+2. ∇S, ∇²S and ∇³S at the centre give a quality for every cell of the group, and the remainder gives its lower bound.
 3. Cells whose least quality is below the threshold are evaluated in full: exactly, from the displacements of their
-   nodes. Where the minimum is asked for, so are those that might be worse than the worst found.
+   nodes. If the minimum is requested, cells that may be worse than the worst one found are evaluated in full too.
 
-With the *certain* bound no cell below the threshold is missed, for any group size: the size decides the cost only.
-With the *estimated* one it is cheaper, and not certain.
+With the *certain* bound no cell below the threshold is missed, for any group size: the size influences the cost only.
+The *estimated* bound is cheaper, but not certain.
 
-Against the exact prediction, one displacement for every *node*, it does not pay on the meshes measured (study "Sampled
-prediction" in docs/thesis.md): a mesh has fewer nodes than cells, a step that is taken needs their displacements
-anyway, and a certain bound has to assume that no weights cancel. It is here to answer the thesis' question.
+Against the exact prediction, one displacement for every *node*, it is not faster on the measured meshes (study "Sampled
+prediction" in docs/thesis.md): a mesh has fewer nodes than cells, an accepted step needs the displacements of the nodes
+anyway, and a certain bound must assume that no weights cancel. It is included only to answer the thesis' question.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _SETTLED = ("threshold", "minimum")
 
 @dataclass(frozen=True, eq=False)
 class ExpandableField:
-    """A displacement that is one interpolant, after a rigid motion or none.
+    """A displacement that is one interpolant, possibly after a rigid motion.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class ExpandableField:
 
     @property
     def can_be_expanded(self) -> bool:
-        """Whether the derivatives of its basis are known (the three smooth functions of Wendland)."""
+        """True if the derivatives of the basis are known (the three smooth functions of Wendland)."""
         return self.interpolant.basis.name in EXPANDABLE
 
     def expand(self, points: Floats) -> Floats:
@@ -109,13 +109,13 @@ class SampledQuality:
 
 
 def _certain(field: ExpandableField, groups: Groups) -> tuple[Floats, Floats]:
-    """Remainders (g,), infinite where a group is hopeless, and coefficients (g, d, c), zero there."""
+    """Remainders (g,) and coefficients (g, d, c); infinite and zero for groups without a useful bound."""
     remainder = remainders(field.interpolant, groups, near=math.inf)
     return _expand_hopeful(field, groups, remainder)
 
 
 def _estimated(field: ExpandableField, groups: Groups) -> tuple[Floats, Floats]:
-    """As _certain; from the near control points, and the size of the last term for the others."""
+    """Like _certain, from the near control points only, with the size of the last term for the others."""
     near = remainders(field.interpolant, groups, near=_NEAR)
     remainder, coefficients = _expand_hopeful(field, groups, near)
     last = 0.5 * groups.radii**2 * third_order_norms(coefficients, groups.centres.shape[1])
@@ -123,7 +123,7 @@ def _estimated(field: ExpandableField, groups: Groups) -> tuple[Floats, Floats]:
 
 
 def _expand_hopeful(field: ExpandableField, groups: Groups, remainder: Floats) -> tuple[Floats, Floats]:
-    """The remainders with the hopeless infinite, and the coefficients of the others."""
+    """The remainders (infinite for groups without a useful bound), and the coefficients of the others."""
     hopeful = remainder < _HOPELESS
     found = field.expand(groups.centres[hopeful])
     coefficients = np.zeros((len(groups), *found.shape[1:]))
@@ -169,8 +169,8 @@ def predict_sampled(
     threshold : float
         Every cell that is not known to be at or above it is evaluated in full.
     groups : Groups or int
-        From :func:`~docs.studies.thesis._sampling.groups.group_cells`, to make them once for several
-        predictions from the same positions; or how many cells a group shall have.
+        From :func:`~docs.studies.thesis._sampling.groups.group_cells`, to use them for several predictions from the
+        same positions; or the number of cells of a group.
     bound : {"certain", "estimated"}
     settle : {"threshold", "minimum"}
         Which cells are below the threshold; or also which is the worst of a mesh without such cells, for which more
@@ -244,7 +244,7 @@ def _by_groups(
 
 @dataclass(eq=False)
 class _FullEvaluation:
-    """Replaces chosen cells of ``quality`` and ``least`` by the exact ones; a node is displaced once at most."""
+    """Replaces chosen cells in ``quality`` and ``least`` by exact values; a node is displaced at most once."""
 
     points: Floats
     cells: CellTable

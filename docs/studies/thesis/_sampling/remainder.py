@@ -1,17 +1,18 @@
-"""How far ∇S can be from a group's Taylor polynomial, anywhere in the group's ball.
+"""Largest difference of ∇S from a group's Taylor polynomial in the group's ball.
 
 For one radial function and a ball of radius ρ about c, at the distance r of its centre x_j, the remainder of ∇φ after
 the terms up to second order is at most ::
 
     min( ρ³/6 · E_4(r − ρ)/R⁴ ,  ρ² · E_3(r − ρ)/R³ ),     E_k(d) = max over |y| ≥ d of |D^k φ|
 
-(the second where the ball holds x_j: there D⁴φ is unbounded, and D³φ jumps, but stays bounded). The bound of S is the
-sum over all control points with the norms |γ_j| of their weights: *certain*, but blind to the cancellation between
-weights of opposite sign, which is what makes an interpolant smooth. It is dear for that reason, not for its order.
+(the second one if the ball contains x_j: there D⁴φ is unbounded, and D³φ jumps, but stays bounded). The bound of S is
+the sum over all control points with the norms |γ_j| of their weights: it is *certain*, but ignores the cancellation
+between weights of opposite sign, which makes an interpolant smooth. It is expensive for that reason, not because of its
+order.
 
 The *estimated* remainder keeps the certain sum for the control points nearer than twice the radius, where a Taylor
-series does not converge, and takes the last term kept, ½ |D³S| ρ², for all others: what is left out is smaller than
-what was kept last where a series converges fast. That is a rule of thumb and no bound.
+series does not converge, and takes the last term kept, ½ |D³S| ρ², for all others: in a series that converges fast, the
+omitted terms are smaller than the last kept term. This is a rule of thumb, not a bound.
 
 |D^k φ| is the largest value of ``D^k φ[a, …, a]`` for a unit vector a (for a symmetric form the operator norm): with
 c the cosine between a and y and ψ_k as in :mod:`.expansion` ::

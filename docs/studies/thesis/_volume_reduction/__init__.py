@@ -1,8 +1,8 @@
-"""Volume reduction: sums over control points at fewer places than there are nodes (thesis §2.2.1).
+"""Volume reduction: sums over control points are evaluated at fewer places than there are nodes (thesis §2.2.1).
 
-One algorithm a module, all called ``reduce(problem) -> VolumeField``; :data:`VOLUME_REDUCTIONS` chooses by name. The
-moving boundary is exact with each: its nodes are put at their targets in any case, and the fields agree with
-that there.
+One algorithm per module, all called ``reduce(problem) -> VolumeField``; :data:`VOLUME_REDUCTIONS` chooses by name. The
+moving boundary is exact with each: its nodes are set to their targets in any case, and there the fields agree with the
+targets.
 
 ==================  =======================================================================  ======================
 name                what it does                                                             ``length``

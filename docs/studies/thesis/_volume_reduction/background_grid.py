@@ -1,12 +1,12 @@
 """Background Cartesian grid: the sums are taken at the points of a coarse grid and interpolated to the nodes.
 
-Cubic (Lagrange, four points an axis) by default, linear for comparison: the error falls as h⁴ and h² where the field
-is smooth. It is not close to control points, where it has the kernels' own singularities. So nodes within two spacings
-of one are evaluated directly, blended into the interpolated ones over a third spacing (a hard switch would leave a jump
-that ruins small cells); the relative error is then about the same for any spacing, a few times 10⁻⁴ of the
-displacement.
+Cubic (Lagrange, four points an axis) by default, linear for comparison: the error falls as h⁴ and h² if the field is
+smooth. Close to control points the field is not smooth: it has the kernels' singularities. So nodes within two spacings
+of a control point are evaluated directly; over a third spacing direct and interpolated values are blended (a hard
+switch would leave a jump that ruins small cells); the relative error is then about the same for any spacing, a few
+times 10⁻⁴ of the displacement.
 
-The spacing is chosen so that grid points and direct nodes together are fewest. Grid points that no node asks for are
+The spacing is chosen so that grid points and direct nodes together are fewest. Grid points that no node needs are
 not evaluated.
 
 References
@@ -51,7 +51,7 @@ _SAMPLE = 2000
 
 @dataclass(frozen=True, eq=False)
 class CartesianGrid:
-    """Points ``origin + spacing · index``; every place of the box it was built for has its stencil.
+    """Points ``origin + spacing · index``; every place of the grid's box has a stencil.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class CartesianGrid:
         Absent axes at 0.
     spacing : float, mesh length unit
     shape : (3,) int64 array
-        Points an axis; 1 for an absent one.
+        Points along each axis; 1 for an absent axis.
     interpolation : str
         A key of :data:`INTERPOLATIONS`.
     """
@@ -90,14 +90,14 @@ class CartesianGrid:
         return cls(origin, spacing, shape, interpolation)
 
     def places(self, points: Floats) -> Floats:
-        """(n, 3) coordinates of points (n, d) in spacings, within the grid; those outside are taken at its edge."""
+        """(n, 3) coordinates of points (n, d) in spacings, within the grid; points outside are moved to its edge."""
         d = points.shape[1]
         out = np.zeros((len(points), 3))
         out[:, :d] = np.clip((points - self.origin[:d]) / self.spacing, 1.0, self.shape[:d] - 2.0 - 1e-9)
         return out
 
     def asked(self, places: Floats) -> Indices:
-        """(g,) flat numbers of the grid points that interpolation at the places (n, 3) asks for, ascending."""
+        """(g,) flat numbers of the grid points that interpolation at the places (n, 3) needs, ascending."""
         marked = np.zeros(int(np.prod(self.shape)), dtype=np.bool_)
         kernels.mark_stencils(places, self.shape, INTERPOLATIONS[self.interpolation], marked)
         return np.flatnonzero(marked)
@@ -108,7 +108,7 @@ class CartesianGrid:
         return np.asarray(self.origin[:d] + self.spacing * index)
 
     def interpolate(self, places: Floats, numbers: Indices, values: Floats) -> Floats:
-        """(n, k) values at the places (n, 3) from those (g, k) at the grid points ``numbers`` (g,)."""
+        """(n, k) values at the places (n, 3) from values (g, k) at the grid points ``numbers`` (g,)."""
         rows = np.zeros(int(np.prod(self.shape)), dtype=np.int64)
         rows[numbers] = np.arange(len(numbers))
         out = np.empty((len(places), values.shape[1]))
@@ -123,7 +123,7 @@ class GridField:
     Attributes
     ----------
     boundary : (nb, d) array, mesh length unit
-        Control points, near which the standard field is taken itself.
+        Control points; near them the standard field itself is evaluated.
     grid : CartesianGrid
     standard : callable
     """
@@ -133,7 +133,7 @@ class GridField:
     standard: Field
 
     def __call__(self, points: Floats) -> VolumeDisplacement:
-        """Displacement of points (n, d), those within two spacings of a control point exactly the standard one."""
+        """Displacement of points (n, d); within two spacings of a control point exactly the standard one."""
         h = self.grid.spacing
         limit = (_DIRECT + _BLEND) * h
         distance = cKDTree(self.boundary).query(points, distance_upper_bound=limit)[0]
@@ -156,7 +156,7 @@ def reduce(problem: VolumeProblem) -> VolumeField:
 
 
 def _cheapest_spacing(problem: VolumeProblem) -> float:
-    """The spacing with the fewest sums: grid points, which fall with it, and direct nodes, which rise."""
+    """The spacing with the fewest sums: with it the number of grid points falls and that of direct nodes rises."""
     sides = np.ptp(problem.nodes, axis=0)
     candidates = float(sides.max()) * _SHARES
     sample = problem.nodes[:: max(len(problem.nodes) // _SAMPLE, 1)]

@@ -1,9 +1,9 @@
 """Enclosing box: only nodes inside a box around the moving body move, with zero displacement on its surface.
 
-The surface is sampled with control points that stay, and the field is interpolated again from them, the body and what
-else lies in the box: so it falls to zero as smoothly as to a wall there (the standard field blended to zero in the same
-box gave half of the minimum quality and less, for tight boxes). What little is left between the samples is faded out
-over the last tenth of the margin, and nodes outside do not move by a bit.
+The surface is sampled with control points that stay, and the field is interpolated again from them, the body and all
+other boundary nodes in the box: so it falls to zero as smoothly as at a wall (the standard field blended to zero in the
+same box gave half of the minimum quality and less, for tight boxes). The small rest between the samples is faded out
+over the last tenth of the margin, and nodes outside do not move at all.
 
 The margin is chosen from the motion and the body, five largest displacements or one body size, rounded up to a power
 of √2: so that the box, and with it the factorization, stays the same while a coupling step iterates.
@@ -50,7 +50,7 @@ class BoxField:
     ----------
     low, high : (d,) arrays, mesh length unit
     fade : float, mesh length unit
-        Depth below the surface at which nothing is faded out any more.
+        Depth below the surface beyond which nothing is faded out.
     inner : callable
         The interpolated field inside.
     control_points : int
@@ -73,14 +73,14 @@ class BoxField:
 
 
 def reduce(problem: VolumeProblem) -> VolumeField:
-    """Interpolate from the body, the box and what lies in it."""
+    """Interpolate from the body, the box and the boundary nodes in it."""
     margin = problem.length or _rounded_up(problem.reach(_DISPLACEMENTS, _BODIES))
     body = problem.boundary[problem.moving]
     low, high = body.min(axis=0) - margin, body.max(axis=0) + margin
     kept = ((problem.boundary > low) & (problem.boundary < high)).all(axis=1)
     surface = box_surface(low, high, _INTERVALS[body.shape[1]])
     spacing = float(np.max(high - low)) / _INTERVALS[body.shape[1]]
-    # a wall that the box cuts has control points of its own there
+    # a wall that the box cuts has its own control points there
     distinct = cKDTree(problem.boundary[kept]).query(surface)[0] > 0.25 * spacing
     control = np.vstack([problem.boundary[kept], surface[distinct]])
     values = np.vstack([problem.displacement[kept], np.zeros_like(surface[distinct])])

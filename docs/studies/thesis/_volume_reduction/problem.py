@@ -1,8 +1,8 @@
-"""What every reduction of the volume nodes takes and gives (thesis §2.2.1).
+"""Input and output of every reduction of the volume nodes (thesis §2.2.1).
 
 A point reduction makes the sums of (2.5) shorter; a volume reduction evaluates them at fewer places. All algorithms
-have one calling convention, ``reduce(problem) -> VolumeField``: what is known of a motion's boundary goes in, a
-displacement field defined anywhere comes out, which also says where it took the sums.
+have one calling convention, ``reduce(problem) -> VolumeField``: the input is the data of a boundary's motion, the
+output a displacement field that is defined everywhere and also reports where sums were evaluated.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Field = Callable[[Floats], Floats]
 
 @dataclass(frozen=True, eq=False)
 class VolumeProblem:
-    """A boundary's motion, and the standard field that follows from it.
+    """A boundary's motion, and its standard field.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class VolumeProblem:
         return float(np.sqrt(np.max(np.sum(self.displacement**2, axis=1))))
 
     def reach(self, displacements: float, bodies: float) -> float:
-        """The length, or else the larger of so many largest displacements and so many body sizes (longest sides)."""
+        """The length, or without one the larger of two multiples: of the largest displacement and of the body size."""
         if self.length is not None:
             return self.length
         body = float(np.ptp(self.boundary[self.moving], axis=0).max())
@@ -84,15 +84,15 @@ class VolumeProblem:
 
 
 class VolumeDisplacement(NamedTuple):
-    """Displacements, and where they come from.
+    """Displacements, and how they were computed.
 
     Attributes
     ----------
     displacement : (n, d) array, mesh length unit
     evaluated : (n,) bool array
-        Points at which sums over control points were taken; the others rest, or were interpolated.
+        Points at which sums over control points were evaluated; the others rest, or were interpolated.
     places : int
-        At how many places sums were taken in all, those of a grid included.
+        Number of all places at which sums were evaluated, including those of a grid.
     control_points : int
         Terms of each sum.
     """

@@ -5,7 +5,7 @@ move as they would without the restriction, and zero with zero slope at D. Only 
 
 d is the distance to the nearest control point that moves (sliding nodes that follow the body included). D is chosen
 from the motion: the restriction adds up to 1.5 |u|/D to the gradient of the displacement, 0.25 with D = 6 |u|; and D is
-no less than 1.5 body sizes, so that many small relative steps do not wear out a thin layer.
+no less than 1.5 body sizes, so that many small relative steps do not degrade a thin layer.
 
 References
 ----------

@@ -1,4 +1,4 @@
-"""The cases for clients: a scripted server that does to a client whatever a network and a server may do."""
+"""The cases for clients: a scripted server with all disturbances that a network and a server may cause."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["ClientStage", "client_cases"]
 
 
 def client_cases() -> list[Case]:
-    """All cases for clients: a scenario each."""
+    """All cases for clients, one scenario each."""
     return [Case(scenario.section, scenario.name, scenario.demand, _play(scenario)) for scenario in scenarios()]
 
 

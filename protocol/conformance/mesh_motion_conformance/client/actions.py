@@ -1,4 +1,4 @@
-"""What a script may do to a request or its reply, by name."""
+"""Actions of a script on a request or its reply, by name."""
 
 from __future__ import annotations
 
@@ -34,23 +34,23 @@ def delay(server: ScriptedServer, socket: Any, peer: bytes, request: Message, gi
 
 
 def lose(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
-    """Executed, never answered; the connection stays."""
+    """Execute the request, never answer; the connection stays."""
     del socket, peer, given
     _executed(server, request)
 
 
 def drop(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
-    """Neither executed nor answered; the connection stays."""
+    """Neither execute nor answer; the connection stays."""
 
 
 def cut(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
-    """Executed, not answered, and all data connections end; the worker lives."""
+    """Execute, do not answer, and end all data connections; the worker lives."""
     lose(server, socket, peer, request, given)
     server.cut_data()
 
 
 def cut_after(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
-    """Executed and answered, and while the client is idle all data connections end; the worker lives."""
+    """Execute and answer, then end all data connections while the client is idle; the worker lives."""
     del given
     server.send(socket, peer, request, _executed(server, request))
     time.sleep(_ON_ITS_WAY)
@@ -58,19 +58,19 @@ def cut_after(server: ScriptedServer, socket: Any, peer: bytes, request: Message
 
 
 def cut_before(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
-    """Not executed, and all data connections end; the worker lives."""
+    """Do not execute, and end all data connections; the worker lives."""
     del socket, peer, request, given
     server.cut_data()
 
 
 def die(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
-    """Executed, not answered, and the worker ends; ``worker`` is the state in the next PROBED."""
+    """Execute, do not answer, and end the worker; ``worker`` is the state in the next PROBED."""
     lose(server, socket, peer, request, given)
     die_before(server, socket, peer, request, given)
 
 
 def die_before(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
-    """Not executed, and the worker ends."""
+    """Do not execute, and end the worker."""
     del socket, peer, request
     server.worker = given.get("worker", "dead")
     server.session.lose_worker()
@@ -78,27 +78,27 @@ def die_before(server: ScriptedServer, socket: Any, peer: bytes, request: Messag
 
 
 def die_forgetting(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
-    """Not executed, and the worker ends with the last ``steps``, which were committed and not durable."""
+    """Do not execute; the worker ends and loses the last ``steps``, which were committed but not durable."""
     die_before(server, socket, peer, request, given)
     server.session.forget(given["steps"])
 
 
 def fence(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
-    """Somebody else resumes the session just before this request."""
+    """Another client resumes the session just before this request."""
     del given
     server.session.resume()
     server.send(socket, peer, request, _executed(server, request))
 
 
 def fence_silently(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
-    """Somebody else resumes the session, and this request's connection ends."""
+    """Another client resumes the session, and this request's connection ends."""
     del socket, peer, request, given
     server.session.resume()
     server.cut_data()
 
 
 def twice(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
-    """The reply comes twice, the second one late."""
+    """Send the reply twice, the second time late."""
     reply = _executed(server, request)
     server.send(socket, peer, request, reply)
     server.send(socket, peer, request, reply, after=given.get("seconds", 0.0))
@@ -123,7 +123,7 @@ def header(server: ScriptedServer, socket: Any, peer: bytes, request: Message, g
 
 
 def foreign_first(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
-    """Before the reply come replies to other requests: an earlier sequence, a later one, another client."""
+    """Send replies to other requests before the reply: an earlier sequence, a later one, another client."""
     reply = _executed(server, request)
     wrong = Reply(reply.kind, reply.fields | given.get("set", {}), reply.arrays)
     for other in (
@@ -142,7 +142,7 @@ def garbage(server: ScriptedServer, socket: Any, peer: bytes, request: Message, 
 
 
 def narrow(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
-    """The reply's arrays in four bytes an item."""
+    """Send the reply's arrays with four bytes per item."""
     del given
     reply = _executed(server, request)
     arrays = {name: array.astype(f"<{array.dtype.kind}4") for name, array in reply.arrays.items()}
@@ -150,7 +150,7 @@ def narrow(server: ScriptedServer, socket: Any, peer: bytes, request: Message, g
 
 
 def spelled(server: ScriptedServer, socket: Any, peer: bytes, request: Message, given: dict[str, Any]) -> None:
-    """The reply's header in another spelling: its keys in falling order, its sequence in 64 bits."""
+    """Send the reply's header in another encoding: keys in descending order, sequence in 64 bits."""
     del given
     first, *rest = server.frames(request, _executed(server, request), sequence=0)
     header: dict[str, Any] = msgpack.unpackb(first)

@@ -1,4 +1,4 @@
-"""What every driver program knows: the mesh, the displacements, the verbs (README.md has the same in words)."""
+"""Data that every driver program knows: the mesh, the displacements, the verbs (README.md describes them)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ VERBS = ("hello", "open", "move", "move-reference", "tangent", "cotangent", "com
 
 
 def displacement_of(rows: Array) -> Array:
-    """(4, 2): what the scripted server answers to the displacement of nodes 0 and 3; the other two stay."""
+    """(4, 2) answer of the scripted server to the displacement of nodes 0 and 3; the other two stay."""
     whole = np.zeros((4, 2))
     whole[LEFT] = rows
     return whole

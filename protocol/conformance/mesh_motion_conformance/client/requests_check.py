@@ -1,4 +1,4 @@
-"""Is what a client sent a request, as sections 4, 5 and 12 of SPEC.md want it?"""
+"""Check that a client's message is a request by sections 4, 5 and 12 of SPEC.md."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _KINDS: dict[str, tuple[type, ...]] = {
 
 
 def offences(request: Message) -> list[str]:
-    """Everything that is wrong with a request."""
+    """List all faults of a request."""
     if request.kind not in tables().requests:
         return [f"{request.kind} is no request"]
     found = list(_fields(request)) + list(_arrays(request))

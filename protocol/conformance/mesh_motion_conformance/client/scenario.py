@@ -19,7 +19,7 @@ _VERBS = "hello open move commit close"
 
 @dataclass(frozen=True)
 class Scenario:
-    """One scenario; the head of ``scenarios.toml`` says what its parts mean."""
+    """One scenario; the head of ``scenarios.toml`` explains its parts."""
 
     section: str
     name: str
@@ -38,16 +38,16 @@ class Scenario:
 
 
 def scenarios() -> Iterator[Scenario]:
-    """Those of the file, then one for each error code and each malformed value of a reply."""
+    """The scenarios of the file, then one for each error code and each malformed value of a reply."""
     for entry in tomllib.loads(SCENARIOS.read_text(encoding="utf-8"))["scenario"]:
         yield _scenario(entry)
     yield from (_scenario(entry) for entry in (*_codes(), *_wrong_types(), *_wrong_headers()))
 
 
 def _codes() -> Iterator[dict[str, Any]]:
-    """Each error code in answer to a MOVE, reported as it is.
+    """Each error code as the answer to a MOVE; the driver must report it unchanged.
 
-    Codes that a client may handle itself, by a retry or by RESUME, have scenarios of their own.
+    Codes that a client may handle itself, by a retry or by RESUME, have separate scenarios.
     """
     for code, row in tables().errors.items():
         if not row["retryable"] and code not in ("ABORTED.TRIAL_LOST", "UNAUTHENTICATED"):
@@ -107,7 +107,7 @@ def _wrong_headers() -> Iterator[dict[str, Any]]:
 
 
 def _refused_reply(section: str, name: str, verb: int, request: str, change: dict[str, Any]) -> dict[str, Any]:
-    """The verb (0: hello, 1: open, 2: move …) whose replies are all malformed reports that, and uses none."""
+    """All replies to a verb (0: hello, 1: open, 2: move …) are malformed; the verb must report this and use none."""
     return {
         "section": section,
         "name": name,

@@ -1,4 +1,4 @@
-"""A server that keeps to a script: honest, but for what the script disturbs.
+"""A server that follows a script: correct, except for the disturbances of the script.
 
 One thread, a ROUTER for the control endpoint and one for the data endpoint. Everything that arrives is noted.
 """
@@ -28,7 +28,7 @@ _MOST_MILLISECONDS = 60_000
 
 @dataclass(frozen=True)
 class Disturbance:
-    """What happens to the ``nth`` to ``nth + times - 1`` arrival of a request.
+    """A disturbance of the ``nth`` to ``nth + times - 1`` arrival of a request.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Disturbance:
         A key of :data:`ACTIONS`.
     nth, times : int
     given : dict
-        What the action needs.
+        Parameters of the action.
     """
 
     request: str
@@ -49,7 +49,7 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class Seen:
-    """A request that arrived: on which endpoint, over which connection, when."""
+    """A request that arrived, with its endpoint, connection and time."""
 
     message: Message
     endpoint: str
@@ -194,7 +194,7 @@ class ScriptedServer:
         return resumed
 
     def start_data(self) -> None:
-        """A worker: a data endpoint on a port of its own."""
+        """A worker: a data endpoint on its own port."""
         if self._data is None:
             self._data = self._router()
             self._data_endpoint = _bound(self._data, "tcp://127.0.0.1:*")

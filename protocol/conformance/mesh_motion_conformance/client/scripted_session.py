@@ -1,4 +1,4 @@
-"""The honest part of the scripted server: one session of the contract's mesh, each request executed once."""
+"""The correct part of the scripted server: one session with the contract's mesh; each request is executed once."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SESSION, TOKEN = "0123456789abcdef" * 2, bytes(range(32))
 
 
 class Reply:
-    """A reply before it is on the wire: kind, fields, arrays."""
+    """A reply before it is encoded: kind, fields, arrays."""
 
     def __init__(self, kind: str, fields: dict[str, Any], arrays: dict[str, Array] | None = None) -> None:
         self.kind, self.fields, self.arrays = kind, fields, arrays or {}
@@ -45,7 +45,7 @@ class ScriptedSession:
     Attributes
     ----------
     executed : Counter
-        How often a request of each kind was executed.
+        Number of executed requests of each kind.
     """
 
     def __init__(self) -> None:
@@ -83,12 +83,12 @@ class ScriptedSession:
         return reply
 
     def lose_worker(self) -> None:
-        """Only what was journaled is left: the committed state and the replies to COMMITs."""
+        """Keep only the data in the journal: the committed state and the replies to COMMITs."""
         self._drop_trial()
         self._stored = {key: entry for key, entry in self._stored.items() if entry[1].kind == "COMMITTED"}
 
     def forget(self, steps: int) -> None:
-        """The last committed steps did not survive, nor did the replies to their COMMITs."""
+        """Lose the last committed steps and the replies to their COMMITs."""
         self.lose_worker()
         self._forgotten, self.step = True, self.step - steps
         self.points, self._before = self._before[self.step], self._before[: self.step]

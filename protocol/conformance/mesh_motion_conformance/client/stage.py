@@ -1,4 +1,4 @@
-"""Plays a scenario to a client's driver program, and judges what it printed and what it sent."""
+"""Runs a scenario with a client's driver program, and checks its output and its requests."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class ClientStage:
     command : str
         The driver program with its arguments, as for a shell.
     seconds : float
-        Not used beyond the scenarios' own times; as for servers.
+        Not used, because scenarios have their own times; the same parameter as for servers.
     """
 
     def __init__(self, command: str, *, seconds: float = 10.0) -> None:
@@ -46,7 +46,7 @@ class ClientStage:
         """Nothing is kept."""
 
     def play(self, scenario: Scenario) -> None:
-        """Run the driver against the script, then judge."""
+        """Run the driver with the script, then check the results."""
         self.sent = f"verbs {scenario.verbs!r}"
         server = ScriptedServer(list(scenario.disturbances), dict(scenario.welcome))
         try:
@@ -77,7 +77,7 @@ class ClientStage:
 
 
 def _judge_lines(scenario: Scenario, lines: list[dict[str, Any]]) -> None:
-    """One line a verb, each as expected."""
+    """Check that the output has one line for each verb, as expected."""
     verbs = scenario.verbs.split()
     if [line.get("verb") for line in lines] != verbs[: len(lines)] or len(lines) < len(verbs):
         raise Unmet(f"a line for each of {verbs}", str(lines)[:600])
@@ -104,7 +104,7 @@ def _equal(got: Any, wanted: Any) -> bool:
 
 
 def _digest() -> str:
-    """Of step 1 after the first displacement, by section 16."""
+    """Digest of step 1 after the first displacement, by section 16."""
     from mesh_motion_conformance.client.contract import LEFT, POINTS  # noqa: PLC0415
     from mesh_motion_conformance.server.section_15_reports import digest  # noqa: PLC0415
 
@@ -114,7 +114,7 @@ def _digest() -> str:
 
 
 def _judge_requests(scenario: Scenario, server: ScriptedServer) -> None:
-    """What arrived: requests all of them, ids used once, and as often as the scenario says."""
+    """Check the arrived messages: all are requests, ids are used once, and the counts are those of the scenario."""
     if server.broken:
         raise Unmet("messages of SPEC.md", server.broken[0])
     for seen in server.seen:

@@ -1,4 +1,4 @@
-"""The cases for servers: a module for each section of SPEC.md, or a few of them, in its order."""
+"""The cases for servers: one module for each section of SPEC.md or for a few sections, in SPEC.md's order."""
 
 from __future__ import annotations
 
@@ -54,5 +54,5 @@ _SUITES = (
 
 
 def server_cases() -> list[Case]:
-    """All cases for servers, in the order in which they share sessions best."""
+    """All cases for servers, in an order in which they can share sessions."""
     return [case for suite in _SUITES for case in suite]

@@ -33,7 +33,7 @@ class Part:
     global_ids : tuple of int
         Empty with one partition.
 
-    The triangles are (m, 0) where the client keeps them (section 23).
+    The triangles are (m, 0) if the client keeps them (section 23).
     """
 
     points: NDArray[np.float64]
@@ -58,7 +58,7 @@ class Part:
 
 
 def _square() -> Part:
-    """4 × 4 nodes at tenths, which no float is: sums and differences of them round."""
+    """4 × 4 nodes at multiples of 0.1, which floats cannot represent: sums and differences are rounded."""
     x = np.arange(4) * 0.1
     points = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
     i = (np.arange(3)[:, None] * 4 + np.arange(3)).ravel()
@@ -68,7 +68,7 @@ def _square() -> Part:
 
 
 def _half(ids: list[int]) -> Part:
-    """The cells of the square whose nodes are all in ``ids``, which are the global ids."""
+    """The cells of the square whose nodes are all in ``ids`` (global ids)."""
     local = {number: index for index, number in enumerate(ids)}
     cells = [[local[n] for n in cell] for cell in SQUARE.triangles.tolist() if all(n in local for n in cell)]
     sides = {
@@ -90,6 +90,6 @@ WITHOUT_VOLUME: dict[str, Any] = {
 
 
 def boundary(rest: Side = Side("fixed", (1, 2, 3, 5, 7, 9, 10, 11))) -> Part:
-    """The boundary of the square, and the number of its cells; ``rest`` is what lies not on the moving side."""
+    """The boundary of the square, and the number of its cells; ``rest``: all nodes that are not on the moving side."""
     kept = np.empty((len(SQUARE.triangles), 0), dtype="<i8")
     return Part(SQUARE.points[list(OUTER)], kept, {"left": Side("moving", (0, 4, 6, 8)), "rest": rest}, OUTER)

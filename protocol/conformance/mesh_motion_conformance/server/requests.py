@@ -1,4 +1,4 @@
-"""Requests as they go out: right by default, wrong in one place where a case wants it."""
+"""Requests before they are sent: correct by default, wrong in one place if a case needs it."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Request:
         return [frame for array in self.arrays.values() for frame in frames_of(array)]
 
     def frames(self, client: bytes, sequence: int, change: Callable[[Header], Any] | None = None) -> list[bytes]:
-        """All frames; ``change`` may alter the header in place, or return what frame 0 is to be instead."""
+        """All frames; ``change`` may alter the header in place, or return a replacement of frame 0."""
         header = self.header(client, sequence)
         changed = change(header) if change is not None else None
         first = changed if isinstance(changed, bytes) else pack(header if changed is None else changed)

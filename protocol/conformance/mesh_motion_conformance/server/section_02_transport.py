@@ -30,7 +30,7 @@ def no_delimiter_frame(stage: Stage) -> None:
 
 @suite("2.1")
 def delimiter_frame_is_no_header(stage: Stage) -> None:
-    """An empty frame before frame 0 is not taken for a delimiter: it is frame 0, and no header."""
+    """An empty frame before frame 0 is not a delimiter: it is read as frame 0, and is no header."""
     line = stage.line()
     stage.put(line, [b"", *Request("PING").frames(line.client, 1)])
     refused(line.receive(), "INVALID_ARGUMENT.HEADER")
@@ -73,7 +73,7 @@ def ping_at_control(stage: Stage) -> None:
 
 @suite("2.2")
 def ping_at_data(stage: Stage) -> None:
-    """PING is taken by a data endpoint, of a connection that has not joined too."""
+    """PING is accepted by a data endpoint, also from a connection that has not joined."""
     session = stage.session("READY")
     answered(session.ask("PING"), "PONG")
     answered(stage.ask(Request("PING"), session.connect()), "PONG")
@@ -81,7 +81,7 @@ def ping_at_data(stage: Stage) -> None:
 
 @suite("2.4")
 def replies_in_the_order_of_requests(stage: Stage) -> None:
-    """Replies on a data connection come in the order of its requests; one that was lost is had by asking again."""
+    """Replies on a data connection come in the order of its requests; after a loss the repeated request gets it."""
     session = stage.session("READY")
     line = session.lines[0]
     for pair in (("PING", "STATUS"), ("MOVE", "PING"), ("FETCH", "ROLLBACK"), ("MOVE", "FETCH")):
@@ -96,7 +96,7 @@ def replies_in_the_order_of_requests(stage: Stage) -> None:
 
 
 def _arriving(line: Line, count: int) -> list[int]:
-    """Numbers of so many replies, fewer where some were lost."""
+    """Numbers of the given count of replies, fewer if some were lost."""
     got: list[int] = []
     with contextlib.suppress(Silence):
         while len(got) < count:
@@ -106,7 +106,7 @@ def _arriving(line: Line, count: int) -> list[int]:
 
 @suite("2.5")
 def other_connections_get_nothing(stage: Stage) -> None:
-    """A reply goes to the connection that its request came from, whatever client it names."""
+    """A reply goes to the connection that its request came from, for any client in the header."""
     first, second = stage.line(), stage.line()
     answered(stage.ask(Request("PING"), first), "PONG")
     stage.put(second, Request("PING").frames(first.client, 7))
@@ -146,13 +146,13 @@ def oversized_frame_at_data(stage: Stage) -> None:
 
 @suite("2.6")
 def oversized_frame_hurts_no_other_client(stage: Stage) -> None:
-    """A connection that was ended so leaves the others as they are."""
+    """The end of such a connection does not disturb the others."""
     answered(stage.session("READY").ask("STATUS"), "STATUS_REPORT")
     answered(stage.ask(Request("PING")), "PONG")
 
 
 def _ends(stage: Stage, line: Line, size: int) -> None:
-    """The connection ends because of one frame of this size."""
+    """Check that one frame of this size ends the connection."""
     answered(stage.ask(Request("PING"), line), "PONG")
     stage.put(line, [pack(b"").ljust(size, b"\0")])
     try:

@@ -36,7 +36,7 @@ def frame_behind_control_requests() -> Iterator[Case]:
 
 @suite.family
 def frame_behind_data_requests() -> Iterator[Case]:
-    """Frames behind frame 0 are those of the declared arrays and no others."""
+    """After frame 0 come the frames of the declared arrays, and no others."""
 
     def behind(kind: str) -> Callable[[Stage], None]:
         def run(stage: Stage) -> None:

@@ -1,4 +1,4 @@
-"""Section 4: frame 0 is one msgpack map, and each thing that msgpack leaves open is pinned."""
+"""Section 4: frame 0 is one msgpack map, and SPEC.md fixes everything that msgpack leaves open."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _case(section: str, name: str, demand: str, request: Request, change: Change
 
 
 def _setting(value: Any) -> Request:
-    """A request with a field of type map that holds this value."""
+    """A request with this value inside a field of type map."""
     return Request("OPEN", {"dimension": 2, "settings": {"a": value}})
 
 
@@ -113,7 +113,7 @@ def order_of_keys() -> Iterator[Case]:
 
 @suite.family
 def identity_in_errors() -> Iterator[Case]:
-    """A reply has the client and the sequence of its request, as far as they were readable."""
+    """A reply has the client and the sequence of its request, if they were readable."""
 
     def run(change: Change, client: bool, sequence: bool) -> Callable[[Stage], None]:
         def echoed(stage: Stage) -> None:
@@ -222,7 +222,7 @@ def text_is_utf_8() -> Iterator[Case]:
 
 @suite("4.2")
 def text_of_many_planes(stage: Stage) -> None:
-    """Valid UTF-8 of one to four bytes a character is taken."""
+    """Valid UTF-8 with one to four bytes per character is accepted."""
     answered(stage.ask(Request("HELLO", {"agent": "aé€😀\0"})), "WELCOME")
 
 
@@ -335,7 +335,7 @@ def one_map() -> Iterator[Case]:
 
 
 def _bytes(change: Callable[..., bytes]) -> Change:
-    """Frame 0 changed once it is packed."""
+    """Change frame 0 after it is packed."""
     return lambda header: change(pack(header))
 
 
@@ -384,5 +384,5 @@ def bounds() -> Iterator[Case]:
 
 @suite("4.9")
 def _256_items_in_an_array(stage: Stage) -> None:
-    """256 items in one array are taken."""
+    """256 items in one array are accepted."""
     answered(stage.ask(Request("HELLO", {"features": ["x"] * 256})), "WELCOME")

@@ -164,7 +164,7 @@ def rows_before_columns(stage: Stage) -> None:
 
 
 def _framed(name: str, demand: str, frames: Callable[[list[bytes]], list[bytes]], kind: str = "MOVE") -> Case:
-    """A right header, and other frames behind it: INVALID_ARGUMENT.FRAMES."""
+    """A correct header, and wrong frames after it: INVALID_ARGUMENT.FRAMES."""
 
     def run(stage: Stage) -> None:
         session = stage.session(_STATE[kind])
@@ -204,7 +204,7 @@ def array_without_bytes_has_no_frame(stage: Stage) -> None:
 
 @suite("5.3")
 def array_without_bytes_and_a_frame(stage: Stage) -> None:
-    """An array without bytes with an empty frame has a frame too many."""
+    """An empty frame for an array without bytes is one frame too many."""
     session = stage.session("OPENING")
     line = session.lines[0]
     request = _nodes(session).carrying(rows=np.empty((0, 2)))
@@ -213,14 +213,14 @@ def array_without_bytes_and_a_frame(stage: Stage) -> None:
 
 
 def _large(session: Session) -> Request:
-    """An UPLOAD of two rows more than a chunk holds, of indices that need no memory once refused or counted."""
+    """An UPLOAD of indices with two rows more than a chunk holds; the server needs no memory for them afterwards."""
     rows = np.zeros((CHUNK_BYTES // 4 + 2, 1), dtype="<i4")
     fields = {"item": "patch", "name": "large", "role": "fixed"}
     return Request("UPLOAD", session.address() | fields, {"rows": rows})
 
 
 def _put_large(stage: Stage, cut: Callable[[bytes], list[bytes]]) -> tuple[Message, int]:
-    """The reply to an array of more than a chunk, cut in this way."""
+    """The reply to an array of more than one chunk, cut in the given way."""
     session = stage.session("OPENING")
     line = session.lines[0]
     request = _large(session)
@@ -279,7 +279,7 @@ def rows_left_out(stage: Stage) -> None:
 
 @suite.family
 def arrays_of_others() -> Iterator[Case]:
-    """A request has no arrays but its own."""
+    """A request with an array that it does not have is refused."""
 
     def run(kind: str) -> Callable[[Stage], None]:
         def with_displacement(stage: Stage) -> None:

@@ -81,7 +81,7 @@ def more_partitions_than_max_partitions(stage: Stage) -> None:
 
 @suite("6")
 def more_bytes_reserved_than_max_session_bytes(stage: Stage) -> None:
-    """An upload of more than max_session_bytes is refused where it is announced."""
+    """An upload of more than max_session_bytes is refused when its size is announced."""
     size = stage.limits()["max_session_bytes"] + 1
     refused(stage.ask(Request("OPEN", {"dimension": 2, "bytes_reserved": size})), "RESOURCE_EXHAUSTED.BYTES")
 

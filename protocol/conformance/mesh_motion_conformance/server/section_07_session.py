@@ -1,4 +1,4 @@
-"""Section 7: what a session promises about its results."""
+"""Section 7: the promises of a session about its results."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def rollback_leaves_no_trace(stage: Stage) -> None:
 
 @suite("7.1")
 def resume_leaves_no_trace(stage: Stage) -> None:
-    """A MOVED depends on the committed state, not on who asks or what the worker has kept."""
+    """A MOVED depends on the committed state, not on the client or on the worker's caches."""
     session = stage.session("READY")
     first = _move(session)
     session.resume()

@@ -1,4 +1,4 @@
-"""Section 8: every request in every state that can be had from outside."""
+"""Section 8: every request in every state that a client can reach."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _cell(state: str, kind: str, after: str | None) -> Case:
 
 
 def _closing(state: str) -> Callable[[Stage], None]:
-    """CLOSED, and what is left then: a session that was built can be resumed, another one is gone (11.6)."""
+    """CLOSED and its effect: a session that was built can be resumed, another one is deleted (11.6)."""
 
     def run(stage: Stage) -> None:
         session = stage.session(state, "closing" if state in ("READY", "TRIAL") else "shared")
@@ -153,7 +153,7 @@ def commit_without_any_trial(stage: Stage) -> None:
 
 
 def _suspended(stage: Stage, state: str, *, connect: bool = True) -> Session:
-    """A session whose lease has ended in this state; its connections are there again."""
+    """A session whose lease has ended in this state, with new connections."""
     lease = stage.limits()["lease_ms"] / 1000
     if lease > stage.patience:
         raise Skip(f"the lease takes {lease:g} s; start the server with a shorter one, or use --patience")

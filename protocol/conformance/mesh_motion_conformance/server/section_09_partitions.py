@@ -63,7 +63,7 @@ def _receive(session: Session, partition: int, number: int) -> Message:
 
 
 def _silent(session: Session, partition: int) -> None:
-    """Nothing comes: the request waits for the other partition."""
+    """Check that no reply comes: the request waits for the other partition."""
     try:
         reply = session.lines[partition].receive(0.1)
     except Silence:
@@ -110,7 +110,7 @@ def partition_numbers() -> Iterator[Case]:
 
 @suite("9.1")
 def other_partitions_connection(stage: Stage) -> None:
-    """A connection speaks for the partition that it joined, and for no other."""
+    """A connection acts for the partition that it joined, and for no other."""
     session = _pair(stage)
     refused(session.ask(session.request("STATUS").having(partition=1), 0), "UNAUTHENTICATED")
 
@@ -165,7 +165,7 @@ def disagreement() -> Iterator[Case]:
 
 @suite("9.3")
 def own_rows(stage: Stage) -> None:
-    """Each partition gives its own moving nodes and gets all of its own nodes; shared nodes agree, bitwise."""
+    """Each partition sends values of its moving nodes and gets values of all its nodes; shared nodes agree bitwise."""
     session = _pair(stage)
     low, high = (reply.arrays["displacement"] for reply in _all(session.together("MOVE"), "MOVED"))
     if low.shape != (12, 2) or high.shape != (8, 2):
@@ -213,7 +213,7 @@ def shared_node_moved_by_two_roundings(stage: Stage) -> None:
 
 @suite("9.4")
 def wrong_in_itself(stage: Stage) -> None:
-    """A request that is wrong in itself is answered alone; the others wait for the corrected one."""
+    """Only the partition with a wrong request gets an answer; the others wait for the corrected request."""
     session = _pair(stage)
     number = _ask(session, session.request("MOVE", 0), 0)
     rows = session.rows(1)
@@ -252,7 +252,7 @@ def missing_partition(stage: Stage) -> None:
 
 @suite("9.4")
 def given_up_for_another(stage: Stage) -> None:
-    """A partition that makes another collective request while one of its own waits gives that one up."""
+    """If a partition makes another collective request while one of its own waits, the waiting one ends."""
     session = _pair(stage)
     first = _ask(session, session.request("MOVE", 0), 0)
     second = _ask(session, session.request("MOVE", 0).carrying(displacement=session.rows(0, 0.02)), 0)
@@ -283,7 +283,7 @@ def repeated_request_is_answered_where_it_was_repeated_last(stage: Stage) -> Non
 
 @suite("10.2")
 def waiting_request_with_another_content(stage: Stage) -> None:
-    """The id of a request that waits with another content is answered ABORTED.CONFLICT."""
+    """A request with the id of a waiting request but another content is answered ABORTED.CONFLICT."""
     session = _pair(stage)
     number = _ask(session, session.request("MOVE", 0), 0)
     conflict = session.request("MOVE", 0).carrying(displacement=session.rows(0, 0.02))

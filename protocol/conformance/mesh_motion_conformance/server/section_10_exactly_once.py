@@ -196,7 +196,7 @@ def same_content() -> Iterator[Case]:
 
 @suite("10.2")
 def epoch_is_no_content(stage: Stage) -> None:
-    """A repeat under the epoch of a RESUME is the same request."""
+    """A repeat with the new epoch of a RESUME is the same request."""
     session = stage.session("TRIAL")
     client, number = session.lines[0].client, session.lines[0].next()
     first = answered(session.ask("COMMIT", sequence=number), "COMMITTED")

@@ -71,7 +71,7 @@ def connection_cut_while_a_move_is_computed(stage: Stage) -> None:
 
 @suite("11.1")
 def newest_connection_speaks(stage: Stage) -> None:
-    """The connection that joined last speaks for the partition; the one before has to join again."""
+    """The connection that joined last acts for the partition; the previous one must join again."""
     session = stage.session("READY")
     old = session.lines[0]
     session.lines = [session.connect()]
@@ -83,7 +83,7 @@ def newest_connection_speaks(stage: Stage) -> None:
 
 @suite("11.3")
 def RESUME_raises_the_epoch(stage: Stage) -> None:
-    """RESUME raises the session's epoch in any case; JOINED and STATUS go on under it."""
+    """RESUME raises the session's epoch in any case; JOINED and STATUS have the new epoch."""
     session = stage.session("TRIAL")
     before = session.epoch
     for more in (1, 2, 3):
@@ -122,7 +122,7 @@ def fenced() -> Iterator[Case]:
 
 @suite("11.3")
 def fenced_holder_has_to_join(stage: Stage) -> None:
-    """After RESUME the old connection is joined no more, even under the new epoch."""
+    """After RESUME the old connection is no longer joined, even with the new epoch."""
     session = stage.session("READY")
     old = session.lines[0]
     session.resume()
@@ -133,7 +133,7 @@ def fenced_holder_has_to_join(stage: Stage) -> None:
 
 @suite("11.4")
 def RESUMED_says_the_last_step(stage: Stage) -> None:
-    """RESUMED says the last committed step of a worker that lives; 8-READY-CLOSE asks one from the journal."""
+    """RESUMED has the last committed step of a worker that lives; 8-READY-CLOSE tests a worker from the journal."""
     session = stage.session("TRIAL")
     session.do("COMMIT")
     step = session.step
@@ -203,7 +203,7 @@ def strangers() -> Iterator[Case]:
 
 @suite("11.8")
 def JOIN_with_a_wrong_token(stage: Stage) -> None:
-    """JOIN proves the right to the session: a wrong token is answered NOT_FOUND, and nothing is joined."""
+    """JOIN proves the right to the session: a wrong token is answered NOT_FOUND, and the connection has not joined."""
     session = stage.session("READY")
     line = session.connect()
     refused(stage.ask(session.request("JOIN").having(token=bytes(32)), line), "NOT_FOUND")

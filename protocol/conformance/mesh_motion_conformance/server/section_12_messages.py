@@ -25,7 +25,7 @@ _STATE = {"UPLOAD": "OPENING", "BUILD": "OPENING", "COMMIT": "TRIAL"}
 
 
 def _request(stage: Stage, kind: str) -> tuple[Request, Any]:
-    """A right request, and the connection that it belongs to; one that is refused changes nothing."""
+    """A correct request, and its connection; a refused request changes nothing."""
     if kind == "OPEN":
         return Request("OPEN", {"dimension": 2}), stage.control
     if kind in tables().control:
@@ -92,7 +92,7 @@ def values() -> Iterator[Case]:
 
 
 def _outside(field: Field) -> Iterator[tuple[str, Any, str]]:
-    """Values just outside what the field's row says."""
+    """Values just outside the limits in the field's row."""
     says = field.says
     if "choices" in says:
         yield "no-choice", "no-such-choice", _VALUE
@@ -133,7 +133,7 @@ def missing() -> Iterator[Case]:
 
 @suite.family
 def unknown() -> Iterator[Case]:
-    """A request has no fields but those of section 12."""
+    """A request has only the fields of section 12."""
     for kind in tables().requests:
         for name, field in (
             ("unknown-field", "from_a_later_version"),
@@ -145,7 +145,7 @@ def unknown() -> Iterator[Case]:
 
 @suite.family
 def left_out() -> Iterator[Case]:
-    """A field with a default may be left out, or be written out with it."""
+    """A field with a default may be left out, or be sent with its default."""
 
     def run(kind: str, field: Field, written: bool) -> Callable[[Stage], None]:
         def taken(stage: Stage) -> None:
@@ -169,7 +169,7 @@ def left_out() -> Iterator[Case]:
 
 @suite.family
 def replies() -> Iterator[Case]:
-    """Each reply has its fields and arrays, of their types: what every case checks, named for each message."""
+    """Each reply has its fields and arrays, of their types; every case checks this, here by name for each message."""
 
     def run(kind: str) -> Callable[[Stage], None]:
         def replied(stage: Stage) -> None:
@@ -205,7 +205,7 @@ def JOINED_before_BUILT(stage: Stage) -> None:
 
 @suite("12")
 def LISTED_in_the_order_of_ids(stage: Stage) -> None:
-    """Sessions come in the order of their ids, those behind ``after`` only."""
+    """Sessions come in the order of their ids, only those after ``after``."""
     stage.session("READY"), stage.session("OPENING")
     ids: list[str] = []
     more = True

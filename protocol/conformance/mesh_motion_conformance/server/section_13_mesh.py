@@ -182,7 +182,7 @@ def usable_meshes() -> Iterator[Case]:
 
 @suite("13.5")
 def moving_nodes_ascend(stage: Stage) -> None:
-    """moving_nodes are ascending, whatever the order of the patches; a node on a moving patch moves."""
+    """moving_nodes are ascending for any order of the patches; a node on a moving patch moves."""
     sides = {"b": Side("fixed", (3, 7, 11, 15, 12)), "a": Side("moving", (12, 8)), "c": Side("moving", (0, 4, 8))}
     part = Part(SQUARE.points, SQUARE.triangles, sides)
     session = stage.open(part)

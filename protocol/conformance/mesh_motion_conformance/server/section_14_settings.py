@@ -63,7 +63,7 @@ def unknown_keys() -> Iterator[Case]:
 
 
 def _in_force(stage: Stage) -> dict[str, Any]:
-    """BUILT's settings of a session that was opened with three numbers written in three ways."""
+    """BUILT's settings of a session that was opened with three numbers, each encoded differently."""
     settings = {
         "support_radius": 1,
         "enrichment_radius": 0.5,
@@ -79,7 +79,7 @@ def _in_force(stage: Stage) -> dict[str, Any]:
 
 @suite.family
 def in_force() -> Iterator[Case]:
-    """BUILT's settings are those in force, defaults filled in."""
+    """BUILT's settings are the effective ones, including defaults."""
 
     def run(key: str, wanted: Any) -> Callable[[Stage], None]:
         def check(stage: Stage) -> None:

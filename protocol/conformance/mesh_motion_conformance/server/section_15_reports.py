@@ -1,4 +1,4 @@
-"""Sections 15 and 16: what the maps of replies hold, and the digest recomputed."""
+"""Sections 15 and 16: contents of the maps in replies, and the digest computed again."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _WORST: dict[str, Any] = {
 
 
 def _check(value: Any, wanted: Any, where: str) -> None:
-    """At least these keys, of these types."""
+    """Check that a map has at least these keys, of these types."""
     if isinstance(wanted, dict):
         if not isinstance(value, dict):
             raise Unmet(f"{where}: a map", f"{value!r:.80}")
@@ -111,7 +111,7 @@ def _no_faces(fields: dict[str, Any]) -> None:
 
 
 def _faces(stage: Stage) -> None:
-    """The mesh has 18 right-angled triangles, of which 21 edges are between two."""
+    """The mesh has 18 right-angled triangles; 21 edges are between two triangles."""
     session = stage.session("READY")
     request = session.request("MOVE").having(report="faces")
     found = session.do(request).fields["faces"]
@@ -139,7 +139,7 @@ def _no_headroom(fields: dict[str, Any]) -> None:
 
 
 def _headroom(stage: Stage) -> None:
-    """Once more there and back: nothing goes on, so nothing ends; then a step that can follow a few times."""
+    """First a step without motion, which nothing limits; then a step that can be repeated a few times."""
     session = stage.session("READY")
     still = session.request("MOVE").having(report="headroom").carrying(displacement=np.zeros((4, 2)))
     found = session.do(still).fields["headroom"]
@@ -261,7 +261,7 @@ def digests() -> Iterator[Case]:
 
 @suite("16")
 def same_state_same_digest_after_resume(stage: Stage) -> None:
-    """After RESUME the committed coordinates are those of the digest."""
+    """After RESUME the committed coordinates match the digest."""
     session = stage.session("TRIAL")
     committed = session.do("COMMIT").fields["digest"]
     session.resume()

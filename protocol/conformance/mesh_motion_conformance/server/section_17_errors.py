@@ -20,7 +20,7 @@ suite = Suite()
 
 @suite.family
 def codes() -> Iterator[Case]:
-    """17: one request for each code that a request alone can cause, and all fields that its ERROR must have."""
+    """17: one request for each code that a single request can cause, and all required fields of its ERROR."""
 
     def at_session(state: str, make: Callable[[Session], Request], code: str) -> Callable[[Stage], None]:
         def run(stage: Stage) -> None:
@@ -157,7 +157,7 @@ def boot_is_one(stage: Stage) -> None:
 
 @suite("18.5")
 def no_features(stage: Stage) -> None:
-    """features of WELCOME are those that both sides have: none of a client that names none or unknown ones."""
+    """features of WELCOME are those that both sides have: none for a client that names none or unknown ones."""
     for offered in ([], ["no-such-feature"]):
         found = answered(stage.ask(Request("HELLO", {"features": offered})), "WELCOME").fields["features"]
         if found:

@@ -1,4 +1,4 @@
-"""Section 21: what each level of durability that the server offers promises, as far as it shows from outside."""
+"""Section 21: the promises of each level of durability that the server offers, as far as a client can check them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Play = Callable[[Stage, Session, str], None]
 
 
 def _session(stage: Stage, level: str) -> Session:
-    """A session of this level, READY, shared by the cases about it."""
+    """A session of this level, READY, shared by the cases for this level."""
     offered = answered(stage.ask(Request("HELLO")), "WELCOME").fields["durability"]
     if level not in offered:
         raise Skip(f"this server does not offer {level}")
@@ -55,7 +55,7 @@ def _stored_reply(stage: Stage, session: Session, level: str) -> None:
 
 
 def _taken_up(session: Session, step: int, wanted: bytes, retry: Callable[[], object]) -> None:
-    """The session is at this step, with these coordinates and the reply to its COMMIT."""
+    """Check that the session is at this step, with these coordinates and the reply to its COMMIT."""
     session.join()
     if session.step != step:
         raise Unmet(f"step {step}", f"step {session.step}")
@@ -65,7 +65,7 @@ def _taken_up(session: Session, step: int, wanted: bytes, retry: Callable[[], ob
 
 
 def _after(leave: Callable[[Session], object]) -> Play:
-    """Commit, leave, RESUME: nothing that was committed is lost."""
+    """After commit, disconnection and RESUME no committed step is lost."""
 
     def play(stage: Stage, session: Session, level: str) -> None:
         del stage, level

@@ -28,7 +28,7 @@ _REST = (1, 2, 3, 5, 7, 9, 10, 11)
 
 @suite.family
 def settings() -> Iterator[Case]:
-    """OPEN is refused unless the settings leave the volume alone."""
+    """OPEN is refused with settings that need the volume."""
     others = {"displacement": "relative", "correction": "enrichment", "sub_steps": "auto",
               "reduction": "greedy"}  # fmt: skip
 
@@ -47,7 +47,7 @@ def settings() -> Iterator[Case]:
 
 @suite("23.2")
 def cells_with_nodes(stage: Stage) -> None:
-    """Of cells only the number is uploaded."""
+    """Only the number of cells is uploaded."""
     session = stage.open(boundary(), settings=WITHOUT_VOLUME, evaluation="client")
     rows = SQUARE.triangles
     upload = Request("UPLOAD", session.address() | {"item": "cells", "name": "triangle"}, {"rows": rows})
@@ -80,7 +80,7 @@ def facets() -> Iterator[Case]:
 
 
 def _outer_facets() -> NDArray[np.int64]:
-    """(f, 2) edges of the square that one triangle alone has, in rows of what is uploaded."""
+    """(f, 2) edges of the square that belong to only one triangle, as rows of the uploaded nodes."""
     edges = np.concatenate([SQUARE.triangles[:, ends] for ends in ([0, 1], [1, 2], [2, 0])])
     _, first, counts = np.unique(np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True)
     return np.asarray(np.searchsorted(OUTER, edges[first[counts == 1]]), dtype="<i8")
@@ -131,7 +131,7 @@ _NEAR = np.asarray(np.argsort(np.concatenate([OUTER, _INSIDE]))[SQUARE.triangles
 
 
 def _asked_for_cells(stage: Stage) -> tuple[Session, float, NDArray[np.float64]]:
-    """A session whose nodes are all uploaded, and what BUILT asks for: the reach, and the facets of the wall."""
+    """A session whose nodes are all uploaded, with the reach and the wall's facets that BUILT asks for."""
     session = _with_facets(stage, _outer_facets())
     built = answered(session.ask(Request("BUILD", session.address() | {"reach": 0.0})), "BUILT")
     for item, rows in {"nodes": SQUARE.points[_INSIDE], "global_ids": np.asarray(_INSIDE[:, None], "<i8")}.items():
@@ -146,7 +146,7 @@ def _near_cells(session: Session, name: str, rows: NDArray[Any]) -> Message:
 
 
 def _build_with_cells(session: Session, reach: float, rows: NDArray[np.int64]) -> None:
-    """With these cells (m, 3) nothing is missing any more."""
+    """Upload these cells (m, 3) and check that BUILT asks for no more."""
     answered(_near_cells(session, "triangle", rows), "UPLOADED")
     built = answered(session.ask(Request("BUILD", session.address() | {"reach": reach})), "BUILT")
     if built.fields.get("reach", 0.0):
@@ -233,7 +233,7 @@ def build_without_reach(stage: Stage) -> None:
 
 @suite("23.3")
 def nodes_slide(stage: Stage) -> None:
-    """With the facets of the boundary, nodes of slip patches slide along their side."""
+    """If the facets of the boundary are uploaded, nodes of slip patches slide along their side."""
     session = _with_facets(stage, _outer_facets())
     session.do("BUILD")
     displacement = session.do("MOVE").arrays["displacement"]
@@ -280,7 +280,7 @@ def moves() -> Iterator[Case]:
 
 
 def functions(moved: Message, nodes: Sequence[int]) -> NDArray[np.float64]:
-    """Those of MOVED's coefficients at nodes of the square; the field of a few nodes is one sum."""
+    """Basis functions of MOVED's coefficients at nodes of the square; the field of a few nodes is one sum."""
     (total,) = moved.fields["sums"]
     points, centres = SQUARE.points[list(nodes)], moved.arrays["centres"]
     if total["basis"] != "wendland-c2" or total["centres"] != len(centres) or len(moved.arrays["boxes"]):
@@ -313,7 +313,7 @@ def coefficients_alone(stage: Stage) -> None:
 
 @suite("23.6")
 def further_bins_are_asked_for(stage: Stage) -> None:
-    """JUDGED's questions are those that are missing."""
+    """JUDGED's questions are those that are still open."""
     session = stage.judging()
     judged = answered(session.ask(session.judge(metrics=("size", "skew"))), "JUDGED")
     if judged.fields["questions"] != [{"metric": "size-skew", "way": []}] or judged.fields["quality"]:
@@ -322,7 +322,7 @@ def further_bins_are_asked_for(stage: Stage) -> None:
 
 @suite("23.6")
 def quality_is_reported(stage: Stage) -> None:
-    """JUDGED has the quality once all is known."""
+    """JUDGED has the quality once all questions are answered."""
     session = stage.judging()
     judged = answered(session.ask("JUDGE"), "JUDGED")
     found = judged.fields["quality"].get("corrected", {})
@@ -336,7 +336,7 @@ def quality_is_reported(stage: Stage) -> None:
 
 @suite("23.6")
 def bins_that_do_not_add_up(stage: Stage) -> None:
-    """The bins of all values hold all cells."""
+    """The bins of all values contain all cells."""
     session = stage.judging()
     judge = session.judge()
     wrong = replace(judge, arrays=judge.arrays | {"bins": judge.arrays["bins"] - [0, 0, 1]})
@@ -344,7 +344,7 @@ def bins_that_do_not_add_up(stage: Stage) -> None:
 
 
 def _correcting(stage: Stage) -> Session:
-    """A session with a correction, whose cells are with the client, in TRIAL."""
+    """A session with a correction whose client has the cells, in TRIAL."""
     chosen = {"correction": "optimised", "correction_target": "threshold", "quality_threshold": 0.3}
     session = stage.open(boundary(), settings=WITHOUT_VOLUME | chosen, evaluation="client")
     session.upload()
@@ -354,7 +354,7 @@ def _correcting(stage: Stage) -> Session:
 
 
 def _squeezed(positions: NDArray[np.float64], node: int) -> NDArray[np.float64]:
-    """The positions with a node near an edge of a triangle of its own."""
+    """The positions, with one node moved near an edge of one of its triangles."""
     triangle = next(cell for cell in SQUARE.triangles.tolist() if node in cell)
     others = [corner for corner in triangle if corner != node]
     moved = positions.copy()
@@ -364,7 +364,7 @@ def _squeezed(positions: NDArray[np.float64], node: int) -> NDArray[np.float64]:
 
 @suite("23.7")
 def bad_cells_are_corrected(stage: Stage) -> None:
-    """Where the quality is below the threshold JUDGED asks for a region, and CORRECTED says where its nodes go."""
+    """If the quality is below the threshold, JUDGED asks for a region, and CORRECTED has the positions of its nodes."""
     session = _correcting(stage)
     judged = answered(session.ask(session.judge(0.25)), "JUDGED")
     region = judged.fields["region"]
@@ -389,7 +389,7 @@ def bad_cells_are_corrected(stage: Stage) -> None:
 
 @suite("23.7")
 def larger_region(stage: Stage) -> None:
-    """A region whose nodes have cells that were not sent is asked for again, larger."""
+    """If nodes of a region have cells that were not sent, the server asks for a larger region."""
     session = _correcting(stage)
     region = answered(session.ask(session.judge(0.25)), "JUDGED").fields["region"]
     correct = session.correct(region["below"], interior=0)
@@ -404,7 +404,7 @@ def larger_region(stage: Stage) -> None:
 
 @suite("23.7")
 def region_that_is_no_region(stage: Stage) -> None:
-    """Corners that are no nodes are refused."""
+    """Corners that are not nodes are refused."""
     session = _correcting(stage)
     correct = session.correct()
     wrong = replace(correct, arrays=correct.arrays | {"corners": correct.arrays["corners"] + 1000})
@@ -449,7 +449,7 @@ def field_survives(stage: Stage) -> None:
 
 @suite("8")
 def JUDGE_where_the_server_judges(stage: Stage) -> None:
-    """JUDGE and CORRECT are refused where the client does not evaluate the field."""
+    """JUDGE and CORRECT are refused in sessions whose client does not evaluate the field."""
     for state in ("NEW", "READY", "TRIAL"):
         session = stage.session(state)
         for request in ("JUDGE", "CORRECT"):

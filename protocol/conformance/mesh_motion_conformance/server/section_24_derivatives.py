@@ -63,7 +63,7 @@ def columns(stage: Stage) -> None:
 
 @suite("24.5")
 def nothing_changes(stage: Stage) -> None:
-    """A MOVE is answered by the same bytes after derivatives were asked for, and the trial is still there."""
+    """Derivatives do not change the bytes of a MOVE's answer, and do not remove the trial."""
     session = stage.session("READY")
     before = answered(session.ask("MOVE"), "MOVED")
     _asked(session, "TANGENT", "velocity", session.rows(), "trial")
@@ -88,7 +88,7 @@ def field_of_the_tangent(stage: Stage) -> None:
 
 @suite("24.8")
 def counted_coefficients(stage: Stage) -> None:
-    """There COTANGENT is the transpose: the weights of the other nodes are what they count for the coefficients."""
+    """There COTANGENT is the transpose: the weights of the other nodes come as weights of the coefficients."""
     session = stage.judging("READY")
     moved, v = session.do("MOVE"), session.rows(size=1.0)
     inner = functions(moved, sorted(set(range(16)) - set(OUTER)))
@@ -109,7 +109,7 @@ def _at_trial(session: Session, kind: str, **arrays: np.ndarray) -> Request:
 
 @suite("24.2")
 def no_trial(stage: Stage) -> None:
-    """Derivatives at the trial are refused where there is none."""
+    """Derivatives at the trial are refused without a trial."""
     session = stage.session("READY")
     request = Request("TANGENT", session.address() | {"what": "trial"}, {"velocity": session.rows()})
     refused(session.ask(request), "FAILED_PRECONDITION.STATE", state="READY")
@@ -117,7 +117,7 @@ def no_trial(stage: Stage) -> None:
 
 @suite("24.6")
 def no_derivative(stage: Stage) -> None:
-    """BUILT says that a method has no derivative, and the requests are refused with the key."""
+    """BUILT reports a method without derivatives, and the requests are refused with the key."""
     session = stage.open(settings={"displacement": "relative"})
     session.upload()
     built = session.do("BUILD")

@@ -33,7 +33,7 @@ def _stepping(stage: Stage, time_levels: str = "") -> Session:
 
 
 def _move(session: Session, step: int, **fields: Any) -> Request:
-    """The step's MOVE, with its time; the side bends, and moves by another part of its way in each."""
+    """The step's MOVE, with its time; the side bends, and moves by a different part in each step."""
     at = {"step": step, "frame": "reference", "time": _TIMES[step]}
     part = (0.0, 1.0, 1.75, 1.25)[step]
     bent = session.rows()
@@ -77,7 +77,7 @@ def times_grow(stage: Stage) -> None:
 
 @suite("25.2")
 def bdf1(stage: Stage) -> None:
-    """bdf1 is the displacement of the step by its time; a MOVE that does not ask has no velocities."""
+    """bdf1 is the step's displacement divided by its time; a MOVE without a scheme has no velocities."""
     session = _stepping(stage)
     last = np.zeros_like(session.parts[0].points)
     for step in (1, 2):
@@ -93,7 +93,7 @@ def bdf1(stage: Stage) -> None:
 
 @suite("25.2")
 def tangent(stage: Stage) -> None:
-    """tangent is what TANGENT answers at the trial."""
+    """tangent equals the answer of TANGENT at the trial."""
     session = _stepping(stage)
     v = session.rows(size=1.0)
     moved = _moved(session, 1, velocity="tangent", arrays={"boundary_velocity": v})
@@ -144,7 +144,7 @@ def bossak_survives(stage: Stage) -> None:
 
 @suite("25.3")
 def levels_take_a_time(stage: Stage) -> None:
-    """With time_levels a COMMIT of a step without a time is refused; its own time will do."""
+    """With time_levels a COMMIT of a step without a time is refused; a time in the COMMIT is sufficient."""
     session = _stepping(stage, "bdf2")
     fields = {name: value for name, value in _move(session, 1).fields.items() if name != "time"}
     session.do(Request("MOVE", fields, {"displacement": session.rows()}))
@@ -181,7 +181,7 @@ def missing(stage: Stage) -> None:
 
 @suite("25.5")
 def conservation(stage: Stage) -> None:
-    """The edges of each triangle sweep the change of its area, in a first and in a second step."""
+    """The areas that the edges of a triangle sweep add up to the change of its area, in a first and a second step."""
     session = _stepping(stage)
     triangles, rest = SQUARE.triangles, SQUARE.points
     before = rest
@@ -201,7 +201,7 @@ def conservation(stage: Stage) -> None:
 
 @suite("25.7")
 def given_faces(stage: Stage) -> None:
-    """The volumes of given edges are those of the cells' edges; wrong ones are refused with their row."""
+    """The volumes of given edges are those of the cells' edges; wrong edges are refused with their row."""
     session = _stepping(stage)
     triangles = SQUARE.triangles
     edges = np.ascontiguousarray(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)[::-1], dtype="<i8")

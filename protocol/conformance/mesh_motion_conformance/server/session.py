@@ -1,4 +1,4 @@
-"""A session as its holder has it: what a right request is at this moment, and how to get into a state."""
+"""A session for the cases: correct requests for its present state, and ways to reach a state."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _LONG = ("BUILD", "MOVE", "TANGENT", "COTANGENT", "JUDGE", "CORRECT", "COMMIT")
 
 
 def data_endpoint(control: str, data: str) -> str:
-    """SPEC 2.3: a wildcard host stands for that of the control endpoint."""
+    """SPEC 2.3: a wildcard host means the host of the control endpoint."""
     host, _, port = data.removeprefix("tcp://").rpartition(":")
     if data.startswith("tcp://") and host in ("0.0.0.0", "[::]"):
         return f"{control.rpartition(':')[0]}:{port}"
@@ -55,7 +55,7 @@ class Session:
     lines : list of Line
         By partition.
     step : int
-        The last committed step, as far as it is known here.
+        The last committed step that this object knows.
     """
 
     def __init__(self, stage: Stage, opened: Message, parts: tuple[Part, ...]) -> None:
@@ -76,7 +76,7 @@ class Session:
         return {"session": self.id, "epoch": self.epoch} | ({"partition": partition} if partition else {})
 
     def request(self, kind: str, partition: int = 0) -> Request:
-        """A right request of this kind, in a state that takes it."""
+        """A correct request of this kind, for a state that accepts it."""
         at = self.address(partition)
         if kind in ("RESUME", "PROBE"):
             return Request(kind, {"session": self.id, "token": self.token})
@@ -102,7 +102,7 @@ class Session:
         return Request(kind, at | own[kind] if kind in own else {})
 
     def judge(self, lowest: float = 0.5, metrics: tuple[str, ...] = ("size", "skew", "size-skew")) -> Request:
-        """A JUDGE of an only partition whose cells all have the same quality, with the bins of these metrics."""
+        """A JUDGE of a single partition whose cells all have the same quality, with the bins of these metrics."""
         cells, numbers = len(self.parts[0].triangles), range(len(metrics))
         minima = dict.fromkeys(("size", "skew", "size-skew"), lowest)
         sums = {name: cells * value for name, value in minima.items()}
@@ -121,7 +121,7 @@ class Session:
         return Request("JUDGE", self.address() | fields, arrays)
 
     def correct(self, below: float = 0.5, interior: int = 0, least: tuple[float, float] = (1.0, 1.0)) -> Request:
-        """A CORRECT of the only partition with all of its cells and all nodes at rest."""
+        """A CORRECT of a single partition with all of its cells and all nodes at rest."""
         part, points = self.parts[0], SQUARE.points
         described = {"metric": "size-skew", "below": below, "rings": 4, "interior": interior, "least": list(least)}
         fields = {"step": self.step + 1, "part": described | {"cells": {"triangle": len(part.triangles)}}}
@@ -134,7 +134,7 @@ class Session:
         return Request("CORRECT", self.address() | fields, arrays)
 
     def rows(self, partition: int = 0, size: float = 0.01) -> NDArray[np.float64]:
-        """(k, d) displacement of a partition's moving nodes: a shift that tenths and float64 do not divide evenly."""
+        """(k, d) displacement of a partition's moving nodes: a shift that float64 cannot represent exactly."""
         part = self.parts[partition]
         shift = np.array([size / 3, size, size / 7])[: part.points.shape[1]]
         return np.tile(shift, (len(part.moving), 1))
@@ -148,7 +148,7 @@ class Session:
         client: bytes | None = None,
         change: Callable[[Header], Any] | None = None,
     ) -> Message:
-        """Send a request, or a right one of this kind, on the partition's connection and take the reply."""
+        """Send a request, or a correct one of this kind, on the partition's connection and return the reply."""
         right = self.request(request, partition) if isinstance(request, str) else request
         seconds = self.stage.opening_seconds if right.kind in _LONG else None
         return self.stage.ask(
@@ -156,7 +156,7 @@ class Session:
         )
 
     def do(self, request: Request | str, partition: int = 0) -> Message:
-        """The same, and the reply must be that of the table."""
+        """Send a request and check that the reply is that of the table."""
         kind = request if isinstance(request, str) else request.kind
         reply = answered(self.ask(request, partition), tables().requests[kind]["reply"])
         if kind == "COMMIT":
@@ -211,7 +211,7 @@ class Session:
         return self.do("STATUS").fields
 
     def reach(self, state: str) -> Session:
-        """Bring the session into this state, from any that leads there."""
+        """Bring the session into this state, from any state from which it can be reached."""
         for _ in range(4):
             now = self._look()
             self.step = now["step"]
@@ -221,7 +221,7 @@ class Session:
         raise Unmet(f"a session in state {state}", f"state {now['state']}")
 
     def _look(self) -> dict[str, Any]:
-        """Where it stands; joined again where the connection or the epoch is lost."""
+        """STATUS of the session; join again if the connection or the epoch is lost."""
         try:
             return self.status()
         except (Unmet, Silence, Ended, Malformed):
@@ -245,7 +245,7 @@ class Session:
             raise Unmet(f"a session in state {state}", f"state {now}")
 
     def discard(self) -> None:
-        """Give it up, as far as the server lets us."""
+        """Discard the session, if the server allows it."""
         for partition, line in enumerate(self.lines):
             with contextlib.suppress(Exception):
                 if not line.closed:

@@ -1,7 +1,7 @@
-"""Where the cases for servers are played: the endpoint, and a few sessions that they share.
+"""The environment of the cases for servers: the endpoint, and a few shared sessions.
 
 Opening a session may take a server seconds. A request that is refused changes nothing (7.2), so hundreds of cases can
-be put to one session; :meth:`Stage.session` brings one into the state that a case wants, whatever happened before.
+use one session; :meth:`Stage.session` brings it into the state that a case needs, from any earlier state.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ class Stage:
     Parameters
     ----------
     endpoint : str
-        Of its control socket.
+        Endpoint of the server's control socket.
     seconds, opening_seconds : float
         The longest waits: for a reply, for one to OPEN, RESUME, BUILD.
     patience : float
-        Limits of the server that end after more than this, as its leases, are not waited for.
+        Cases that need a longer time of the server, such as the end of a lease, are skipped.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Stage:
         change: Callable[[Header], Any] | None = None,
         seconds: float | None = None,
     ) -> Message:
-        """Send a request and take its reply, which has its id and the fields of its message."""
+        """Send a request and return its reply, after a check of its id and its fields."""
         line = line or self.control
         number, who = line.next() if sequence is None else sequence, client or line.client
         self.put(line, request.frames(who, number, change))
@@ -97,7 +97,7 @@ class Stage:
         return self._limits
 
     def until(self, look: Callable[[], Seen], good: Callable[[Seen], bool]) -> Seen:
-        """What is seen once it is good, or when the wait for a reply would be over."""
+        """Look repeatedly; return what is seen when it is good, or after the longest wait for a reply."""
         deadline = time.monotonic() + self.seconds
         while not good(seen := look()) and time.monotonic() < deadline:
             time.sleep(0.02)
@@ -114,7 +114,7 @@ class Stage:
         evaluation: str = "",
         **others: Any,
     ) -> Session:
-        """A session of its own, in state NEW and joined by all of its partitions; ``others``: of OPEN."""
+        """A new session, in state NEW and joined by all of its partitions; ``others``: further fields of OPEN."""
         if self._failed_openings >= _FAILED_OPENINGS:
             raise Unmet("a session", f"none after {self._failed_openings} tries to open one")
         parts = parts or (SQUARE,)
@@ -138,9 +138,9 @@ class Stage:
         return session
 
     def session(self, state: str, kind: str = "shared") -> Session:
-        """A shared session in this state; ``kind`` names one, so that several may be there at once.
+        """A shared session in this state; ``kind`` names it, so that several can exist at once.
 
-        NEW, OPENING, READY and TRIAL are states that can be had.
+        Possible states are NEW, OPENING, READY and TRIAL.
         """
         key = f"{kind} {'READY' if state in ('READY', 'TRIAL') else state}"
         session = self._sessions.get(key)
@@ -156,7 +156,7 @@ class Stage:
         return session
 
     def kept(self, key: str, make: Callable[[], Session]) -> Session:
-        """A shared session of another kind, made once, and again after it was lost."""
+        """A shared session of another kind; opened once, and again after it was lost."""
         session = self._sessions.get(key)
         if session is not None:
             try:
@@ -187,7 +187,7 @@ class Stage:
                 raise Unmet("exactly one reply to a request (SPEC 2.5)", f"another one: {show_frames(stray.frames)}")
 
     def mend(self) -> None:
-        """Forget late replies, and a control connection that may have ended."""
+        """Drop late replies, and a control connection that may have ended."""
         for line in self._open_lines():
             with contextlib.suppress(Silence):
                 while True:

@@ -1,4 +1,4 @@
-"""The golden vectors, put to a server: what is no message is refused with the vector's code, what is one is not.
+"""The golden vectors, sent to a server: frames that are no message are refused with the vector's code, others are not.
 
 They are read from ``mesh_motion_protocol/vectors``, which are part of SPEC.md; nothing else of that package is used.
 """
@@ -28,13 +28,13 @@ _MALFORMED = ("INVALID_ARGUMENT.HEADER", "INVALID_ARGUMENT.FRAMES", "INVALID_ARG
 
 
 def load_vectors(name: str) -> list[dict[str, Any]]:
-    """``valid`` or ``invalid``: each with ``name``, ``frames`` (bytes) and what they are or cause."""
+    """``valid`` or ``invalid``: each with ``name``, ``frames`` (bytes) and the message or the error code."""
     text = files("mesh_motion_protocol").joinpath("vectors", f"{name}.json").read_text(encoding="utf-8")
     return [case | {"frames": [bytes.fromhex(frame) for frame in case["frames"]]} for case in json.loads(text)]
 
 
 def _kind(frames: list[bytes]) -> str:
-    """The message type, as far as a lenient reader sees one."""
+    """The message type that a tolerant reader finds."""
     try:
         return str(msgpack.unpackb(frames[0], raw=False, strict_map_key=False)["type"])
     except Exception:
