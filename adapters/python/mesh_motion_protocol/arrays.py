@@ -47,8 +47,7 @@ def declaration_of(array: NDArray[Any], spec: ArraySpec) -> dict[str, Any]:
 
 
 def frames_of(array: NDArray[Any]) -> list[memoryview]:
-    """Yield the array's bytes as chunks: views of a contiguous little-endian array, so do not change it before
-    sending."""
+    """Yield chunks of the array's bytes: views, if possible, so do not change the array before they are sent."""
     little = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
     if not little.nbytes:
         return []
