@@ -1,4 +1,4 @@
-"""How many threads compiled loops get. Results do not depend on it."""
+"""The number of threads of the compiled loops. Results do not depend on it."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,12 +10,12 @@ __all__ = ["checked_threads", "limited_to"]
 
 
 def checked_threads(threads: int | None) -> int:
-    """A number of threads that can be had; None stands for all.
+    """Return a number of threads if it is available; None stands for all threads.
 
     Raises
     ------
     InvalidInput
-        If it is less than 1 or more than the process was started with.
+        If the number is less than 1, or more than the process had at its start.
     """
     available = kernels.available_threads()
     if threads is not None and not 1 <= threads <= available:
@@ -27,7 +27,7 @@ def checked_threads(threads: int | None) -> int:
 
 @contextmanager
 def limited_to(threads: int | None) -> Iterator[None]:
-    """Compiled loops of the calling thread use at most so many threads inside; None changes nothing."""
+    """Limit the calling thread's compiled loops to this number of threads inside the block; None changes nothing."""
     before = kernels.get_threads()
     kernels.set_threads(min(before, threads or before))
     try:

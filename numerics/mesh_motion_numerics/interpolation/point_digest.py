@@ -1,8 +1,9 @@
 """A digest of the positions of many nodes: the key of cached results for them.
 
-Two states with the same digest have the same bits, except for a negligible probability: blocks of coordinates are
-hashed on all threads by four lanes of multiplications and rotations each (the round of xxHash), and their 256 bits each
-by SHA-256. It is one pass over the coordinates at memory speed; SHA-256 over all of them would take ten times as long.
+Two states with the same digest have the same bits, except for a negligible probability: all threads hash blocks of
+coordinates, each in four lanes of multiplications and rotations (the round of xxHash), and SHA-256 hashes the 256 bits
+of all blocks. This is one pass over the coordinates at memory speed; SHA-256 over all of them would take ten times as
+long.
 """
 
 import hashlib

@@ -1,6 +1,7 @@
-"""Moving nodes on a plane wall: where a body or a piston ends at a symmetry or slip plane, it has to stay on the plane.
+"""Moving nodes on a plane wall: where a body or a piston ends at a symmetry or slip plane, it must stay on the plane.
 
-Off the plane it would leave a gap in the boundary, or reach into the domain's mirror image. No cell shows that.
+Away from the plane it would leave a gap in the boundary, or enter the domain's mirror image. The quality of no cell
+shows this.
 """
 
 from __future__ import annotations
@@ -31,13 +32,13 @@ class PlaneRims:
     ----------
     moving : (k,) int64 array
     places : (k, d) array, mesh length unit
-        Of the moving nodes in the reference mesh.
+        Places of the moving nodes in the reference mesh.
     closest : float, mesh length unit
-        A node as near to its plane is on it.
+        A node at most this far from its plane is on it.
     rims : tuple of (patch, role, rows, normal)
         Rows (r,) of the moving nodes on one plane, and its unit normal (d,).
     planes : tuple of (patch, role, corners, normal)
-        Of each plane the corners (2, d) of the box around its nodes, and its unit normal (d,).
+        For each plane the corners (2, d) of the box around its nodes, and its unit normal (d,).
     """
 
     moving: Integers
@@ -50,7 +51,7 @@ class PlaneRims:
     def build(
         cls, points: Floats, facets: Mapping[str, Integers], patches: Mapping[str, Patch], moving: Integers
     ) -> PlaneRims:
-        """Find them in a mesh with reference ``points`` (n, d) and the ``facets`` (f, k) of its whole boundary."""
+        """Find the rims in a mesh with reference ``points`` (n, d) and the ``facets`` (f, k) of its whole boundary."""
         rims, planes = [], []
         walls = {name: patch for name, patch in sorted(patches.items()) if patch.role in SLIDING_ROLES}
         for name, patch in walls.items():
@@ -82,7 +83,7 @@ class PlaneRims:
                 )
 
     def warnings(self, targets: Floats) -> list[str]:
-        """Warnings of the plane slip walls that moving nodes leave at targets (k, d)."""
+        """Warnings for the plane slip walls that moving nodes leave at targets (k, d)."""
         return [
             f"moving node {node} leaves the plane of the slip patch {name!r}: it is {distance:.3g} off"
             for name, role, node, distance in self._left(targets)
@@ -90,7 +91,7 @@ class PlaneRims:
         ]
 
     def passed(self, targets: Floats) -> str:
-        """Which plane moving nodes pass on the straight way to targets (k, d), for a message; "" if they pass none."""
+        """The plane that moving nodes pass on the straight line to targets (k, d), for a message; "" if none."""
         for name, role, box, normal in self.planes:
             before, after = ((places - box[0]) @ normal for places in (self.places, targets))
             through = np.flatnonzero((before * after < 0.0) & (np.minimum(abs(before), abs(after)) > self.closest))
@@ -102,7 +103,7 @@ class PlaneRims:
         return ""
 
     def _left(self, targets: Floats) -> Iterator[tuple[str, str, int, float]]:
-        """Patch and role of each plane that is left, the node farthest from it and its distance."""
+        """Patch and role of each plane that nodes leave, the node farthest from it, and its distance."""
         for name, role, rows, normal in self.rims:
             away = np.abs((targets[rows] - self.places[rows]) @ normal)
             farthest = int(np.argmax(away))
@@ -111,7 +112,7 @@ class PlaneRims:
 
 
 def _with_rim(nodes: Integers, facets: Mapping[str, Integers], moving: Integers, n_nodes: int) -> Integers:
-    """A wall's nodes, and the moving nodes at its rim: many codes list a node with one patch only."""
+    """A wall's nodes, and the moving nodes at its rim: many codes assign a node to only one patch."""
     own, moves = np.zeros((2, n_nodes), dtype=bool)
     own[nodes], moves[moving] = True, True
     rim = [nodes]

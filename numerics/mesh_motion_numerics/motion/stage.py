@@ -33,7 +33,7 @@ class Stage:
     further: tuple[AnyInterpolant, ...] = ()
 
     def positions(self, points: Floats, prepared: NearOperators | None = None) -> Floats:
-        """(n, d) new positions of points (n, d), with what :func:`.evaluation.prepare` gave for them."""
+        """(n, d) new positions of points (n, d), with the result of :func:`.evaluation.prepare` for them."""
         carried = points if self.rigid is None else self.rigid.apply(points)
         moved = evaluation.displacement(self.interpolant, points, prepared)
         for level in self.further:

@@ -78,7 +78,7 @@ def oriented(points: NDArray[np.floating], cells: CellTable) -> OrientedCells:
     negative = np.flatnonzero(sizes < 0.0)
     if not len(negative):
         return OrientedCells(cells, sizes, negative)
-    # the skew of a cell is 0 where its corners have different signs
+    # the skew of a cell is 0 if its corners have different signs
     mirrored = negative[subset_quality(points, cells, sizes, negative).skew > 0.0]
     if len(mirrored):
         cells = _mirrored(cells, mirrored)
@@ -93,7 +93,7 @@ def oriented_at_rest(points: NDArray[np.floating], cells: CellTable) -> tuple[Ce
 
 
 def _mirrored(cells: CellTable, numbers: Integers) -> CellTable:
-    """The cells, with those of these numbers replaced by their mirror images."""
+    """The cells, in which those with these numbers are replaced by their mirror images."""
     blocks = []
     for block, first in cells.numbered():
         rows = numbers[(numbers >= first) & (numbers < first + len(block))] - first
