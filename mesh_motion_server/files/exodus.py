@@ -92,7 +92,7 @@ def _points(data: dict[str, Any]) -> Floats:
 
 
 def _blocks(data: dict[str, Any], n_points: int, dimension: int) -> list[tuple[str, Integers, bool]]:
-    """Our type, nodes (m, k) and whether they are shells of each block, in the order of the element numbers."""
+    """Our type, nodes (m, k) and whether each block has shells, in the order of the element numbers."""
     found = []
     for number in sorted(int(name.removeprefix("connect")) for name in data if name.startswith("connect")):
         values, kind = data[f"connect{number}"]
@@ -163,7 +163,7 @@ def _name(data: dict[str, Any], kind: str, number: int) -> str:
 
 
 def _move(source: Path, target: Path, points: Floats) -> None:
-    """Write the file with other coordinates of the nodes; results in the file stay."""
+    """Write the file with other coordinates of the nodes; results in the file are kept."""
     if _is_hdf5(source):
         with copied_hdf5(source, target) as variables:
             _overwrite(variables, points)

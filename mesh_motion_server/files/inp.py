@@ -26,7 +26,7 @@ from mesh_motion_server.files.sides import ABAQUS, PLANES, SHELLS, SOLIDS, side_
 
 __all__ = ["ABAQUS_INP"]
 
-#: A type's name ends with its number of nodes and letters for how it is integrated: C3D8, C3D20R, CPS4, STRI65, F3D8.
+#: A type's name ends with its number of nodes and letters for the integration: C3D8, C3D20R, CPS4, STRI65, F3D8.
 _LINES = {2: "line", 3: "line"}
 _FAMILIES = (
     (re.compile(r"(?:[DA]?C3D|F3D|FC3D|SC)(\d+)"), SOLIDS),
@@ -38,15 +38,15 @@ _FAMILIES = (
 _INCLUDE = re.compile(r"(?im)^\*INCLUDE\s*,\s*INPUT\s*=\s*(.+?)\s*$")
 
 
-#: A set may name so many numbers in one line, most of which may not be there.
+#: Largest number of numbers that a set may name in one line; most of them may not exist.
 _MOST_GENERATED = 50_000_000
-#: Of a set: a number, numbers that are generated, the name of another set.
+#: An item of a set: a number, a range of generated numbers, or the name of another set.
 _Item = int | range | str
 
 
 @dataclass(eq=False)
 class _Content:
-    """What was read so far; numbers of nodes and elements are those of the file.
+    """The content read so far; numbers of nodes and elements are those of the file.
 
     elements : [(our type, numbers (m,), nodes (m, k))]
     of_nodes : sets that are named where their nodes are
@@ -67,7 +67,7 @@ def _read(path: Path) -> MeshFile:
     Raises
     ------
     InvalidInput
-        For unknown elements of a volume, sets of what is not there, and malformed lines; names the keyword and line.
+        For unknown volume elements, sets of missing items, and malformed lines; names the keyword and line.
     """
     try:
         return _mesh(path, _content(_whole(path, path.resolve().parent, set())))
@@ -76,7 +76,7 @@ def _read(path: Path) -> MeshFile:
 
 
 def _whole(path: Path, folder: Path, seen: set[Path]) -> str:
-    """The text of a file with that of the files that it includes."""
+    """The text of a file, with the text of the files that it includes."""
     found = path.resolve()
     if not found.is_relative_to(folder) or not found.is_file() or found in seen:
         raise ValueError(
@@ -88,7 +88,7 @@ def _whole(path: Path, folder: Path, seen: set[Path]) -> str:
 
 
 def _blocks(text: str) -> Iterator[tuple[int, str, dict[str, str], list[str]]]:
-    """Line number, keyword, its parameters, and the lines of data of each keyword."""
+    """Yield line number, keyword, parameters, and the data lines of each keyword."""
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1)]
     lines = [(number, line) for number, line in lines if line and not line.startswith("**")]
     starts = [place for place, (_, line) in enumerate(lines) if line.startswith("*")]
@@ -98,7 +98,7 @@ def _blocks(text: str) -> Iterator[tuple[int, str, dict[str, str], list[str]]]:
         number, head = lines[start]
         keyword, *rest = (part.strip() for part in head[1:].split(","))
         data = [line for _, line in lines[start + 1 : end]]
-        while head.endswith(",") and data:  # parameters go on
+        while head.endswith(",") and data:  # parameters continue on the next line
             head = data.pop(0)
             rest += [part.strip() for part in head.split(",")]
         pairs = (part.partition("=") for part in rest if part)
@@ -161,7 +161,7 @@ def _listed(lines: list[str], *, generate: bool) -> list[_Item]:
 
 
 def _add_elements(found: _Content, given: dict[str, str], lines: list[str]) -> None:
-    """The elements of one keyword; those without nodes of a cell, such as springs, are left out."""
+    """Add the elements of one keyword; elements that are no cells, such as springs, are left out."""
     kind = given["TYPE"].upper()
     matches = ((family.match(kind), types) for family, types in _FAMILIES)
     size, types = next(((int(match[1]), types) for match, types in matches if match), (0, {}))
@@ -200,11 +200,11 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
     for name, parts in found.surfaces.items():
         for items, side in parts:
             own = np.array([int(items)]) if items.isdigit() else _flat(found.element_sets, items)
-            if dimension == 3 or side.upper() not in ("SPOS", "SNEG"):  # faces of shells in a plane are the mesh
+            if dimension == 3 or side.upper() not in ("SPOS", "SNEG"):  # faces of shells in 2D are the mesh
                 parts_of[name] += [(dimension - 1, of.ravel()) for of in _surface(points, blocks, own, side)]
     for name in found.node_sets:
         own = np.unique(_flat(found.node_sets, name))
-        # the set of all nodes is no patch, except that of both sides of one layer of elements
+        # the set of all nodes is no patch, except the set of both sides of one layer of elements
         if len(own) < len(points) or (name not in found.of_nodes and _all_outside(blocks, len(points))):
             parts_of[name].append((0, rows(own, f"set {name!r}: node")))
     for name in found.element_sets:
@@ -219,7 +219,7 @@ def _mesh(path: Path, found: _Content) -> MeshFile:
 
 
 def _all_outside(blocks: list[tuple[str, Integers, Integers]], count: int) -> bool:
-    """Whether all nodes of elements in space are on the boundary."""
+    """Whether all nodes of elements in 3D are on the boundary."""
     solids: dict[str, list[Integers]] = defaultdict(list)
     for name, _, nodes in blocks:
         if CELL_TYPES[name].dimension == 3:
@@ -230,7 +230,7 @@ def _all_outside(blocks: list[tuple[str, Integers, Integers]], count: int) -> bo
 def _surface(
     points: Floats, blocks: list[tuple[str, Integers, Integers]], own: Integers, side: str
 ) -> Iterator[Integers]:
-    """Nodes of one side (S1, S2, …; of shells E1, E2, … and SPOS, SNEG) of elements, which may be of several types."""
+    """Nodes of one side (S1, S2, …; for shells E1, E2, … and SPOS, SNEG) of elements, which may have several types."""
     found = re.fullmatch(r"(S|E)([1-9])|SPOS|SNEG", side.upper())
     if found is None:
         raise ValueError(f"side {side!r}, expected S1, S2, …, of shells also E1, E2, …, SPOS, SNEG")

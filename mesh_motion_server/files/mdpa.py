@@ -26,7 +26,7 @@ _SOLIDS, _PLANES = SOLIDS | {3: "triangle", 2: "line"}, PLANES | {2: "line"}
 
 @dataclass(eq=False)
 class _Part:
-    """A sub-model part: its nodes, conditions, and whether it has elements; numbers of the file."""
+    """A sub-model part: its nodes, its conditions, and whether it has elements; numbers as in the file."""
 
     nodes: list[int] = field(default_factory=list)
     conditions: list[int] = field(default_factory=list)
@@ -50,7 +50,7 @@ def _read(path: Path) -> MeshFile:
     Raises
     ------
     InvalidInput
-        For unknown elements, numbers of what is not there, and malformed blocks; names the block and its line.
+        For unknown elements, missing numbers, and malformed blocks; names the block and its line.
     """
     try:
         return _mesh(path, _content(path.read_text(encoding="utf-8", errors="replace")))
@@ -59,7 +59,7 @@ def _read(path: Path) -> MeshFile:
 
 
 def _blocks(text: str) -> Iterator[tuple[int, list[str], list[str], list[list[str]]]]:
-    """Line number, names of the parts around it, words of the head, and rows, of each block."""
+    """Yield line number, names of the enclosing parts, words of the head, and rows of each block."""
     open_blocks: list[tuple[int, list[str], list[list[str]]]] = []
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.partition("//")[0].split()
@@ -103,7 +103,7 @@ def _content(text: str) -> _Content:
 
 
 def _rows(head: list[str], rows: list[list[str]]) -> tuple[str, Integers, Integers]:
-    """Our type, numbers and nodes of the rows: a number, a property but for geometries, and the nodes."""
+    """Our type, numbers and nodes of the rows. A row is a number, a property (not for geometries), and the nodes."""
     before = 1 if head[0] == "Geometries" else 2
     size = len(rows[0]) - before
     named = _SIZE.search(head[1]) if len(head) > 1 else None

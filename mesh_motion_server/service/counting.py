@@ -10,19 +10,19 @@ from mesh_motion_server.operation.tally import TALLY
 
 __all__ = ["count_executed"]
 
-#: Steps of a headroom that is left out, since it takes more.
+#: Number of steps for a headroom that is left out because it is larger.
 _BEYOND = 100.0
 #: Name of the operation in the metrics, by the type of its reply.
 _NAMES = {Built.type: "build", Moved.type: "move", Committed.type: "commit"}
 
 
 def count_executed(reply: Message, seconds: float) -> None:
-    """Count an operation by its reply, of several partitions what :func:`.move.of_all` makes.
+    """Count an operation by its reply; for several partitions by the reply of :func:`.move.of_all`.
 
     Parameters
     ----------
     seconds : float
-        How long it took.
+        Duration of the operation.
     """
     name = _NAMES.get(reply.type)
     if name is None:
@@ -34,7 +34,7 @@ def count_executed(reply: Message, seconds: float) -> None:
 
 
 def _count_motion(moved: Moved) -> None:
-    """Count the predicted quality and what the correction did."""
+    """Count the predicted quality and the result of the correction."""
     inverted = moved.quality["standard"]["inverted"]
     if inverted:
         TALLY.count("predicted_inverted_cells", inverted)

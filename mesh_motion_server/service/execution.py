@@ -40,7 +40,7 @@ COMMANDS: dict[str, Single | Collective] = {
     "ROLLBACK": Collective(rollback.check, rollback.run),
 }
 
-#: Size of a stored reply without its arrays.
+#: Bytes that a stored reply takes without its arrays.
 _HEADER_BYTES = 4096
 
 
@@ -101,7 +101,7 @@ class Execution:
         """Let the request wait for the other partitions, or run the command if it is the last one."""
         gathering = self._gathering
         if gathering is not None and gathering.repeats(arrival):
-            # the reply goes to the latest sender, and the first arrays may lie in memory that is given back
+            # the reply goes to the latest sender, and the first arrays may be in memory that is given back
             again = replace(arrival, checked=command.check(self._session, arrival.request))
             gathering.arrivals[arrival.request.partition] = again
             return []
@@ -156,7 +156,7 @@ class Execution:
             replies = run()
             failpoint("request.unstored")
         except Exception as error:
-            self._session.upload.back_to(parts)  # a refused part may be sent again under another id
+            self._session.upload.back_to(parts)  # a refused part may be sent again with another id
             return self._failed(arrivals, known_error(error))
         seconds = time.perf_counter() - started
         for arrival, reply in zip(arrivals, replies, strict=True):
@@ -164,7 +164,7 @@ class Execution:
             self._stored.store(arrival.request_id, reply, _nbytes(reply))
         failpoint("request.stored")
         reply = move.of_all(replies)
-        count_executed(reply, seconds)  # last: the stored reply exists already, even if counting fails
+        count_executed(reply, seconds)  # last, because the stored reply must exist even if counting fails
         self._recorder.executed(reply, seconds, iteration)
         return [_answer_to(a, reply) for a, reply in zip(arrivals, replies, strict=True)]
 

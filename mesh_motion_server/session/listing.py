@@ -1,4 +1,4 @@
-"""Describes the sessions at rest for lists; reads the disk again only where it has changed.
+"""Describes the sessions at rest for lists; reads the disk again only after a change.
 
 Every program that watches a server asks for a list every few seconds, but the sessions at rest do not change. So the
 content read from a file is cached as long as the file is the same: its inode, size, and times.
@@ -26,7 +26,7 @@ from mesh_motion_server.session.state import State
 __all__ = ["UNREADABLE", "Listing", "Remembered", "StoredSession"]
 
 UNREADABLE = "UNREADABLE"
-"""The state in lists of a session whose files the system does not give: nothing is known to be lost."""
+"""State of a session in lists if the system does not give its files: nothing is known to be lost."""
 
 #: Maximum number of cached sessions, the most recently requested ones; some 10 MB.
 _MOST = 10_000
