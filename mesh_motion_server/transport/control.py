@@ -285,7 +285,7 @@ class Control:
             self._execute(live.queue.popleft())
 
     def gone(self, live: Live, code: int) -> None:
-        """A worker has ended: by an order, by itself, or by a failure."""
+        """Handle the end of a worker: by an order, by itself, or by a failure."""
         log().info("worker_ended", session=live.session, worker=live.child.pid, code=code, over=live.over)
         asked, live.asked, live.deadline = live.asked, None, None
         reclaiming, live.reclaiming = live.reclaiming, False
@@ -305,7 +305,7 @@ class Control:
         if not reclaiming or (self.draining and not live.over):
             self._refuse(asked, failure)
         elif live.over:
-            self._execute(asked)  # it ended as its last holder wished: a new worker looks for a stored state
+            self._execute(asked)  # it ended at its last holder's request: a new worker looks for a stored state
         else:
             try:
                 self._restart(live, asked)

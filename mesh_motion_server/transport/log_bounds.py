@@ -1,4 +1,4 @@
-"""Limits of the log: how often an event is written, how long a value may be, and only the places of an exception.
+"""Limits of the log: the rate of an event, the length of a value, and only the places of an exception.
 
 A client that sends a hundred thousand wrong messages gets as many answers but not as many lines: for each event a burst
 is written, then a few lines a second, and one line gives the number of omitted ones. Debug lines have no limit; they

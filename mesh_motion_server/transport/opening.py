@@ -53,7 +53,7 @@ def check_room(request: Open, limits: ServerSettings, disk: DiskWatch) -> None:
     Raises
     ------
     ResourceExhausted
-        RESOURCE_EXHAUSTED.DISK or .SESSIONS, with what is left; a later request may succeed.
+        RESOURCE_EXHAUSTED.DISK or .SESSIONS, with the remaining amount; a later request may succeed.
     """
     free, wanted = disk.fresh().free, limits.reserve_disk_bytes + request.bytes_reserved
     if free < wanted:

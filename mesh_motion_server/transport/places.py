@@ -1,7 +1,7 @@
-"""The places of sessions with a worker: how many there are, and which session gives its place up.
+"""The places of sessions with a worker: their number, and the session that gives its place to another one.
 
-A session whose lease has ended needs no worker: it is stored, and RESUME starts another. So the one that has been
-suspended for longest gives way to a request that finds no place, port or memory for its own worker.
+A session whose lease has ended needs no worker: it is stored, and RESUME starts another worker. So the session that has
+been suspended for longest gives its place to a request that finds no place, port or memory for its own worker.
 """
 
 from mesh_motion_protocol.errors import MeshMotionError, ResourceExhausted
@@ -15,7 +15,7 @@ _NO_PLACE = "RESOURCE_EXHAUSTED.SESSIONS"
 
 
 class QuotaReached(ResourceExhausted):
-    """A user has as many sessions as each user may have; only another one of his can give way."""
+    """A user has as many sessions as each user may have; only another session of the same user can give its place."""
 
     def __init__(self, user: str, most: int) -> None:
         super().__init__(
@@ -48,7 +48,7 @@ def check_place(registry: Registry, settings: ServerSettings, user: str) -> None
 
 
 def gives_way(registry: Registry, error: MeshMotionError) -> Live | None:
-    """Return the session that gives way to the request that this error refuses, marked so; None if there is none."""
+    """Return the session that gives its place to the request refused with this error, and mark it; None if none can."""
     if error.code != _NO_PLACE:
         return None
     owner = error.user if isinstance(error, QuotaReached) else None

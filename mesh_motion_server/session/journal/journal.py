@@ -63,8 +63,7 @@ _LARGE_STATE = 4 << 20
 
 
 def record_area(partitions: int, commits: int = 1) -> int:
-    """Bytes reserved for a record of this many commits, each with a receipt of a few kB and a request id per
-    partition."""
+    """Bytes reserved for a record of this many commits, each with a receipt of a few kB and request ids."""
     return commits * (16 * 1024 + -(-256 * partitions // PAGE) * PAGE)
 
 

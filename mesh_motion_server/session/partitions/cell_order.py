@@ -17,7 +17,7 @@ def sorted_cells(pieces: Sequence[tuple[Integers, Integers]], nodes: int) -> tup
     Parameters
     ----------
     pieces : sequence of (node map, cells)
-        New number of each node of the cells (m_i, k), and these cells; every number in range.
+        New number of each node of the cells (m_i, k), and these cells; every number is in range.
     nodes : int
         Upper bound: all new numbers are smaller.
 
@@ -36,6 +36,6 @@ def sorted_cells(pieces: Sequence[tuple[Integers, Integers]], nodes: int) -> tup
     ]
     total = sum(len(cells) for _, cells in given)
     rows = np.empty((total, given[0][1].shape[1]), dtype=np.int32)
-    # kept as long as the session: int32, where possible, takes half the memory
+    # kept as long as the session: int32, if possible, takes half the memory
     order = np.empty(total, dtype=np.int32 if total < 2**31 else np.int64)
     return rows, order, kernels.sort_cells(given, nodes, rows, order)
