@@ -107,8 +107,8 @@ class Mesh(Described):
         ----------
         path : path
             ``.npz``, as ``mesh-motion convert`` writes it: ``points``, ``cells_<type>``, ``patch_<name>``, and in a
-            partition ``global_ids``. If the server's package is installed too, also every file that ``mesh-motion
-            check`` reads: of Gmsh, OpenFOAM, SU2, VTK, CGNS, …
+            partition ``global_ids``. If the server's package is installed too, also every file that
+            ``mesh-motion check`` reads: of Gmsh, OpenFOAM, SU2, VTK, CGNS, …
         roles : dict
             Name of each patch → its role. A partition need not have all of them.
         zone : str

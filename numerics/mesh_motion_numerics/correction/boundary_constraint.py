@@ -92,8 +92,7 @@ class BoundaryConstraint:
         return replace(self, released=released, sliding=sliding) if released.any() else None
 
     def renumbered(self, rows: Integers, points: Floats) -> BoundaryConstraint | None:
-        """Return the constraint of a region with nodes at ``points`` (k, d); ``rows`` (k,): mesh rows, ascending, or
-        -1.
+        """Return the constraint of a region with nodes at ``points`` (k, d); ``rows`` (k,): mesh rows, ascending, or -1
 
         This is for the smooth correction, which turns no facet over. None if no node of the region may move; a node
         whose image is outside the region may not move.
