@@ -103,18 +103,18 @@ class ServerSettings(_Strict):
     """How the server runs: where it listens, where it keeps sessions, and every limit.
 
     ``metrics`` is HOST:PORT of the pages for Prometheus and probes, ``monitor`` of the page for people. A loop that is
-    silent for ``stuck_seconds`` counts as stuck. New sessions are refused where less than ``reserve_disk_bytes`` or
-    ``reserve_memory_bytes`` would be left to the running ones. ``history_bytes`` is the largest size of each
-    session's history, in addition to its journal; 0: none is kept.
+    silent for ``stuck_seconds`` counts as stuck. A new session is refused if it would leave less than
+    ``reserve_disk_bytes`` or ``reserve_memory_bytes`` to the running ones. ``history_bytes`` is the largest size of
+    each session's history, in addition to its journal; 0: none is kept.
 
     ``data_ports`` is the range, as ``"7441-7504"``, from which each session's data endpoint takes a free port: what a
     firewall opens and a container maps; without it the system chooses. ``advertised_host`` is sent to clients as the
     host of data endpoints in place of the one listened on; ``"0.0.0.0"`` stands for the host by which a client has
     reached the control endpoint. Both are for tcp.
 
-    ``durability`` lists the levels that OPEN may ask for, the default first; sessions stored at others are resumed all
-    the same. With level "replay" a state is stored every ``snapshot_steps`` commits and every minute: so many moves at
-    most are computed again when a session is resumed after a crash.
+    ``durability`` lists the levels that OPEN may ask for, the default first; sessions stored at other levels can still
+    be resumed. With level "replay" a state is stored every ``snapshot_steps`` commits and every minute: when a session
+    is resumed after a crash, at most this number of moves is recomputed.
     """
 
     endpoint: str = "tcp://127.0.0.1:7440"  # where it listens: tcp://HOST:PORT or ipc:///PATH

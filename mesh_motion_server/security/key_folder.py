@@ -153,7 +153,7 @@ def _make_pair(name: str, folder: Path) -> PublicKey:
 
 def _public_key(public: str, name: str) -> PublicKey:
     try:
-        if name and not Path(public).exists():  # a key, or a file with a key
+        if name and not Path(public).exists():  # a key or a file
             return PublicKey(checked_name(name), checked_key(public))
         loaded = PublicKey.load(public)
         return PublicKey(checked_name(name), loaded.key) if name else loaded

@@ -78,7 +78,7 @@ class CorrectOutcome:
     correction : Correction or None
         Result of the correction, without coordinates.
     region : CorrectedRegion or None
-        Where the correction was found.
+        The region in which the correction was found.
     """
 
     extent: Extent | None

@@ -55,7 +55,7 @@ class Control:
     access : Access
         The roles of each user.
     disk : DiskWatch
-        Of the store: while the disk does not answer, the store is not read, because this thread would block.
+        The disk of the store: while it does not answer, the store is not read, because this thread would block.
     """
 
     def __init__(

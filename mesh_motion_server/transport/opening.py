@@ -21,7 +21,7 @@ def check_open(request: Open, limits: ServerSettings) -> str:
     Raises
     ------
     InvalidInput
-        With the field or the setting, and its value.
+        The message names the field or the setting, and its value.
     ResourceExhausted
         If the request asks for more bytes than a session may have.
     """

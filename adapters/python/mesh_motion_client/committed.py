@@ -22,9 +22,9 @@ class Committed(Described, messages.Committed):
     durable_step : int
         No crash and no power loss takes the session back behind it.
     digest : bytes
-        Of the committed state.
+        Digest of the committed state.
     quality : QualitySummary
-        Of the committed mesh.
+        Quality of the committed mesh.
     """
 
     quality: QualitySummary  # type: ignore[assignment]  # what the message's dict holds

@@ -32,14 +32,14 @@ class Moved(Described, messages.Moved):
     Attributes
     ----------
     displacement : (n, d) array, mesh length unit
-        Of all nodes of the partition, in the frame of the move.
+        Displacement of all nodes of the partition, in the frame of the move.
     quality : PredictedQuality
     mesh : Mesh or None
         None in a session that was resumed.
     velocity : (n, d) array or None
-        Of all nodes of the partition, mesh length unit per second, where it was asked for.
+        Velocity of all nodes of the partition, mesh length unit per second, if it was requested.
     swept : (f,) array or None
-        The volume that each face sweeps in this step, where it was asked for.
+        The volume that each face sweeps in this step, if it was requested.
     is_total : bool
         Whether displacements count from the reference mesh.
     session : Session or None

@@ -104,7 +104,7 @@ class Server(Described):
         settings : Settings, optional
             Keys of the case file's ``[method]``; keys that are left out have their defaults.
         partitions, partition : int
-            How many partitions the session has, and which this one is.
+            Number of partitions of the session, and the number of this one.
         label : str
             Shown in logs and lists.
         durability : {"full", "replay", "relaxed", ""}, optional

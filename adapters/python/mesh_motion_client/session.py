@@ -238,12 +238,12 @@ class Session(OpenedSession):
         weights : (n, d) or (c, n, d) array
             Derivative of an objective by the positions of this partition's nodes; or c derivatives at once.
         what, timeout
-            As for :meth:`tangent`.
+            The same as for :meth:`tangent`.
 
         Returns
         -------
         (k, d) or (c, k, d) array
-            Of the moving nodes (:attr:`moving_nodes`).
+            Derivative by the positions of the moving nodes (:attr:`moving_nodes`).
 
         Raises
         ------

@@ -31,7 +31,7 @@ _ADOPTED_BYTES = 1 << 20
 
 
 def declaration_of(array: NDArray[Any], spec: ArraySpec) -> dict[str, Any]:
-    """What frame 0 says about an array: name, dtype, shape.
+    """Return the declaration of an array in frame 0: name, dtype, shape.
 
     Raises
     ------

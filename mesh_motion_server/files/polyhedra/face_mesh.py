@@ -36,7 +36,7 @@ class FaceMesh:
         The path that it was read from.
     points : (n, 3) array
     starts : (f + 1,) array
-        Where the points of each face begin in ``nodes``.
+        Start of each face's points in ``nodes``.
     nodes : (k,) array
     owner : (f,) array
     neighbour : (i,) array

@@ -61,5 +61,5 @@ def is_corrected(correction: Mapping[str, Any]) -> bool:
 
 
 def number_of(value: float | None) -> float:
-    """A recorded number; NaN where there is none."""
+    """A recorded number; NaN if there is none."""
     return math.nan if value is None else float(value)

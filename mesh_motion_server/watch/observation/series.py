@@ -169,7 +169,7 @@ def _empty_step() -> dict[str, float]:
 
 
 def thinned(columns: Columns, most: int) -> Columns:
-    """Of more than ``most`` steps, that many groups of consecutive steps.
+    """Combine more than ``most`` steps into that many groups of consecutive steps.
 
     The step with the lowest actual (else predicted) minimum represents its group; refusals and rollbacks are summed
     over the group; iterations, seconds and inverted cells are its maxima, predicted minima its lowest. Extremes stay

@@ -41,7 +41,7 @@ class MeshPair:
     titles : (str, str)
         The titles of the two meshes.
     enrichment_points : (k, d) array
-        Where enrichment functions were added in the step of ``after``; empty if unknown.
+        Places where enrichment functions were added in the step of ``after``; empty if unknown.
     """
 
     label: str

@@ -25,7 +25,7 @@ def draw_mesh(axes: Any, mesh: Snapshot, plane: Plane | None, title: str, window
     Parameters
     ----------
     plane : Plane or None
-        Where a 3D mesh is cut.
+        The cut of a 3D mesh.
     window : (2, 2) array
         Lower and upper corner of the shown part.
     """

@@ -50,7 +50,8 @@ class Run:
     threshold : float or None
         The quality below which motions are corrected; None: unknown, or of another metric.
     columns : dict of str to (s,) arrays
-        By committed step, named as in :class:`~mesh_motion_server.watch.observation.series.Series`; NaN where unknown.
+        Values by committed step, with the names of :class:`~mesh_motion_server.watch.observation.series.Series`; NaN if
+        unknown.
     refused : tuple of int
         The steps for which a motion was refused.
     """

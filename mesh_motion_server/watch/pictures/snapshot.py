@@ -25,7 +25,7 @@ class Snapshot:
         0 at opening.
     points : (n, d) array
     quality : (m,) array
-        Of each cell.
+        Quality of each cell.
     moving : (k,) int64 array
         The moving nodes.
     folded : (m,) bool array, optional

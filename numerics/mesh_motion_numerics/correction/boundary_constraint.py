@@ -34,7 +34,7 @@ class BoundaryConstraint:
     released : (n,) bool array
         Nodes that may move.
     sliding : SlidingSurfaces or None
-        Surfaces of the nodes that slide.
+        Surfaces of the sliding nodes.
     facets : OutwardFacets
         Facets of the sliding patches.
     """

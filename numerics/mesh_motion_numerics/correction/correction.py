@@ -77,7 +77,7 @@ class Correction:
     reached : bool
         Whether the minimum is at or above the threshold.
     quality : CellQuality or None
-        Of every cell at ``points``; None if only the minimum was needed, and known.
+        Quality of every cell at ``points``; None if only the minimum was needed and known.
     """
 
     points: Floats

@@ -204,12 +204,12 @@ class _Search:
 
     @property
     def exacting(self) -> bool:
-        """Whether the exact maximum of freely moving nodes is wanted, and not expensive."""
+        """Whether the exact maximum of freely moving nodes is requested and not expensive."""
         unknowns = self.region.n_free * self.points.shape[1]
         return self.solve is None and math.isinf(self.target) and unknowns <= _EXACTING_UNKNOWNS
 
     def accuracy(self, norm: PNorm) -> Accuracy:
-        """Where the descent of one p-mean stops."""
+        """The criterion for the end of the descent of one p-mean."""
         if self.exacting and not norm.epsilon:
             return EXACTING
         rough = Accuracy()

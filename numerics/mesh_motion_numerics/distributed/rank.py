@@ -42,7 +42,7 @@ class Rank:
     points : (n, d) array, mesh length unit
         Reference coordinates.
     cells : mapping of str to (m, k) int array
-        By type; nodes in rows of ``points``.
+        Cells by type; nodes are rows of ``points``.
     patch_nodes : (p,) int64 array
         Nodes on patches.
 

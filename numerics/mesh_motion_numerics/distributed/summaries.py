@@ -34,7 +34,7 @@ class PartialSummary:
     Attributes
     ----------
     sums, minima : dict of str to float
-        By metric.
+        Sum and minimum of each metric.
     contents : dict of str to BinContent
         All values of each metric in bins.
     worst : tuple of WorstCell

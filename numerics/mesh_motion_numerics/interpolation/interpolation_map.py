@@ -1,9 +1,9 @@
 """An interpolation as a linear map of the values at its control points, and the transpose of that map.
 
-It leads to the values at given places, or to the coefficients where another program evaluates the interpolant. The map
-is the one that a motion applies: the same coarse points, levels, grid and polynomials. The transpose runs
-through the same operations backwards, so ``⟨w, A v⟩ = ⟨Aᵀ w, v⟩`` holds to rounding, as an adjoint needs it. In two
-scales the compact levels are solved exactly, where a motion leaves a residual to the next level.
+The results are the values at given places, or the coefficients if another program evaluates the interpolant. The map is
+the same as in a motion, with the same coarse points, levels, grid and polynomials. The transpose runs through the same
+operations backwards, so ``⟨w, A v⟩ = ⟨Aᵀ w, v⟩`` holds to rounding, as an adjoint requires. In two scales the compact
+levels are solved exactly, but a motion leaves a residual to the next level.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class InterpolationMap(Protocol):
         ...
 
     def transpose(self, weights: Floats) -> Floats:
-        """(nc, k) what the values at the control points count for (n, k) weights of those at the places."""
+        """(nc, k) derivatives by the values at the control points, for (n, k) weights of the values at the places."""
         ...
 
 
@@ -53,14 +53,14 @@ def interpolation_map(
     *,
     left_out: Integers | None = None,
 ) -> InterpolationMap:
-    """The map of a factorization to (n, d) places.
+    """Return the map of a factorization to (n, d) places.
 
     Parameters
     ----------
     factors : FactorSource, optional
-        Where the compact levels' operators are found that a motion has made.
+        Source of the compact levels' operators that a motion has made.
     left_out : (r,) int64 array, optional
-        Places whose values do not count; their weights are zero.
+        Places whose values are not used; their weights are zero.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def interpolation_map(
         return _OneScale(factorization, places)
     if isinstance(factorization, TwoScaleFactorization):
         return _TwoScales(
-            _Levels(factorization, MakeEachTime() if factors is None else factors),  # an empty cache is falsy
+            _Levels(factorization, MakeEachTime() if factors is None else factors),  # an empty cache counts as false
             places,
             np.empty(0, dtype=np.int64) if left_out is None else left_out,
         )
@@ -86,19 +86,19 @@ def interpolation_map(
 class FieldMap:
     """The coefficients of an interpolant, by a factorization without reduction.
 
-    Where another program evaluates the interpolant, it returns what the values there count for the coefficients.
+    Another program evaluates the interpolant, and returns the derivatives by the coefficients.
 
     Attributes
     ----------
     factors : FactorSource
-        Where the compact levels' operators are found that a motion has made.
+        Source of the compact levels' operators that a motion has made.
     """
 
     factorization: Factorization
     factors: FactorSource = field(default_factory=MakeEachTime)
 
     def interpolant(self, values: Floats) -> AnyInterpolant:
-        """Of (nc, k) values at the control points."""
+        """Return the interpolant of (nc, k) values at the control points."""
         made = self.factorization
         if not isinstance(made, TwoScaleFactorization):
             return made.solve(values)

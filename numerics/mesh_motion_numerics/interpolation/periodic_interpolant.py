@@ -77,7 +77,7 @@ class PeriodicFactorization:
     Attributes
     ----------
     control_points : (nc, d) array, mesh length unit
-        One of each orbit.
+        One control point of each orbit.
     support_radius : float, mesh length unit
     """
 
@@ -116,7 +116,7 @@ def periodic_factorization_of(
     Parameters
     ----------
     control_points : (nc, d) array, mesh length unit
-        One of each orbit.
+        One control point of each orbit.
     box : (2, d) array
         Least and largest coordinates of the points where the interpolant will be evaluated.
     """
@@ -187,9 +187,9 @@ class PeriodicLevels:
     Attributes
     ----------
     control_points : (nc, d) array, mesh length unit
-        One of each orbit.
+        One control point of each orbit.
     levels : list of (members (m,), PeriodicFactorization)
-        The last has all control points.
+        The levels; the last one has all control points.
     """
 
     control_points: Floats

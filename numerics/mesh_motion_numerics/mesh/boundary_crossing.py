@@ -60,7 +60,7 @@ class BoundaryFacets:
     Attributes
     ----------
     nodes : dict of (f, k) int64 arrays
-        By type of facet.
+        The facets by type.
     moving : (n,) bool array
         Nodes that move.
     """

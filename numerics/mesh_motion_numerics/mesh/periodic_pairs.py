@@ -82,7 +82,7 @@ def periodic_pairs(
     ----------
     points : (n, d) array, mesh length unit
     facets : dict of (f, k) int64 arrays
-        Of the whole boundary, pointing outwards, by type.
+        The facets of the whole boundary, with outward normals, by type.
     patches : dict of (p,) int64 arrays
         Nodes of each patch with role periodic, by name.
 

@@ -80,7 +80,7 @@ class SlidingSurfaces:
         points : (n, d) array, mesh length unit
             Reference coordinates.
         facets : dict of (f, k) int64 arrays
-            Of the whole boundary, pointing outwards, by type.
+            The facets of the whole boundary, with outward normals, by type.
         patches : dict of (p,) int64 arrays
             Node indices of each slip or symmetry patch, including nodes with another role of higher precedence.
         nodes : (s,) int64 array

@@ -45,7 +45,7 @@ def refuse_unacceptable(method: Method, quality: Judgement, reached: bool) -> No
     Raises
     ------
     QualityRefused
-        With the best minimum quality and the worst cells.
+        The error has the best minimum quality and the worst cells.
     """
     worst = [cell.number for cell in quality.worst]
     name, best = method.quality_metric, quality.metric.min

@@ -101,7 +101,7 @@ class PossibleCrossing:
         Raises
         ------
         NoMeshExists
-            With the best quality, the worst cells and the details of an earlier ``refusal``.
+            The error has the best quality, the worst cells and the details of an earlier ``refusal``.
         """
         self.refuse_passing(points, targets, refusal)
         moved = self._moved(points, targets)
@@ -175,7 +175,7 @@ def refuse_region(
     Raises
     ------
     NoMeshExists
-        With the best quality, the worst cells and the details of the ``refusal``.
+        The error has the best quality, the worst cells and the details of the ``refusal``.
     """
     facets, known = boundary_facets(cells), np.zeros(len(positions), dtype=bool)
     known[held] = True

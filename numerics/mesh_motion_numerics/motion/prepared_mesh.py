@@ -41,7 +41,7 @@ class PreparedMesh:
     points : (n, d) array
         Reference coordinates, mesh length unit.
     method : Method
-        With both radii filled in.
+        The method with both radii set.
     reference_sizes : (m,) array or CellsAtRest
         Summed corner determinants of the reference cells: the w of thesis (3.21); with their skews if the metric uses
         them.

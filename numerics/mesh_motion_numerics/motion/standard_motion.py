@@ -101,7 +101,7 @@ class StandardMotion:
     reference : (n, d) array
         Reference coordinates, mesh length unit.
     method : Method
-        With the support radius filled in.
+        The method with its support radius set.
     sliding : SlidingSurfaces or None
         Surfaces on which ``roles.sliding`` stay; None without such nodes.
     periodic : PeriodicNodes or None

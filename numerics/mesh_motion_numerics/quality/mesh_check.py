@@ -50,7 +50,7 @@ class CheckedMesh(NamedTuple):
     cells : CellTable
         In one orientation (:mod:`.orientation`); all later code computes with these.
     reference_sizes : (m,) array
-        Of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`, all positive.
+        Result of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`, all positive.
     resting : (r,) int64 array
         Nodes in no patch that stay where they are: those behind fixed nodes.
     coincident : (c, 2) int64 array

@@ -155,10 +155,10 @@ class CellsAtRest:
     Attributes
     ----------
     sizes : (m,) array
-        Of :func:`reference_sizes`.
+        Result of :func:`reference_sizes`.
     skews : (m,) array
     points : (n, d) array, mesh length unit
-        Of the reference mesh's nodes.
+        Coordinates of the reference mesh's nodes.
     """
 
     sizes: Floats
@@ -275,7 +275,7 @@ def cells_at_rest(points: NDArray[np.floating], cells: CellTable, sizes: Floats 
     ----------
     points : (n, d) array, mesh length unit
     sizes : (m,) array, optional
-        Of :func:`reference_sizes`, if they are known.
+        Result of :func:`reference_sizes`, if it is known.
     """
     sizes = reference_sizes(points, cells) if sizes is None else sizes
     positions = as_positions(points, cells.dimension)

@@ -39,7 +39,7 @@ class OrientedCells(NamedTuple):
     cells : CellTable
         The same table object if no cell was mirrored.
     sizes : (m,) array
-        Of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`.
+        Result of :func:`~mesh_motion_numerics.quality.metrics.reference_sizes`.
     mirrored : (k,) int64 array
         Numbers of the mirrored cells, ascending.
     """
@@ -70,7 +70,7 @@ def oriented(points: NDArray[np.floating], cells: CellTable) -> OrientedCells:
     Parameters
     ----------
     points : (n, d) array, mesh length unit
-        Of the reference mesh.
+        Coordinates of the reference mesh.
     cells : CellTable
         With valid node indices.
     """

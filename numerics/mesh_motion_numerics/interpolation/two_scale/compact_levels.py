@@ -96,7 +96,7 @@ class CompactLevel:
         Its control points.
     radius : float, mesh length unit
     precondition : SparseInverse
-        Of the reference mesh.
+        Preconditioner of the reference mesh.
     """
 
     members: Integers
@@ -210,7 +210,7 @@ class CompactSystem:
         Raises
         ------
         QualityRefused
-            As for :meth:`solve`.
+            The same as for :meth:`solve`.
         """
         if self._factor is not None:
             return self._factor.solve(right)
@@ -256,7 +256,7 @@ class CompactSystem:
         Raises
         ------
         QualityRefused
-            As for :meth:`solve`.
+            The same as for :meth:`solve`.
         """
         if scale == 0.0:
             return np.zeros_like(right), 0
