@@ -5,7 +5,7 @@
     SERVER FOLDER/                 0700
         server.secret              0600: stays on the server's machine
         server.public              for the clients
-        allow.toml the admitted client keys with their roles
+        allow.toml                 the admitted client keys with their roles
     CLIENT FOLDER/                 0700
         NAME.secret                0600: stays on the client's machine
         NAME.public                for the server's operator

@@ -5,7 +5,7 @@
     STATE FOLDER/sessions/<session id>/      0700
         lock                                 flock of the process that holds the session
         unbuilt                              until BUILD is durable: the session may be removed
-        spec.json the values that OPEN fixed; only the token's sha256
+        spec.json                            the values that OPEN fixed; only the token's sha256
         mesh.bin                             the mesh as uploaded
         manifest, slot-0, slot-1             the journal
         history/                             for people to read; nothing depends on it

@@ -4,7 +4,7 @@
 
     serve ─── supervisor (no sockets)           sessions, workers, RESUME, drain
                  ├── gateway                    the control endpoint: headers only, forwards what it does not answer
-                 ├── monitor metrics and probes over HTTP, if configured
+                 ├── monitor                    metrics and probes over HTTP, if configured
                  ├── template                   everything imported; workers are forked from it
                  ├── worker  session A          a data endpoint each, its own memory limit
                  └── worker  session B

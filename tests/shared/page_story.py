@@ -8,7 +8,8 @@ block gives more information::
     <!-- more of: NAME -->     it is appended to that file
     <!-- fails: N -->          the command ends with this status
     <!-- output -->            of a text block: these lines were printed by the block before, … stands for anything
-    <!-- run by: PATH --> another test runs it <!-- not run: REASON --> it cannot be run here
+    <!-- run by: PATH -->      another test runs it
+    <!-- not run: REASON -->   it cannot be run here
 """
 
 import os

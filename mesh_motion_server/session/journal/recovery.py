@@ -4,8 +4,8 @@ Writing a commit means: slot, sync, record, sync, answer. So a crash can leave o
 
 - a slot that does not verify, and a manifest that ends cleanly: the commit had not reached its record;
 - a complete slot, and a record that is missing or torn: the slot's copy of the record completes the manifest;
-- a torn record of an epoch, or of a commit whose state is not stored but recomputed: it was not answered, and the next
-epoch skips its number.
+- a torn record of an epoch, or of a commit whose state is not stored but recomputed: it was not answered, and the
+  next epoch skips its number.
 
 Anything else is damage and refused: a record that does not verify before one that does, a slot or the witness
 (:mod:`.witness`) that knows a record missing in the manifest, a torn commit record without its slot, a state whose

@@ -2,7 +2,7 @@
 
 ::
 
-    uploads.py the mesh during the upload
+    uploads.py           the mesh during the upload
     meshes.py            a partition's mesh, the merged mesh, and the way back from one to the other
     merging.py           n partitions as one mesh in canonical order
     numbering.py         the mesh in the numbering of its senders, for messages

@@ -2,8 +2,8 @@
 #if defined(__x86_64__)
 #include <cpuid.h>
 
-/* Instructions that the processor has and whose registers the system saves. __builtin_cpu_supports() is not used: compiled
- * by zig, it always returns false. */
+/* Instructions that the processor has and whose registers the system saves. __builtin_cpu_supports() is not used,
+ * because it always returns false if zig is the compiler. */
 static const char *widest(void)
 {
     const unsigned fma_osxsave_avx = 1u << 12 | 1u << 27 | 1u << 28, bmi_avx2_bmi2 = 1u << 3 | 1u << 5 | 1u << 8;

@@ -9,7 +9,7 @@ protocol). The results are bit for bit those of one process, except for means, w
     field.py             the displacement as arrays, from which a rank evaluates it
     rank.py              a rank: moves its nodes, judges its cells, reports the bad ones
     counted_cells.py     its cells, judged in one pass
-    order_statistics.py exact percentiles of values on many machines
+    order_statistics.py  exact percentiles of values on many machines
     summaries.py         the quality of a mesh from that of its partitions
     judging.py, region.py  what JUDGE and CORRECT contain
 

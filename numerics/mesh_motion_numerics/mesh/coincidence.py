@@ -96,8 +96,7 @@ class CoincidentSides:
 
     @classmethod
     def build(cls, pairs: Integers, facets: Mapping[str, Integers], known: Marks) -> CoincidentSides:
-        """Build them from pairs (c, 2) of :func:`coincident_nodes`, boundary facets, and nodes (n,) with known
-        places."""
+        """Build them from pairs (c, 2) of coincident nodes, boundary facets, and nodes (n,) with known places."""
         alone = np.bincount(pairs[:, 0], minlength=len(known))[pairs[:, 0]] == 1
         pairs = pairs[alone & known[pairs].all(axis=1)]
         if not len(pairs) or "vertex" in facets:

@@ -6,12 +6,12 @@
 // (1 or m, d, d), references (m): Σ α_k⁰, and sine. With the Jacobian J = A P of a corner, q = |J|²_F:
 //
 //   sine = 0   the mean ratio f = q/d (1 / det J)^(2/d), P from ideals, of determinant 1
-// sine = w   angles, f = (w Π |A_i| / det A)^(2/d), the smallest mean ratio over all diagonal P, reached at
-// P = diag(1/|A_i|)
+//   sine = w   angles, f = (w Π |A_i| / det A)^(2/d), the smallest mean ratio over all diagonal P, which
+//              P = diag(1/|A_i|) has
 //
-// In the second case P is constant while f is differentiated: value and gradient are exact, the curvature is that of a
-// majorant. With ω_k = f_k / Σ f, β_k = α_k / Σ α, z = (a/m) log cosh(m log τ) and derivatives of z with respect to log
-// τ
+// In the second case P is constant while f is differentiated: value and gradient are exact, the curvature is a
+// majorant's. With ω_k = f_k / Σ f, β_k = α_k / Σ α, z = (a/m) log cosh(m log τ) and derivatives of z with respect to
+// log τ
 //
 //   ∇L = Σ_k [ω_k 2 J/q + h1_k cof J] Pᵀ,     h1_k = (z' β_k − (2/d) ω_k) / det J
 //   H  = w { Σ_k [corner k]₊ + [(p − 1) g gᵀ + p z' (g nᵀ + n gᵀ) + (p z'² + z″ − z') n nᵀ]₊ }
